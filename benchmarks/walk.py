@@ -63,11 +63,11 @@ async def _through_hub(url: str) -> None:
     from servolink.fleet.policy import BoardPolicy, FleetFile
     from servolink.fleet.topics import Topics
     from servolink.hub.serving import serve_board
-    from servolink.transports import share
+    from servolink.platforms.local_sockets import socket_folder, socket_path
 
     async with serve_board("virtual://", name="walk"):
-        with share.hub_folder() as folder:
-            reader, writer = await asyncio.open_unix_connection(share.socket_path(folder, "walk"))
+        with socket_folder() as folder:
+            reader, writer = await asyncio.open_unix_connection(socket_path(folder, "walk"))
 
         async def ask(text: str, **message: object) -> None:
             writer.write(json.dumps(message).encode() + b"\n")

@@ -106,7 +106,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
             show = await stack.enter_async_context(on_terminal(hub.status))
         else:
             show = stack.enter_context(in_the_log())
-        stack.callback(hub.listen(show))
+        stack.callback(hub.listen(lambda notice, session: show(notice, hub.name_of(session))))
         try:
             await asyncio.Event().wait()
         finally:

@@ -6,20 +6,20 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
+from msgspec import Struct
+
 from servolink.cli.live import staying_line
 from servolink.cli.output import Table, counted, print_error, text_width
+from servolink.control.notifications import (
+    ConnectionNow,
+    HoldNotice,
+    LeaseNotice,
+    ProblemNotice,
+    ProgramNotice,
+    RefusedNotice,
+)
 from servolink.control.status import HubStatus, LeaseStatus
 from servolink.escaping import escape
-from servolink.hub.notices import (
-    ConnectionChanged,
-    HoldChanged,
-    LeaseChanged,
-    Notice,
-    Problem,
-    ProgramJoined,
-    ProgramLeft,
-    Refused,
-)
 
 _STATES = {
     "connected": "the board is back",
@@ -29,39 +29,30 @@ _STATES = {
 _ANOTHER = "plug the right one in again, or end this program and start it again to use the other one"
 
 
-def text_of(notice: Notice) -> str:
-    """Return a notice as a sentence for people, not escaped; empty for one that only programs want."""
+def text_of(notice: Struct, who: str) -> str:
+    """Return a notice that `who` caused as a sentence for people, not escaped; empty if it is for programs."""
     match notice:
-        case ProgramJoined():
-            return f"{notice.who} joined ({notice.door})"
-        case ProgramLeft():
-            return f"{notice.who} left"
-        case ConnectionChanged():
-            return f"{notice.another}; {_ANOTHER}" if notice.another else _STATES[notice.state]
-        case LeaseChanged():
-            return _lease_text(notice)
-        case HoldChanged():
-            return f"{notice.who} has the board alone: {notice.reason}" if notice.who else "all may use the board again"
-        case Refused():
-            return f"{notice.who}: {notice.packet} was not sent: {notice.reason}"
-        case Problem():
-            return notice.text
+        case ProgramNotice("joined" | "left" as event):
+            return f"{notice.who} {event}" + (f" ({notice.door})" if notice.door else "")
+        case ConnectionNow(state, another):
+            return f"{another}; {_ANOTHER}" if another else _STATES[state]
+        case LeaseNotice("asked for"):
+            return "a program asks for the lease"
+        case LeaseNotice(event, _, lease):
+            return f"{'nobody' if lease is None else lease.who} has the lease now ({event})"
+        case HoldNotice(hold):
+            return "all may use the board again" if hold is None else f"{hold.who} has the board alone: {hold.reason}"
+        case RefusedNotice(packet, reason):
+            return f"{who}: {packet} was not sent: {reason}"
+        case ProblemNotice(text):
+            return text
         case _:
             return ""
 
 
-def _lease_text(notice: LeaseChanged) -> str:
-    """Return what happened to the lease."""
-    if notice.event == "asked for":
-        return "a program asks for the lease"
-    if notice.holder is None:
-        return f"nobody has the lease now ({notice.event})"
-    return f"{notice.holder.who} has the lease now ({notice.event})"
-
-
-def is_for_the_log(notice: Notice) -> bool:
+def is_for_the_log(notice: Struct) -> bool:
     """Return whether a notice is worth a line where nobody watches."""
-    return isinstance(notice, ConnectionChanged | Problem)
+    return isinstance(notice, ConnectionNow | ProblemNotice)
 
 
 class Rate:
@@ -147,14 +138,19 @@ def _duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-Show = Callable[[Notice], None]
-"""Shows a notice."""
+Show = Callable[[Struct, str], None]
+"""Shows a notice, caused by a program."""
 
 
 @contextmanager
 def in_the_log() -> Iterator[Show]:
     """Yield a function that writes to standard error what matters where nobody watches."""
-    yield lambda notice: print_error(f"servolink: {text_of(notice)}") if is_for_the_log(notice) else None
+
+    def show(notice: Struct, who: str) -> None:
+        if is_for_the_log(notice):
+            print_error(f"servolink: {text_of(notice, who)}")
+
+    yield show
 
 
 @asynccontextmanager
@@ -167,4 +163,4 @@ async def on_terminal(look: Callable[[], HubStatus]) -> AsyncIterator[Show]:
         return status.state == "connected", status_line(status, rate.of(status, loop.time()), width)
 
     async with staying_line(line) as show:
-        yield lambda notice: show(text_of(notice), "")
+        yield lambda notice, who: show(text_of(notice, who), "")

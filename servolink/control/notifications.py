@@ -126,3 +126,6 @@ NOTIFICATIONS: dict[str, type[Struct]] = {
     "problem": ProblemNotice,
 }
 """The notifications, by the name of their method."""
+
+NAMES = {notification: name for name, notification in NOTIFICATIONS.items()}
+"""The name of the method of each notification."""

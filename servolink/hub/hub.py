@@ -6,8 +6,11 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 
+from msgspec import Struct
+
 from servolink.client.board import Board
 from servolink.client.events import ButtonEvent
+from servolink.control.notifications import ConnectionNow, HoldNotice, ProgramNotice, RefusedNotice
 from servolink.control.roles import Role
 from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
@@ -19,16 +22,6 @@ from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.stopping import Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
-from servolink.hub.notices import (
-    ButtonPressed,
-    ConnectionChanged,
-    HoldChanged,
-    Notice,
-    ProgramJoined,
-    ProgramLeft,
-    ProgramRenamed,
-    Refused,
-)
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
@@ -37,6 +30,9 @@ from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterResponse
 from servolink.tasks import Tasks
+
+Listener = Callable[[Struct, str], None]
+"""Called with a notice, and the session that caused it."""
 
 
 class Hub:
@@ -60,7 +56,7 @@ class Hub:
             self.motions,
             units,
             lease_seconds,
-            who_of=self._who_of,
+            who_of=self.name_of,
             tell=self.tell,
             stop_board=self._stop_unwatched,
             tasks=self._tasks,
@@ -70,7 +66,7 @@ class Hub:
         self._stops = Stops(board, sender, self._upstream, self._keeper, tell=self.tell, follow=self._over)
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
-        self._listeners: list[Callable[[Notice], None]] = []
+        self._listeners: list[Listener] = []
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""
@@ -136,7 +132,7 @@ class Hub:
         if program.session_id in self.programs:
             raise ValueError("this session has begun already")
         self.programs[program.session_id] = program
-        self.tell(ProgramJoined(program.session_id, who, door, str(role)))
+        self.tell(ProgramNotice("joined", program.session_id, who, door, str(role)), program.session_id)
         return program
 
     def rename(self, session_id: str, who: str) -> None:
@@ -144,7 +140,7 @@ class Hub:
         program = self.programs.get(session_id)
         if program is not None:
             program.who = who
-            self.tell(ProgramRenamed(session_id, who))
+            self.tell(ProgramNotice("renamed", session_id, who), session_id)
 
     def forget(self, program: Program) -> None:
         """End what a program that leaves has here; see `Program.leave`."""
@@ -157,7 +153,7 @@ class Hub:
         if program.session_id in self._buttons.subscribers:
             self._tasks.begin(self._buttons.left(program.session_id))
         self.release_hold(program.session_id)
-        self.tell(ProgramLeft(program.session_id, program.who))
+        self.tell(ProgramNotice("left", program.session_id, program.who), program.session_id)
 
     # --- what programs ask --------------------------------------------------------------------------------------
 
@@ -234,17 +230,17 @@ class Hub:
         program = exchange.program
         program.counters.refused += 1
         exchange.refused = reason
-        self.tell(Refused(program.session_id, program.who, type(exchange.packet).__name__, reason))
+        self.tell(RefusedNotice(type(exchange.packet).__name__, reason), program.session_id)
 
-    def _who_of(self, session: str) -> str:
-        program = self.programs.get(session)
+    def name_of(self, session_id: str) -> str:
+        """Return the name of a program for people."""
+        program = self.programs.get(session_id)
         return "a program that has left" if program is None else program.who
 
     def _deliver(self, event: ButtonEvent) -> None:
         for program in list(self.programs.values()):
             if program.is_subscribed:
                 program.push(event)
-        self.tell(ButtonPressed(event.button_id, event.event))
 
     async def _follow_connection(self) -> None:
         async for state in self.board.states():
@@ -253,12 +249,12 @@ class Hub:
                 self._state, self._another = state, ""
                 if state == "lost":
                     self.board.connection.on_another = self._found_another
-                self.tell(ConnectionChanged(state))
+                self.tell(ConnectionNow(state))
 
     def _found_another(self, text: str) -> None:
         """Tell that another board answers in place of the one that is lost, or, without `text`, does no longer."""
         self._another = text
-        self.tell(ConnectionChanged(self._state, text))
+        self.tell(ConnectionNow(self._state, text))
 
     # --- the motion lease ---------------------------------------------------------------------------------------
 
@@ -307,7 +303,7 @@ class Hub:
         program = self.programs[session_id]
         self._hold = HoldStatus(session_id, program.who, reason)
         self._upstream.waiting.holder = program.queue
-        self.tell(HoldChanged(session_id, program.who, reason))
+        self.tell(HoldNotice(self._hold), session_id)
         return True
 
     def release_hold(self, session_id: str) -> None:
@@ -317,7 +313,7 @@ class Hub:
         self._hold = None
         self._upstream.waiting.holder = None
         self._upstream.send_waiting()
-        self.tell(HoldChanged(None, None, ""))
+        self.tell(HoldNotice(None), session_id)
 
     @contextmanager
     def _alone(self, exchange: Exchange) -> Iterator[None]:
@@ -333,8 +329,11 @@ class Hub:
 
     # --- notices and status -------------------------------------------------------------------------------------
 
-    def listen(self, listener: Callable[[Notice], None]) -> Callable[[], None]:
-        """Call `listener` with each notice; it must not raise. Return what ends that."""
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Call `listener` with each notice and the session that caused it; it must not raise. Return what ends that.
+
+        Notices are the notifications of the control interface and `MotionsCancelled`. A session is empty for the hub.
+        """
         self._listeners.append(listener)
 
         def end() -> None:
@@ -364,10 +363,10 @@ class Hub:
         for follow in self._followers:
             follow(packet, outcome, asked_at, who, session_id)
 
-    def tell(self, notice: Notice) -> None:
-        """Pass a notice to all who listen."""
+    def tell(self, notice: Struct, session_id: str = "") -> None:
+        """Pass a notice to all listeners, with the session that caused it."""
         for listener in list(self._listeners):
-            listener(notice)
+            listener(notice, session_id)
 
     def status(self) -> HubStatus:
         """Return who uses the board, and what has passed."""

@@ -9,22 +9,20 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from msgspec import structs
+from msgspec import Struct, structs
 
 from servolink.cli.output import plain_lines
 from servolink.cli.share_view import Rate, facts, is_for_the_log, programs, status_line, text_of
-from servolink.control.status import HoldStatus, HubStatus, LeaseStatus, ProgramStatus
-from servolink.hub.notices import (
-    ButtonPressed,
-    ConnectionChanged,
-    HoldChanged,
-    LeaseChanged,
-    Notice,
-    Problem,
-    ProgramJoined,
-    ProgramLeft,
-    Refused,
+from servolink.control.notifications import (
+    ConnectionNow,
+    HoldNotice,
+    LeaseNotice,
+    ProblemNotice,
+    ProgramNotice,
+    RecordingNotice,
+    RefusedNotice,
 )
+from servolink.control.status import HoldStatus, HubStatus, LeaseStatus, ProgramStatus
 from servolink.hub.serving import default_name
 from tests.cli.programs import finished, in_terminal, program, started
 from tests.cli.terminals import in_pipe
@@ -187,31 +185,31 @@ def test_on_a_terminal_a_line_stays() -> None:
 @pytest.mark.parametrize(
     ("notice", "text"),
     [
-        (ProgramJoined("s", "ann", "tcp", "edit"), "ann joined (tcp)"),
-        (ProgramLeft("s", "ann"), "ann left"),
-        (ConnectionChanged("lost"), "the connection to the board is lost; trying to get it back"),
+        (ProgramNotice("joined", "s", "ann", "tcp", "edit"), "ann joined (tcp)"),
+        (ProgramNotice("left", "s", "ann"), "ann left"),
+        (ConnectionNow("lost"), "the connection to the board is lost; trying to get it back"),
         (
-            ConnectionChanged("lost", "another one"),
+            ConnectionNow("lost", "another one"),
             "another one; plug the right one in again, or end this program and start it again to use the other one",
         ),
-        (LeaseChanged("taken", None, LEASE, "s1"), "servolink move (pid 7) has the lease now (taken)"),
-        (LeaseChanged("over", "s1", None, None), "nobody has the lease now (over)"),
-        (LeaseChanged("asked for", "s1", LEASE, "s2"), "a program asks for the lease"),
-        (HoldChanged("s", "ann", "servolink apply"), "ann has the board alone: servolink apply"),
-        (HoldChanged(None, None, ""), "all may use the board again"),
-        (Refused("s", "ann", "ExecuteActionRequest", "no lease"), "ann: ExecuteActionRequest was not sent: no lease"),
-        (Problem("the disk is full"), "the disk is full"),
-        (ButtonPressed(1, 1), ""),
+        (LeaseNotice("taken", "servolink move (pid 7)", LEASE), "servolink move (pid 7) has the lease now (taken)"),
+        (LeaseNotice("over", None, None), "nobody has the lease now (over)"),
+        (LeaseNotice("asked for", "bob", LEASE), "a program asks for the lease"),
+        (HoldNotice(HoldStatus("s", "ann", "servolink apply")), "ann has the board alone: servolink apply"),
+        (HoldNotice(None), "all may use the board again"),
+        (RefusedNotice("ExecuteActionRequest", "no lease"), "ann: ExecuteActionRequest was not sent: no lease"),
+        (ProblemNotice("the disk is full"), "the disk is full"),
+        (RecordingNotice("started", "ann", "rex.mcap"), ""),
     ],
 )
-def test_what_happens_is_told_in_a_line(notice: Notice, text: str) -> None:
-    assert text_of(notice) == text
+def test_what_happens_is_told_in_a_line(notice: Struct, text: str) -> None:
+    assert text_of(notice, "ann") == text
 
 
 def test_where_nobody_watches_only_what_matters_is_told() -> None:
-    assert is_for_the_log(ConnectionChanged("lost"))
-    assert is_for_the_log(Problem("x"))
-    assert not is_for_the_log(ProgramLeft("s", "ann"))
+    assert is_for_the_log(ConnectionNow("lost"))
+    assert is_for_the_log(ProblemNotice("x"))
+    assert not is_for_the_log(ProgramNotice("left", "s", "ann"))
 
 
 def test_the_line_that_stays_fits() -> None:

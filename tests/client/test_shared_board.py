@@ -18,6 +18,7 @@ from servolink.client.connect import connect
 from servolink.control import channel
 from servolink.control.channel import error_of, open_channel
 from servolink.control.greeting import Greeting
+from servolink.control.notifications import ConnectionNow
 from servolink.control.status import ConnectionState
 from servolink.errors import (
     ConnectionLost,
@@ -30,7 +31,6 @@ from servolink.errors import (
 )
 from servolink.hub.hub import Hub
 from servolink.hub.methods.session import ControlInterface
-from servolink.hub.notices import ConnectionChanged
 from servolink.project.model import Project
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
@@ -255,7 +255,7 @@ def test_a_program_finds_a_hub_that_was_started_again() -> None:
 def tell_state(hub: Hub, state: ConnectionState, another: str = "") -> None:
     """Do what the hub does when its own connection to the board is lost, or is back."""
     hub._state = state
-    hub.tell(ConnectionChanged(state, another))
+    hub.tell(ConnectionNow(state, another))
 
 
 def test_a_program_learns_that_the_hub_has_lost_the_board() -> None:

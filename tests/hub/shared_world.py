@@ -7,8 +7,10 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
+from msgspec import Struct
+
+from servolink.control.notifications import LeaseNotice
 from servolink.hub.hub import Hub, share
-from servolink.hub.notices import LeaseChanged, Notice
 from servolink.profiles.profile import BoardProfile, SafetyLimits
 from servolink.project.model import Project
 from servolink.protocol.packet import Packet, is_motion
@@ -41,8 +43,10 @@ class World:
 
     def __init__(self, hub: Hub, fake: FakeBoard) -> None:
         self.hub, self.fake = hub, fake
-        self.notices: list[Notice] = []
-        hub.listen(self.notices.append)
+        self.notices: list[Struct] = []
+        self.sessions: list[str] = []
+        """The sessions that caused the notices."""
+        hub.listen(self._hear)
 
     def join(self, who: str, **options: Any) -> RawProgram:
         return RawProgram(self.hub, who, **options)
@@ -51,9 +55,18 @@ class World:
         """Return the notices of one kind."""
         return [notice for notice in self.notices if isinstance(notice, kind)]
 
+    def sessions_of(self, kind: type[Any]) -> list[str]:
+        """Return the sessions that caused the notices of one kind."""
+        pairs = zip(self.notices, self.sessions, strict=True)
+        return [session for notice, session in pairs if isinstance(notice, kind)]
+
+    def _hear(self, notice: Struct, session: str) -> None:
+        self.notices.append(notice)
+        self.sessions.append(session)
+
     @property
     def lease_events(self) -> list[str]:
-        return [change.event for change in self.of(LeaseChanged)]
+        return [change.event for change in self.of(LeaseNotice)]
 
     @property
     def motions(self) -> list[Packet]:

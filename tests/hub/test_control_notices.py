@@ -9,10 +9,10 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
+from servolink.control.notifications import ProblemNotice
 from servolink.control.roles import Role
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.notices import Problem
 from servolink.virtual.board import VirtualBoard
 from tests.client.fake_board import now
 from tests.client.sockets import Socket
@@ -159,7 +159,7 @@ def test_a_program_that_reads_too_slowly_is_told_what_it_missed() -> None:
             await page.call("board.state")
             page.channel.pause()
             for _ in range(300):
-                here.hub.tell(Problem("trouble"))
+                here.hub.tell(ProblemNotice("trouble"))
             page.channel.resume()
             assert len(page.of("problem")) == 257
             assert page.of("problem")[-1]["text"] == "this program reads too slowly: 44 notifications were dropped"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 
 import pytest
+from msgspec import Struct
 
 from servolink.client.connect import connect
+from servolink.control.notifications import HoldNotice, RefusedNotice
 from servolink.errors import OpenError, WrongBoard
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import Hub, share
-from servolink.hub.notices import HoldChanged, Notice, Refused
 from servolink.protocol.editing import (
     QueryActionListRequest,
     QueryActionListResponse,
@@ -57,8 +58,8 @@ def test_while_a_program_holds_the_board_others_wait() -> None:
 
 def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other, notices = RawProgram(hub, "one"), RawProgram(hub), list[Notice]()
-        hub.listen(notices.append)
+        one, other, notices = RawProgram(hub, "one"), RawProgram(hub), list[Struct]()
+        hub.listen(lambda notice, session: notices.append(notice))
         fake.plan(ClearAllDataRequest, late(10))
         one.send(ClearAllDataRequest())
         await asyncio.sleep(1)
@@ -70,7 +71,8 @@ def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
         await asyncio.sleep(2)
         assert one.heard == [ClearAllDataResponse(1)]
         assert kinds(other.heard) == [QueryActionListResponse]
-        assert [notice.who for notice in notices if isinstance(notice, HoldChanged)] == ["one", None]
+        holds = [notice.hold for notice in notices if isinstance(notice, HoldNotice)]
+        assert [hold and hold.who for hold in holds] == ["one", None]
 
     on_hub(use)
 
@@ -164,8 +166,8 @@ def test_what_the_board_refuses_is_refused_to_the_program() -> None:
 
 def test_another_board_than_that_of_the_profile_is_not_changed() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
-        program, notices = RawProgram(hub), list[Notice]()
-        hub.listen(notices.append)
+        program, notices = RawProgram(hub), list[Struct]()
+        hub.listen(lambda notice, session: notices.append(notice))
 
         async def guard(packet: Packet) -> None:
             raise WrongBoard("another board is here", packet)
@@ -173,7 +175,7 @@ def test_another_board_than_that_of_the_profile_is_not_changed() -> None:
         hub.board.connection.guard = guard
         assert await program.ask(WriteProjectIDRequest(3)) == WriteProjectIDResponse(0)
         assert await program.ask(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
-        assert [notice.reason for notice in notices if isinstance(notice, Refused)] == ["another board is here"]
+        assert [notice.reason for notice in notices if isinstance(notice, RefusedNotice)] == ["another board is here"]
 
     on_hub(use)
 

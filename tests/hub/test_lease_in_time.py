@@ -8,10 +8,11 @@ from contextlib import AsyncExitStack
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from msgspec import Struct
 
+from servolink.control.notifications import LeaseNotice
 from servolink.control.roles import Role
 from servolink.hub.hub import Hub, share
-from servolink.hub.notices import LeaseChanged, Notice
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.protocol.packet import Effect, is_motion
 from servolink.protocol.records import Step
@@ -53,14 +54,14 @@ class Leases(RuleBasedStateMachine):
         self.allowed: set[int] = set()
         self.stops_due: list[float] = []
         """When the board has to be stopped at the latest."""
-        self.notices: list[Notice] = []
+        self.notices: list[Struct] = []
 
     @initialize(depth=st.sampled_from([1, 4]), is_busy=st.booleans())
     def open(self, depth: int, *, is_busy: bool) -> None:
         async def main() -> None:
             board = await self.stack.enter_async_context(opened(self.fake, angle_unit=None, depth=depth))
             self.hub = await self.stack.enter_async_context(share(board, name="rex", lease_seconds=LEASE_SECONDS))
-            self.hub.listen(self.notices.append)
+            self.hub.listen(lambda notice, session: self.notices.append(notice))
             self.watcher = RawProgram(self.hub, "watcher", role=Role.WATCH)
 
         self.is_busy = is_busy
@@ -186,7 +187,7 @@ class Leases(RuleBasedStateMachine):
                 self.pass_time(1)
                 self.only_the_holder_moves()
                 self.the_board_is_stopped_in_time()
-                changes = [notice.event for notice in self.notices if isinstance(notice, LeaseChanged)]
+                changes = [notice.event for notice in self.notices if isinstance(notice, LeaseNotice)]
                 taken = changes.count("taken")
                 ended = sum(changes.count(event) for event in ("given back", "left", "over", "beats stopped"))
                 assert taken - ended == (self.hub.lease is not None)

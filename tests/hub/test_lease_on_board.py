@@ -6,11 +6,12 @@ import asyncio
 from typing import Any
 
 import pytest
+from msgspec import Struct
 
 from servolink.client import connect as connecting
+from servolink.control.notifications import LeaseNotice, ProblemNotice, RefusedNotice
 from servolink.control.roles import Role
 from servolink.hub.hub import share
-from servolink.hub.notices import LeaseChanged, Notice, Problem, Refused
 from servolink.profiles.profile import SafetyLimits
 from servolink.protocol.editing import (
     AddServoParameterRequest,
@@ -56,8 +57,9 @@ def test_motion_without_the_lease_is_refused_as_a_board_would(packet: Packet) ->
         ann, bob = there.join("servolink teach"), there.join("bob")
         assert await there.move(ann)
         assert not await there.move(bob, packet)
-        refused = there.of(Refused)
-        assert [(one.session, one.packet) for one in refused] == [(bob.session.session_id, type(packet).__name__)]
+        refused = there.of(RefusedNotice)
+        assert [one.packet for one in refused] == [type(packet).__name__]
+        assert there.sessions_of(RefusedNotice) == [bob.session.session_id]
         assert "the servos of rex are moved by servolink teach" in refused[0].reason
         assert "servolink share --take rex" in refused[0].reason
         assert (bob.session.counters.refused, ann.session.counters.refused) == (1, 0)
@@ -144,12 +146,14 @@ def test_the_lease_is_given_back_asked_for_and_taken_over_openly() -> None:
         assert there.hub.status().lease is not None
         there.hub.give_lease(second)
         assert there.hub.status().lease is None
-        assert [(change.event, change.before, change.by) for change in there.of(LeaseChanged)] == [
-            ("taken", None, first),
-            ("asked for", first, second),
-            ("taken over", first, second),
-            ("given back", second, None),
+        changes = there.of(LeaseNotice)
+        assert [(change.event, change.by, change.lease and change.lease.session) for change in changes] == [
+            ("taken", "ann", first),
+            ("asked for", "bob", first),
+            ("taken over", "bob", second),
+            ("given back", None, None),
         ]
+        assert there.sessions_of(LeaseNotice) == [first, second, second, ""]
 
     on_hub(use)
 
@@ -181,7 +185,7 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_waits_for_its_units(
         there.hub.take_lease(bob.session.session_id, force=True)
         await asyncio.sleep(3)
         assert there.motions == []
-        assert [one.who for one in there.of(Refused)] == ["ann"]
+        assert there.sessions_of(RefusedNotice) == [ann.session.session_id]
 
     on_hub(use, depth=4)
 
@@ -206,7 +210,7 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_is_checked(
         there.hub.take_lease(bob.session.session_id, force=True)
         await asyncio.sleep(20)
         assert len(there.motions) == before
-        assert ["moved by bob" in one.reason for one in there.of(Refused)] == [True]
+        assert ["moved by bob" in one.reason for one in there.of(RefusedNotice)] == [True]
         there.hub.give_lease(bob.session.session_id)
         ann.send(packet)
         await asyncio.sleep(20)
@@ -252,7 +256,7 @@ def test_anybody_stops_before_everything_that_waits(servo_id: int) -> None:
         assert there.fake.sent_of(SetServoParameterRequest) == [asked]
         await asyncio.sleep(8)
         assert len(there.motions) == 1
-        assert [one.reason for one in there.of(Refused)] == ["a stop came first"]
+        assert [one.reason for one in there.of(RefusedNotice)] == ["a stop came first"]
         assert there.hub.lease is not None
         assert there.hub.lease.who == "ann"
 
@@ -340,8 +344,8 @@ def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: 
             connecting.connect("virtual://", reconnect=True, angle_unit=None) as board,
             share(board, name="rex") as hub,
         ):
-            notices: list[Notice] = []
-            hub.listen(notices.append)
+            notices: list[Struct] = []
+            hub.listen(lambda notice, session: notices.append(notice))
             studio = RawProgram(hub, "studio")
             hub.take_lease(studio.session.session_id, dead_man=0.35)
             studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
@@ -352,7 +356,7 @@ def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: 
             socket.plug(virtual)
             await asyncio.sleep(10)
             assert not virtual.servos[1].is_start
-            assert [notice.text for notice in notices if isinstance(notice, Problem)] == [
+            assert [notice.text for notice in notices if isinstance(notice, ProblemNotice)] == [
                 "studio has gone silent: the board is stopped as soon as it is connected again"
             ]
 
@@ -366,6 +370,6 @@ def test_a_stop_that_cannot_be_confirmed_is_reported() -> None:
         await there.move(studio)
         there.fake.usual_of[QueryServoRequest] = LOST
         await asyncio.sleep(10)
-        assert ["could not be confirmed" in problem.text for problem in there.of(Problem)] == [True]
+        assert ["could not be confirmed" in problem.text for problem in there.of(ProblemNotice)] == [True]
 
     on_hub(use)

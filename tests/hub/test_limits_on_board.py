@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from servolink.control.notifications import RefusedNotice
 from servolink.control.roles import Role, needed_role
-from servolink.hub.notices import Refused
 from servolink.profiles.profile import SafetyLimits
 from servolink.protocol.editing import (
     ExecuteMacroRequest,
@@ -45,7 +45,7 @@ def test_only_what_a_role_allows_reaches_the_board(role: Role) -> None:
             await asyncio.sleep(20)
         allowed = {name for name in names if needed_role(example(name)) <= role}
         assert {type(packet).__name__ for _, packet in there.fake.executed} == allowed | {"SetAngleUnitRequest"}
-        assert {one.packet for one in there.of(Refused)} == set(names) - allowed
+        assert {one.packet for one in there.of(RefusedNotice)} == set(names) - allowed
         assert program.session.counters.refused == len(names) - len(allowed)
 
     on_hub(use)
@@ -69,7 +69,7 @@ def test_limits_of_the_board_hold_for_raw_programs(packet: Packet, unit: Any, wo
         assert not await there.move(program, packet)
         await asyncio.sleep(20)
         assert there.motions == []
-        assert [words in one.reason for one in there.of(Refused)] == [True]
+        assert [words in one.reason for one in there.of(RefusedNotice)] == [True]
         assert program.heard == ([ExecuteMacroResponse(0)] if isinstance(packet, ExecuteMacroRequest) else [])
 
     on_hub(use, SafetyLimits(angles={1: (-30, 30)}, speed_cap=60))
@@ -85,7 +85,7 @@ def test_motion_within_the_limits_is_sent_and_keeps_its_place() -> None:
         await asyncio.sleep(1)
         sent = [type(packet) for _, packet in there.fake.executed if not isinstance(packet, Query)]
         assert sent == [SetAngleUnitRequest, ExecuteActionRequest, WriteProjectIDRequest, SetAngleUnitRequest]
-        assert there.of(Refused) == []
+        assert there.of(RefusedNotice) == []
 
     on_hub(use, SafetyLimits(speed_cap=60), depth=4)
 
@@ -100,7 +100,7 @@ def test_movements_that_are_checked_first_are_not_disturbed_by_programs_with_oth
         await asyncio.sleep(2)
         assert len(there.motions) == 20
         assert len(reader.heard) == 20
-        assert there.of(Refused) == []
+        assert there.of(RefusedNotice) == []
 
     on_hub(use, SafetyLimits(speed_cap=60), depth=4)
 
@@ -115,7 +115,7 @@ def test_a_unit_that_is_perhaps_set_is_set_again_before_limits_are_checked() -> 
         assert await program.ask(SetAngleUnitRequest(2, 1)) is not None
         assert await there.move(program, ExecuteActionRequest((Step(1, 20, 300),)))  # in degrees, as it was told
         assert await program.ask(QueryServoRequest(2)) is not None
-        assert [one.reason for one in there.of(Refused)] == []
+        assert [one.reason for one in there.of(RefusedNotice)] == []
         units = {servo.servo_id: servo.unit for servo in there.fake.virtual.servos.values()}
         assert units == {1: 0, 2: 1, 3: 0, 4: 0}
 
@@ -182,7 +182,7 @@ def test_other_units_wait_for_the_end_of_a_macro() -> None:
         assert not await is_read(bob, 5)  # the macro takes 4 s
         assert await bob.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 1)
         assert await is_read(bob)
-        assert [one.reason for one in there.of(Refused)] == [
+        assert [one.reason for one in there.of(RefusedNotice)] == [
             "another program runs what is stored, and its angles are in other units than yours"
         ]
 
@@ -196,7 +196,7 @@ def test_a_unit_that_a_program_has_already_is_not_refused() -> None:
         assert await bob.ask(SetAngleUnitRequest(ALL_SERVOS, 1)) == SetAngleUnitResponse(ALL_SERVOS, 1)
         assert await bob.ask(SetAngleUnitRequest(2, 1)) == SetAngleUnitResponse(2, 1)
         assert await bob.ask(SetAngleUnitRequest(ALL_SERVOS, 0)) == SetAngleUnitResponse(ALL_SERVOS, 0)
-        assert there.of(Refused) == []
+        assert there.of(RefusedNotice) == []
 
     on_hub(use)
 
@@ -223,10 +223,10 @@ def test_a_macro_that_was_perhaps_started_keeps_its_units() -> None:
         ann.send(ExecuteMacroRequest(1))
         await asyncio.sleep(3.5)
         assert ann.session.counters.unanswered == 1
-        before = len(there.of(Refused))
+        before = len(there.of(RefusedNotice))
         bob.send(QueryServoRequest(1))
         await asyncio.sleep(0.1)
-        assert len(there.of(Refused)) == before + 1
+        assert len(there.of(RefusedNotice)) == before + 1
 
     on_hub(use)
 

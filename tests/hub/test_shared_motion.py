@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
+from msgspec import Struct
+
+from servolink.control.notifications import RefusedNotice
 from servolink.control.roles import Role
 from servolink.errors import OutcomeUnknown
 from servolink.hub.hub import Hub
-from servolink.hub.notices import Notice, Refused
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,
@@ -34,8 +36,8 @@ from tests.hub.raw_program import RawProgram
 
 def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
-        one, other, notices = RawProgram(hub), RawProgram(hub), list[Notice]()
-        hub.listen(notices.append)
+        one, other, notices = RawProgram(hub), RawProgram(hub), list[Struct]()
+        hub.listen(lambda notice, session: notices.append(notice))
         for number in range(3):
             one.send(QueryActionRequest(number))
         one.send(MOVE)
@@ -44,7 +46,7 @@ def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
         await asyncio.sleep(1)
         assert fake.executed_of(ExecuteActionRequest) == []
         assert kinds(one.heard) == [*[QueryActionResponse] * 3, QueryServoListResponse]
-        refused = [notice for notice in notices if isinstance(notice, Refused)]
+        refused = [notice for notice in notices if isinstance(notice, RefusedNotice)]
         assert [(notice.packet, notice.reason) for notice in refused] == [("ExecuteActionRequest", "a stop came first")]
 
     on_hub(use)

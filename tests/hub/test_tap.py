@@ -103,7 +103,7 @@ def test_who_does_not_read_loses_telemetry_first_and_is_told() -> None:
         async with shared() as here:
             paused = True
             frames: list[Any] = []
-            feed = TapFeed(here.hub, lambda name, frame: frames.append((name, frame)), lambda: paused)
+            feed = TapFeed(here.hub, frames.append, lambda: paused)
             feed.start(wire_only=False)
             (tap,) = here.hub.board.connection.taps.heard_by
             for _ in range(20_000):
@@ -113,10 +113,10 @@ def test_who_does_not_read_loses_telemetry_first_and_is_told() -> None:
             await asyncio.sleep(0.2)
             tap.received(b"again")
             feed.stop()
-            messages = [item.message for _, frame in frames for item in frame.items]
+            messages = [item.message for frame in frames for item in frame.items]
             sizes = [
                 sum(len(item.message.data) for item in frame.items if isinstance(item.message, Wire))
-                for _, frame in frames
+                for frame in frames
             ]
             assert 6_000_000 < sum(sizes) < 9_000_000
             assert max(sizes) < 100_000

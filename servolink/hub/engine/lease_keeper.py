@@ -7,11 +7,13 @@ import logging
 import math
 from collections.abc import Callable, Iterable
 
+from msgspec import Struct
+
+from servolink.control.notifications import LeaseNotice
 from servolink.control.status import LeaseStatus
 from servolink.escaping import escape
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
-from servolink.hub.notices import LeaseChanged, Notice
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.hub.rules.motion_gate import MotionGate
@@ -33,7 +35,7 @@ class LeaseKeeper:
         seconds_after: float,
         *,
         who_of: Callable[[str], str],
-        tell: Callable[[Notice], None],
+        tell: Callable[[Struct, str], None],
         stop_board: Callable[[str], None],
         tasks: Tasks,
     ) -> None:
@@ -158,7 +160,8 @@ class LeaseKeeper:
     def _report(self, changes: Iterable[LeaseChange]) -> None:
         """Tell everybody what has happened to the lease, and look again when something is due."""
         for change in changes:
-            self._tell(LeaseChanged(change.event, change.before, self.status, change.by))
+            by = None if change.by is None else self._who_of(change.by)
+            self._tell(LeaseNotice(change.event, by, self.status), change.by or "")
             who = "" if change.before is None else escape(self._who_of(change.before))
             _logger.info("the motion lease was %s%s", change.event, who and f" ({who} had it)")
             if change.must_stop:

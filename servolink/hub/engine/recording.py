@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from servolink.client.board import Board
+from servolink.control.notifications import ProblemNotice, RecordingNotice
 from servolink.errors import RecordingError, ServolinkError
 from servolink.files import MIB, user_folder
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
-from servolink.hub.notices import Problem, RecordingChanged
 from servolink.recorder.board_source import follow_servos
 from servolink.recorder.channels import Event
 from servolink.recorder.readings import Readings
@@ -92,7 +92,7 @@ class HubRecorder:
             if recorder.wanted.rate:
                 follow.append(self._follow_servos(recorder))
             self._tasks = [asyncio.create_task(each) for each in follow]
-        self._hub.tell(RecordingChanged("started", who, recorder.wanted.path.name))
+        self._hub.tell(RecordingNotice("started", who, recorder.wanted.path.name))
 
     async def stop(self, who: str) -> None:
         """End the recording. Raise RecordingError if there is none, or its end cannot be written."""
@@ -110,14 +110,14 @@ class HubRecorder:
                 await recorder.end()
             finally:
                 self._latest, self._recorder = recorder.status, None
-        self._hub.tell(RecordingChanged("stopped", who, recorder.wanted.path.name))
+        self._hub.tell(RecordingNotice("stopped", who, recorder.wanted.path.name))
 
     def mark(self, text: str, who: str) -> None:
         """Put a mark into the recording. Raise RecordingError if there is none."""
         if self._recorder is None:
             raise RecordingError("nothing is being recorded")
         self._recorder.mark(text, who=who)
-        self._hub.tell(RecordingChanged("marked", who, self._recorder.wanted.path.name, text))
+        self._hub.tell(RecordingNotice("marked", who, self._recorder.wanted.path.name, text))
 
     def stored(self) -> list[StoredRecording]:
         """Return the recordings in the folder, the newest last."""
@@ -165,7 +165,7 @@ class HubRecorder:
             elif free < _LEAST_FREE:
                 reason = f"the disk has only {free // MIB} MiB left"
             if reason:
-                self._hub.tell(Problem(f"the recording {recorder.wanted.path.name} was ended: {reason}"))
+                self._hub.tell(ProblemNotice(f"the recording {recorder.wanted.path.name} was ended: {reason}"))
                 with suppress(RecordingError):
                     await self.stop("the hub")
                 return

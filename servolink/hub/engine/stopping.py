@@ -8,14 +8,16 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
+from msgspec import Struct
+
 from servolink.client.board import Board
+from servolink.control.notifications import ProblemNotice
 from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
-from servolink.hub.notices import Notice, Problem, Stopped
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.motion_gate import stops_all
 from servolink.protocol.servos import (
@@ -30,6 +32,13 @@ _logger = logging.getLogger(__name__)
 
 _TRIES = 3
 _LAST_TRIES = 1.0  # seconds in which stops may still be confirmed, or sent again, when the hub ends
+
+
+class MotionsCancelled(Struct, frozen=True):
+    """Notice within the hub: no motion that was asked for until now is sent any more."""
+
+    are_all: bool
+    """Whether all servos are being stopped; False for some."""
 
 
 class _Stopping(NamedTuple):
@@ -53,7 +62,7 @@ class Stops:
         upstream: Upstream,
         keeper: LeaseKeeper,
         *,
-        tell: Callable[[Notice], None],
+        tell: Callable[..., None],
         follow: RequestFollower,
     ) -> None:
         """Stop `board`. `tell` passes on notices; `follow` hears of stops that no packet of a program asked for."""
@@ -121,14 +130,14 @@ class Stops:
             if state == "closed":
                 return
             if state == "lost":
-                self._tell(Problem(f"{reason}: the board is stopped as soon as it is connected again"))
+                self._tell(ProblemNotice(f"{reason}: the board is stopped as soon as it is connected again"))
                 continue
             try:
                 await asyncio.shield(self.begin(reason))
             except ConnectionLost:
                 continue
             except ServolinkError as error:
-                self._tell(Problem(str(error)))
+                self._tell(ProblemNotice(str(error)))
             return
 
     def _all_stop(self, session_id: str) -> None:
@@ -140,7 +149,7 @@ class Stops:
     def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
         """Send no motion that was asked for until now, and tell those who wait to ask for one."""
         self._upstream.drop_motions()
-        self._tell(Stopped(are_all, session_id))
+        self._tell(MotionsCancelled(are_all), session_id)
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
         """Send a stop at once and return its task; or that of an equal one, if nothing was moved since that began.

@@ -6,17 +6,11 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+
 from servolink.connection.taps import Tap
-from servolink.hub.notices import (
-    ConnectionChanged,
-    HoldChanged,
-    LeaseChanged,
-    Notice,
-    Problem,
-    ProgramJoined,
-    ProgramLeft,
-    ProgramRenamed,
-)
+from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, ProblemNotice, ProgramNotice
+from servolink.control.status import HoldStatus
 from servolink.protocol.packet import Packet
 from servolink.recorder.channels import Event, Message, ProblemFound, Wire
 from servolink.recorder.commands import command_done
@@ -60,30 +54,26 @@ class HubTap(Tap):
         holder = "" if lease is None else lease.who
         self._take(now, command_done(packet, outcome, now - asked_at, who=who, session=session, lease=holder))
 
-    def _hear(self, notice: Notice) -> None:
+    def _hear(self, notice: Struct, session: str) -> None:
         message = message_of(notice)
         if message is not None:
             self._take(self._now(), message)
 
 
-def message_of(notice: Notice) -> Message | None:
+def message_of(notice: Struct) -> Message | None:
     """Return a notice of the hub as a message; None for one that is in the recording otherwise."""
     match notice:
-        case ProgramJoined():
-            return Event("program", "joined", notice.who, notice.session, text=f"{notice.door}, {notice.role}")
-        case ProgramLeft():
-            return Event("program", "left", notice.who, notice.session)
-        case ProgramRenamed():
-            return Event("program", "renamed", notice.who, notice.session)
-        case ConnectionChanged():
-            return Event("connection", notice.state, text=notice.another)
-        case LeaseChanged():
-            holder = notice.holder
-            return Event("lease", notice.event, holder.who if holder else "", holder.session if holder else "")
-        case HoldChanged():
-            what = "released" if notice.session is None else "held"
-            return Event("hold", what, notice.who or "", notice.session or "", text=notice.reason)
-        case Problem():
-            return ProblemFound("hub", notice.text)
-        case _:  # a refusal is a command, and a button event is on the line
+        case ProgramNotice(event, session, who):
+            return Event("program", event, who, session, text=f"{notice.door}, {notice.role}" if notice.door else "")
+        case ConnectionNow(state, another):
+            return Event("connection", state, text=another)
+        case LeaseNotice(event, _, holder):
+            return Event("lease", event, holder.who if holder else "", holder.session if holder else "")
+        case HoldNotice(None):
+            return Event("hold", "released")
+        case HoldNotice(HoldStatus(session, who, reason)):
+            return Event("hold", "held", who, session, text=reason)
+        case ProblemNotice(text):
+            return ProblemFound("hub", text)
+        case _:  # a refusal is a command
             return None

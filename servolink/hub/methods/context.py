@@ -9,19 +9,22 @@ from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
 
+from msgspec import Struct
+
 from servolink.client.board import Board
 from servolink.client.names import servo_or_caption
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.control.faults import Code, RpcError
 from servolink.control.greeting import Greeting
+from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role
 from servolink.control.status import HoldStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.engine.sending import LATE, STOPPED
+from servolink.hub.engine.stopping import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.notices import HoldChanged, Notice, Stopped
 from servolink.hub.rules.exchanges import Bounds
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
@@ -130,9 +133,9 @@ class Control:
         program = None if self._transport is None else self._transport.program
         return self.hub.stops - (0 if program is None else program.servo_stops)
 
-    def heard(self, notice: Notice) -> None:
+    def heard(self, notice: Struct) -> None:
         """Take a notice of the hub."""
-        if isinstance(notice, HoldChanged | Stopped):
+        if isinstance(notice, HoldNotice | MotionsCancelled):
             self._changed.set()
 
     async def board(self) -> Board:

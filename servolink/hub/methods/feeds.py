@@ -18,7 +18,7 @@ from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.hub.methods.context import OpenBoard
 from servolink.motion.angles import Angle, AngleUnit
 
-Notify = Callable[[str, Struct], None]
+Notify = Callable[[Struct], None]
 
 _IDLE = 2.0  # seconds without an acknowledgement after which the servos are not read any more
 _PAUSE = 0.5  # seconds until the servos are read again after an error
@@ -69,7 +69,7 @@ class Feed(ABC):
                 # Why nothing is answered, the notifications `connection` and `hold` say.
                 if str(error) != told and not isinstance(error, RequestTimeout):
                     told = str(error)
-                    self._notify("problem", ProblemNotice(f"{told}; trying again"))
+                    self._notify(ProblemNotice(f"{told}; trying again"))
                 await asyncio.sleep(_PAUSE)
             else:
                 return
@@ -139,7 +139,7 @@ class ServosFeed(Feed):
         if self._changed_only:
             last, self._last = self._last, {servo.servo_id: servo for servo in shown}
             shown = tuple(servo for servo in shown if last.get(servo.servo_id) != servo)
-        self._notify("servos", ServosFrame(self._sent, round(reading.seconds, 6), shown, reading.missed))
+        self._notify(ServosFrame(self._sent, round(reading.seconds, 6), shown, reading.missed))
 
 
 class _Latest:
@@ -170,7 +170,7 @@ class ButtonsFeed(Feed):
         async with board.button_events() as events:
             _resolve(ready)
             async for event in events:
-                self._notify("button", ButtonPressed(event.button_id, event.event, event.kind))
+                self._notify(ButtonPressed(event.button_id, event.event, event.kind))
 
 
 def _resolve(ready: asyncio.Future[None]) -> None:

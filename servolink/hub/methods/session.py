@@ -7,38 +7,16 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from servolink.control.greeting import Greeting
-from servolink.control.notifications import (
-    ConnectionNow,
-    HoldNotice,
-    LeaseNotice,
-    ProblemNotice,
-    ProgramNotice,
-    RecordingNotice,
-    RefusedNotice,
-    StoppedNotice,
-)
+from servolink.control.notifications import NAMES, ProblemNotice, ProgramNotice, RefusedNotice, StoppedNotice
 from servolink.control.peer import Peer
-from servolink.control.status import HoldStatus
 from servolink.hub.engine.recording import HubRecorder
+from servolink.hub.engine.stopping import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.methods import prepared, recording, stored  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed
 from servolink.hub.methods.methods import METHODS, Caller
 from servolink.hub.methods.tap_feed import TapFeed
-from servolink.hub.notices import (
-    ConnectionChanged,
-    HoldChanged,
-    LeaseChanged,
-    Notice,
-    Problem,
-    ProgramJoined,
-    ProgramLeft,
-    ProgramRenamed,
-    RecordingChanged,
-    Refused,
-    Stopped,
-)
 
 __all__ = ["METHODS", "ControlSession", "prepared", "recording", "stored"]
 
@@ -110,7 +88,7 @@ class ControlSession:
         self._servos.resume()
         if self._peer.dropped > self._told_dropped:
             count, self._told_dropped = self._peer.dropped - self._told_dropped, self._peer.dropped
-            self._notify("problem", ProblemNotice(f"this program reads too slowly: {count} notifications were dropped"))
+            self._notify(ProblemNotice(f"this program reads too slowly: {count} notifications were dropped"))
 
     async def close(self) -> None:
         """Leave the hub; an import that is under way is interrupted."""
@@ -122,41 +100,20 @@ class ControlSession:
         await self._buttons.close()
         await self.control.close()
 
-    def _notify(self, name: str, params: Struct) -> None:
-        self._peer.notify(name, params)
+    def _notify(self, notification: Struct) -> None:
+        self._peer.notify(NAMES[type(notification)], notification)
 
-    def _hear(self, notice: Notice) -> None:
-        """Pass on a notice of the hub."""
+    def _hear(self, notice: Struct, session: str) -> None:
+        """Send a notice of the hub that concerns this program."""
         self.control.heard(notice)
+        is_own = session == self.control.session
         match notice:
-            case ProgramJoined() | ProgramLeft() | ProgramRenamed():
-                if self.control.wants_programs:
-                    self._notify("program", _program_notice(notice))
-            case ConnectionChanged():
-                self._notify("connection", ConnectionNow(notice.state, notice.another))
-            case LeaseChanged():
-                by = None if notice.by is None else self._name_of(notice.by)
-                self._notify("lease", LeaseNotice(notice.event, by, notice.holder))
-            case HoldChanged(session, who, reason):
-                hold = None if session is None or who is None else HoldStatus(session, who, reason)
-                self._notify("hold", HoldNotice(hold))
-            case Stopped() if notice.are_all and notice.session != self.control.session:
-                self._notify("stopped", StoppedNotice(self._name_of(notice.session)))
-            case Refused() if notice.session == self.control.session:
-                self._notify("refused", RefusedNotice(notice.packet, notice.reason))
-            case RecordingChanged():
-                self._notify("recording", RecordingNotice(notice.event, notice.who, notice.name, notice.text))
-            case Problem():
-                self._notify("problem", ProblemNotice(notice.text))
-            case _:  # refused to another program, or a button event, which `ButtonsFeed` brings
+            case MotionsCancelled(are_all):
+                if are_all and not is_own:
+                    self._notify(StoppedNotice(self._hub.name_of(session) if session else None))
+            case ProgramNotice() if not self.control.wants_programs:
                 pass
-
-    def _name_of(self, session: str) -> str | None:
-        program = self._hub.programs.get(session)
-        return None if program is None else program.who
-
-
-def _program_notice(notice: ProgramJoined | ProgramLeft | ProgramRenamed) -> ProgramNotice:
-    if isinstance(notice, ProgramJoined):
-        return ProgramNotice("joined", notice.session, notice.who, notice.door, notice.role)
-    return ProgramNotice("left" if isinstance(notice, ProgramLeft) else "renamed", notice.session, notice.who)
+            case RefusedNotice() if not is_own:
+                pass
+            case _:
+                self._notify(notice)

@@ -64,4 +64,4 @@ class TapFeed:
             end = max(0, backlog.size - _MOST_AT_ONCE)
             while backlog.size > end and (timed := backlog.take()) is not None:
                 items.append(TapItem(timed.seconds, TOPICS[type(timed.message)], timed.message))
-            self._notify("tap", TapFrame(tuple(items)))
+            self._notify(TapFrame(tuple(items)))
