@@ -13,8 +13,9 @@ from servolink.cli.output import print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.share_view import facts, programs
 from servolink.control.channel import RpcChannel, open_channel
-from servolink.control.greeting import Greeting, RoleName
+from servolink.control.greeting import Greeting
 from servolink.control.messages import LeaseNow
+from servolink.control.roles import RoleName
 from servolink.control.share import this_program
 from servolink.control.status import HubStatus
 from servolink.discovery.hubs import candidates, hub_of

@@ -11,8 +11,8 @@ from msgspec import Raw, Struct
 
 from servolink.connection.connection import Connection
 from servolink.control.channel import open_channel
-from servolink.control.greeting import ROLES, Greeting, RoleName, Welcome
-from servolink.control.roles import needed_role_name
+from servolink.control.greeting import Greeting, Welcome
+from servolink.control.roles import Role, needed_role
 from servolink.control.share import ShareTransport
 from servolink.control.status import ConnectionState
 from servolink.errors import ConnectionLost, Rejected
@@ -118,7 +118,7 @@ class HubLink:
 
         Raise MotionRefused, which names the holder, if another program has it, and Rejected without the role.
         """
-        self._require("edit", "changing what is stored")
+        self._require(Role.EDIT, "changing what is stored")
         had_lease = self._has_lease
         if not had_lease:
             await self.take_lease()
@@ -133,16 +133,16 @@ class HubLink:
 
         Raise Rejected for a packet that needs a higher role: the hub would not send it, and could not always say so.
         """
-        self._require(needed_role_name(packet), type(packet).__name__)
+        self._require(needed_role(packet), type(packet).__name__)
         if self._inner is not None:
             await self._inner(packet)
         if not self._has_lease and is_motion(packet):
             await self.take_lease()
 
-    def _require(self, needed: RoleName, what: str) -> None:
+    def _require(self, needed: Role, what: str) -> None:
         """Raise Rejected if `what` needs a higher role than this program has."""
         name, role = escape(self._welcome.name), self._welcome.role
-        if ROLES.index(role) < ROLES.index(needed):
+        if Role.parse(role) < needed:
             raise Rejected(
                 f"nothing was sent: {what} needs the role {needed}, and this program has the role {role}; "
                 f"connect to share://{name}?role={needed}"

@@ -6,16 +6,14 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Raw, Struct
 
+from servolink.control.roles import RoleName
+
 VERSION = 1
 """The version of greeting and welcome, and of everything that follows them."""
 MOST_GREETING = 4096
 """Bytes of a greeting, at most."""
 GREETING_LIMIT = 2.0
 """Seconds after which a hub disconnects a program that has not sent its greeting."""
-
-RoleName = Literal["watch", "run", "move", "edit"]
-ROLES: tuple[RoleName, ...] = ("watch", "run", "move", "edit")
-"""What a program may do; each role includes those before it."""
 
 
 class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from typing import Literal
 
-from servolink.control.greeting import RoleName
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.packet import Effect, Packet, Query, is_motion
 
+RoleName = Literal["watch", "run", "move", "edit"]
+"""A role as JSON and addresses have it."""
+
 
 class Role(IntEnum):
-    """What a program may do. Each role includes those before it."""
+    """Rights of a program. Each role includes those before it."""
 
     WATCH = 1
     """Read and stop."""
@@ -25,32 +28,32 @@ class Role(IntEnum):
         """Return the name for people, such as `watch`."""
         return self.name.lower()
 
+    @classmethod
+    def parse(cls, name: str) -> Role:
+        """Return the role of a name. Raise KeyError for any other text."""
+        return cls[name.upper()]
 
-_ROLES: dict[type[Packet], RoleName] = {
+
+_ROLES: dict[type[Packet], Role] = {
     # The mode, the unit and the subscription belong to one program: others do not notice them.
-    settings.TransmissionModeSettingRequest: "watch",
-    servos.SetAngleUnitRequest: "watch",
-    joystick.SubscribeButtonEventRequest: "watch",
-    settings.SendDummyDataRequest: "watch",
-    servos.ExecuteActionExRequest: "run",
-    editing.ExecuteMacroRequest: "run",
-    joystick.SetActiveJoystickTableRequest: "run",
-    servos.SetServoParameterRequest: "move",
-    servos.ExecuteActionRequest: "move",
+    settings.TransmissionModeSettingRequest: Role.WATCH,
+    servos.SetAngleUnitRequest: Role.WATCH,
+    joystick.SubscribeButtonEventRequest: Role.WATCH,
+    settings.SendDummyDataRequest: Role.WATCH,
+    servos.ExecuteActionExRequest: Role.RUN,
+    editing.ExecuteMacroRequest: Role.RUN,
+    joystick.SetActiveJoystickTableRequest: Role.RUN,
+    servos.SetServoParameterRequest: Role.MOVE,
+    servos.ExecuteActionRequest: Role.MOVE,
 }
 """The role that a packet needs, if it is neither a query nor a change of what is stored."""
 
 
-def needed_role_name(packet: Packet) -> RoleName:
-    """Return the lowest role that may send `packet`. What is not known here needs the highest."""
-    if isinstance(packet, Query) or packet.effect is Effect.STOPS:
-        return "watch"
-    return _ROLES.get(type(packet), "edit")
-
-
 def needed_role(packet: Packet) -> Role:
     """Return the lowest role that may send `packet`. What is not known here needs the highest."""
-    return Role[needed_role_name(packet).upper()]
+    if isinstance(packet, Query) or packet.effect is Effect.STOPS:
+        return Role.WATCH
+    return _ROLES.get(type(packet), Role.EDIT)
 
 
 def carries_angles(packet: Packet) -> bool:

@@ -17,7 +17,8 @@ from typing import cast
 
 import msgspec
 
-from servolink.control.greeting import ROLES, VERSION, Greeting, Refusal, RoleName, Welcome
+from servolink.control.greeting import VERSION, Greeting, Refusal, Welcome
+from servolink.control.roles import Role, RoleName
 from servolink.errors import OpenError
 from servolink.escaping import escape
 from servolink.files import is_name, reason
@@ -167,7 +168,7 @@ def from_address(address: Address) -> ShareTransport:
     """Make the transport for `share://NAME?role=watch`."""
     if not is_name(address.host) or address.port or address.path.strip("/"):
         raise address.refusal("must name a shared board: share://NAME, with letters, digits, - and _")
-    role = cast("RoleName", address.choice("role", "edit", ROLES))
+    role = cast("RoleName", address.choice("role", "edit", tuple(map(str, Role))))
     address.refuse_unknown()
     greeting = Greeting(wants="frames", who=this_program(), role=role)
     if address.choice("byte_order", "little", ("little", "big")) == "big":

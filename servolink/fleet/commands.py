@@ -88,7 +88,7 @@ class CommandDesk:
         self.on_change: Callable[[], None] = lambda: None
         """Called when a command may have changed what is stored on the board."""
         self._board = board
-        self._role = Role[policy.allow.upper()]
+        self._role = Role.parse(policy.allow)
         self._hub = hub
         self._journal = journal
         self._answers = answers

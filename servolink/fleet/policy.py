@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.control.greeting import RoleName
+from servolink.control.roles import RoleName
 from servolink.errors import ServolinkError
 from servolink.escaping import quote
 from servolink.files import MIB, is_name, read_file, reason

@@ -16,9 +16,9 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from servolink.control.faults import ErrorObject
-from servolink.control.greeting import RoleName
 from servolink.control.messages import Done, Ran, Runnable, about
 from servolink.control.notifications import ButtonPressed, ServosFrame
+from servolink.control.roles import RoleName
 from servolink.control.status import ConnectionState
 from servolink.errors import InvalidAddress
 from servolink.escaping import quote

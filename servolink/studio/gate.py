@@ -13,7 +13,7 @@ import secrets
 from collections.abc import Iterable
 from typing import TypeAlias
 
-from servolink.control.greeting import RoleName
+from servolink.control.roles import RoleName
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _TOKEN_BYTES = 24

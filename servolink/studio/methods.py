@@ -9,10 +9,10 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.control.greeting import RoleName, Welcome
+from servolink.control.greeting import Welcome
 from servolink.control.messages import NoParams
 from servolink.control.peer import Methods
-from servolink.control.roles import Role
+from servolink.control.roles import Role, RoleName
 from servolink.discovery import announcements
 from servolink.profiles.profile import ProfileInUse
 from servolink.studio.drafts import Drafts

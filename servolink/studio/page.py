@@ -11,9 +11,9 @@ import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import Meta, Struct
 
-from servolink.control.greeting import Greeting, RoleName, Welcome
+from servolink.control.greeting import Greeting, Welcome
 from servolink.control.peer import MOST_BYTES, Peer
-from servolink.control.roles import Role
+from servolink.control.roles import Role, RoleName
 from servolink.control.share import greet
 from servolink.errors import OpenError
 from servolink.json_text import read_json
@@ -122,7 +122,7 @@ class _Page:
         self.token = hello.token
         self.who = hello.who
         caller = Caller(studio, welcome.url, self, _profile_in(welcome))
-        self._own = Peer(METHODS, caller, self._respond, self._abort, role=Role[role.upper()])
+        self._own = Peer(METHODS, caller, self._respond, self._abort, role=Role.parse(role))
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""

@@ -9,7 +9,8 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from servolink.client.connect import connect
-from servolink.control.greeting import Greeting, RoleName
+from servolink.control.greeting import Greeting
+from servolink.control.roles import RoleName
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.session import ControlInterface, ControlSession
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, ServoState

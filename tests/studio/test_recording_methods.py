@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink.control.faults import Code
-from servolink.control.greeting import RoleName
+from servolink.control.roles import RoleName
 from tests.studio.serving import Place, call, run, welcomed
 
 

@@ -101,7 +101,7 @@ class SocketLine(Line):
 
     def _welcome(self, greeting: Greeting) -> None:
         """Admit the program. Raise ValueError if that is impossible."""
-        role = Role[greeting.role.upper()]
+        role = Role.parse(greeting.role)
         if greeting.wants == "frames":
             if greeting.session is not None:
                 raise ValueError("a session begins with its frames; they have no session yet")

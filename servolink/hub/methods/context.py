@@ -96,7 +96,7 @@ class Control:
         """Speak for the program of `greeting`: if that names a session, it uses a board through frames already."""
         self.hub = hub
         self.who = greeting.who
-        self.role = Role[greeting.role.upper()]
+        self.role = Role.parse(greeting.role)
         self.session = session
         """The session id, by which the hub knows who holds the lease and the board."""
         self.wants_programs = False
