@@ -11,7 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from servolink.cli.output import (
+from servolink.cli.parser import build_parser
+from servolink.cli.screen.output import (
     flush_stderr,
     flush_stdout,
     logged,
@@ -20,7 +21,6 @@ from servolink.cli.output import (
     print_error,
     silence,
 )
-from servolink.cli.parser import build_parser
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.script import FAILED, INTERRUPTED, NO_BOARD, OK, USAGE, exit_code

@@ -10,8 +10,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from servolink.cli.main import INTERRUPTED, NO_BOARD, OK, fail, usage_error
-from servolink.cli.output import Table, console, lost_output, print_error, show_table
-from servolink.cli.terminal import can_ask, end_process
+from servolink.cli.screen.output import Table, console, lost_output, print_error, show_table
+from servolink.cli.screen.terminal import can_ask, end_process
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.platforms.signals import handled
 

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from servolink.cli.virtual import _apply
+from servolink.cli.developers.virtual import _apply
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import OpenError

@@ -105,7 +105,8 @@ def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
 
 STUBBORN = """
 import asyncio, os, sys, threading
-from servolink.cli import session, terminal
+from servolink.cli import session
+from servolink.cli.screen import terminal
 session._PATIENCE = 1e9
 async def main(interruption):
     with terminal.cleanup(lambda: os.write(1, b"restored\\n")):  # print may have been interrupted itself

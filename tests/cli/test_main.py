@@ -316,7 +316,7 @@ sys.exit(main(sys.argv[2:]))
 
 @pytest.mark.parametrize(
     "module",
-    ["argparse", "servolink.cli", "servolink.cli.main", "servolink.cli.parser", "servolink.cli.boards", "asyncio"],
+    ["argparse", "servolink.cli", "servolink.cli.main", "servolink.cli.parser", "servolink.cli.boards.find", "asyncio"],
 )
 def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
     ran = processes.run(

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.board import COMMANDS as BOARD_COMMANDS
+from servolink.cli.boards.board import COMMANDS as BOARD_COMMANDS
 from servolink.cli.commands import COMMANDS, TOPICS, Command
-from servolink.cli.fleet import COMMANDS as FLEET_COMMANDS
+from servolink.cli.fleet.broker import COMMANDS as FLEET_COMMANDS
 from servolink.cli.parser import EXIT_CODES, build_parser
-from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
-from servolink.cli.servo import COMMANDS as SERVO_COMMANDS
+from servolink.cli.projects import COMMANDS as PROJECT_COMMANDS
 from servolink.cli.stored import COMMANDS as STORED_COMMANDS
+from servolink.cli.stored.servo import COMMANDS as SERVO_COMMANDS
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step

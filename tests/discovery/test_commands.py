@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli import boards
+from servolink.cli.boards import find as boards
 from servolink.connection.connection import Connection
 from servolink.discovery.names import aliases_path, load_aliases
 from servolink.profiles.profile import BoardProfile, SafetyLimits
@@ -42,7 +42,7 @@ def _here(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
         async def discover() -> list[DeviceInfo]:
             return list(candidates)
 
-        for module in ("servolink.discovery.search", "servolink.cli.boards"):
+        for module in ("servolink.discovery.search", "servolink.cli.boards.find"):
             monkeypatch.setattr(f"{module}.search", lambda: list(candidates))
         monkeypatch.setattr(boards, "discover", discover)
 

@@ -119,7 +119,7 @@ def test_a_servo_that_is_not_there_is_refused_before_anything_is_learnt(
     robot: Robot, learnt: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot.board = VirtualBoard(3, codec=Codec("big"))
-    monkeypatch.setattr("servolink.cli.learn.learn_by_asking", None)
+    monkeypatch.setattr("servolink.cli.boards.learn.learn_by_asking", None)
     said = learnt("--servo", "tail")
     assert (said.code, said.out) == (1, "")
     assert said.err == "servolink: the board has no servo 'tail'; no servo of it has a caption\n"

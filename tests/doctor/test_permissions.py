@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.cli import doctor
+from servolink.cli.boards import doctor
 from servolink.doctor.permissions import rules
 from servolink.doctor.system import UsbDevice, usb_device
 from servolink.transports.device_info import DeviceInfo

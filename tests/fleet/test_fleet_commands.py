@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import servolink
-from servolink.cli.fleet_watch import picture
+from servolink.cli.fleet.watch import picture
 from servolink.cli.main import FAILED, NO_BOARD, OK, USAGE
 from servolink.fleet import checks
 from servolink.fleet.roster import BoardSeen

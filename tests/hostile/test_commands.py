@@ -12,7 +12,7 @@ import pytest
 
 from servolink.cli.commands import COMMANDS
 from servolink.cli.main import FAILED
-from servolink.cli.project import COMMANDS as PROJECT_COMMANDS
+from servolink.cli.projects import COMMANDS as PROJECT_COMMANDS
 from servolink.recorder.mcap_reader import MAGIC as MCAP_MAGIC
 from servolink.recorder.writer import RecordingWriter
 from tests.cli.programs import Said

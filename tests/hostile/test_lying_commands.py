@@ -110,7 +110,7 @@ def test_every_command_is_tried() -> None:
 def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (connect, probe, examine):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
-    monkeypatch.setattr("servolink.cli.boards.discover", _one_board)
+    monkeypatch.setattr("servolink.cli.boards.find.discover", _one_board)
     monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([DeviceInfo("lying://board")], []))
     monkeypatch.setattr("servolink.recorder.recorder.ChildWriter", RecordingWriter)  # no process for each report
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.cli.output import text_width
-from servolink.cli.spy_lines import Lines, cut
+from servolink.cli.developers.spy import Lines, cut
+from servolink.cli.screen.output import text_width
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.servos import QueryServoResponse

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from servolink.__main__ import main as servolink
-from servolink.cli import virtual
+from servolink.cli.developers import virtual
 from servolink.platforms.signals import ENDING, handled
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from servolink import connect
-from servolink.cli import virtual as command
+from servolink.cli.developers import virtual as command
 from servolink.errors import InvalidAddress, NotFound, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,

@@ -34,7 +34,7 @@ _DELETED = {"action": "delete 2 --yes", "macro": "delete 2 --yes", "table": "del
 
 def _run(noun: str, text: str) -> Command:
     examples = (f"{noun} run 1", f"{noun} run 1 --start")
-    return Command(STORED, "run:configure_stored", text, examples, needs_records=True)
+    return Command(STORED, "motion.run:configure_stored", text, examples, needs_records=True)
 
 
 COMMANDS = {

@@ -7,21 +7,25 @@ a way back. No board loses a record by it, whatever it does with an id that is s
 from __future__ import annotations
 
 import argparse
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from typing import TypeAlias
 
-from servolink.cli.apply import BoardImport
-from servolink.cli.live import shown_progress
-from servolink.cli.output import print_error, print_text
-from servolink.cli.records import print_changes
-from servolink.cli.servos import warn_of_missing
+from msgspec.structs import replace
+
+from servolink.cli.motion.servos import warn_of_missing
+from servolink.cli.projects.apply import BoardImport
+from servolink.cli.screen.live import shown_progress
+from servolink.cli.screen.output import print_error, print_text
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
+from servolink.cli.stored.records import print_changes
 from servolink.client.board import Board
 from servolink.client.names import ALL
 from servolink.errors import ProjectError
 from servolink.escaping import quote
+from servolink.project.build import refuse_new_errors
 from servolink.project.model import Project
 from servolink.project.naming import Named, id_or_caption, listed
+from servolink.project.records import by_servo
 from servolink.project.transfer.plan import compare
 from servolink.project.transfer.results import ApplyResult, Change, Plan, ProgressCallback
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
@@ -121,3 +125,25 @@ def show_changes(plan: Plan) -> None:
     print_changes([_renamed(change) for change in plan.changes])
     if not plan.differs:
         print_text("nothing to change: it is so already")
+
+
+async def change_parameters(
+    args: argparse.Namespace,
+    board: Board,
+    interruption: Interruption,
+    changes: Mapping[int, Callable[[ServoParameter], ServoParameter]],
+) -> int:
+    """Store what `changes`, by servo id, make of what is stored, after a backup, and read it back.
+
+    Return the exit code.
+    """
+
+    def edit(project: Project, encoding: str) -> Project:
+        stored = by_servo(project)
+        for servo_id, change in changes.items():
+            stored[servo_id] = change(stored.get(servo_id, ServoParameter(servo_id)))
+        after = replace(project, servo_parameters=tuple(stored.values()))
+        refuse_new_errors(project, after, encoding)
+        return after
+
+    return await change_content(args, board, interruption, edit)

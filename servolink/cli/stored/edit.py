@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from servolink.cli.main import OK, usage_error
-from servolink.cli.output import print_json, print_text
+from servolink.cli.screen.output import print_json, print_text
 from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, or_caption, whole_number
 from servolink.cli.commands import late
-from servolink.cli.motion import servo_angle
+from servolink.cli.motion.move import servo_angle
 
 DEFAULT_SECONDS = 1.0
 """Of an action, if none are given."""

@@ -7,9 +7,9 @@ from typing import Any
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.main import OK
-from servolink.cli.output import Table, print_json, print_table, print_text
-from servolink.cli.records import record_table
+from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.stored.records import record_table
 from servolink.client.board import Board
 from servolink.protocol.json_form import record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType

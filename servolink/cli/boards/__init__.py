@@ -1,0 +1,1 @@
+"""Commands about boards: which are here, what they are known to be, and why one does not work."""

@@ -1,0 +1,259 @@
+"""`servolink board`: its commands, and those that list, show and forget what is known of boards. Nothing is opened."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.commands import STORED, Command
+from servolink.cli.main import FAILED, OK, fail, usage_error
+from servolink.cli.parser import Parser
+from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
+from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.session import Interruption, run_interruptible
+
+if TYPE_CHECKING:
+    from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
+
+
+def _command(place: str, text: str, *examples: str) -> Command:
+    return Command(STORED, place, text, tuple(f"board {one}" for one in examples), takes_board=False)
+
+
+def _talking(function: str, text: str, *examples: str) -> Command:
+    return Command(STORED, f"boards.state:{function}", text, tuple(f"board {one}" for one in examples))
+
+
+COMMANDS = {
+    "list": _command("boards.board:configure_list", "list the names of boards, and how much is known of each", "list"),
+    "show": _command(
+        "boards.board:configure_show", "show what is known of a board, and why", "show rex", "show rex --json"
+    ),
+    "set": _command(
+        "boards.set:configure",
+        "set limits that no program can exceed, and what is known of a board",
+        "set rex --angle 3=20..160 --speed 3=90 --soft-start 60",
+        "set rex --speed all=120 --byte-order big --depth 4",
+        "set rex --angle 3=unset --unset depth",
+    ),
+    "forget": _command(
+        "boards.board:configure_forget", "forget what is known of a board, with its limits", "forget rex --yes"
+    ),
+    "project-id": _talking("configure_project_id", "show or write the project id", "project-id", "project-id 7"),
+    "mode": _talking("configure_mode", "set the transmission mode", "mode 1"),
+    "memory": _talking("configure_memory", "show how much memory is free", "memory", "memory --json"),
+    "battery": _talking("configure_battery", "show the charge of the battery", "battery", "battery --json"),
+    "clear": _talking("configure_clear", "delete everything stored on the board, after a backup", "clear --yes"),
+    "dummy": _talking("configure_dummy", "send bytes that the board ignores", "dummy", "dummy 00ff00ff"),
+}
+"""As `servolink.cli.commands.COMMANDS`."""
+
+_SECONDS = ("turnaround", "clear_seconds", "interval_unit")
+
+
+def configure(parser: Parser) -> None:
+    """Add the commands of `servolink board`, which alone lists the boards."""
+    parser.set_defaults(run=run_list)
+    parser.add_commands(COMMANDS, "board_command", required=False)
+
+
+# --- list -------------------------------------------------------------------------------------------------------------
+
+
+def configure_list(parser: argparse.ArgumentParser) -> None:
+    """Set what runs; `servolink board list` has no options of its own."""
+    parser.set_defaults(run=run_list)
+
+
+def run_list(args: argparse.Namespace) -> int:
+    """Print every board that has a name or a profile."""
+    from servolink.discovery.names import load_aliases
+    from servolink.errors import ProfileError
+    from servolink.profiles.store import load_profile, profile_names
+
+    aliases = load_aliases()
+    described: list[dict[str, Any]] = []
+    for name in sorted({*aliases, *profile_names()}):
+        profile, problem = None, ""
+        try:
+            profile = load_profile(name)
+        except ProfileError as error:
+            problem = str(error)
+        url = aliases[name].url if name in aliases else None
+        described.append({"name": name, "url": url, **_counts(profile), "problem": problem})
+    if args.json:
+        print_json({"boards": described})
+    elif described:
+        print_table(Table(("name", "address", "known settings", "limits"), [_row(one) for one in described]))
+        for one in described:
+            if one["problem"]:
+                print_error(f"servolink: {one['problem']}")
+    else:
+        print_text("no board has a name; `servolink use NAME BOARD` gives one")
+    return OK
+
+
+def _counts(profile: BoardProfile | None) -> dict[str, int | None]:
+    if profile is None:
+        return {"known_settings": None, "limits": None}
+    settings = [value for value in _values(profile.settings).values() if value is not None]
+    return {"known_settings": len(settings), "limits": sum(1 for _ in limit_rows(profile.limits))}
+
+
+def _row(described: dict[str, Any]) -> tuple[object, ...]:
+    damaged = "damaged" if described["problem"] else None
+    return described["name"], described["url"], damaged or described["known_settings"], described["limits"]
+
+
+# --- show -------------------------------------------------------------------------------------------------------------
+
+
+def configure_show(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board show`."""
+    parser.set_defaults(run=run_show)
+    add_name(parser)
+
+
+def run_show(args: argparse.Namespace) -> int:
+    """Print everything that is known of a board."""
+    from msgspec import to_builtins
+
+    from servolink.profiles.profile import BoardProfile
+    from servolink.profiles.store import load_profile, profile_path
+
+    name, url = known_name(args)
+    profile = load_profile(name)
+    path = str(profile_path(name))
+    if args.json:
+        shown = to_builtins(profile or BoardProfile())
+        evidence = shown.pop("evidence")
+        unknown = dict.fromkeys(("confidence", "text", "learnt_at"))
+        settings = {
+            key: {"value": value, **unknown, **evidence.get(key, {})} for key, value in shown["settings"].items()
+        }
+        kept = path if profile else None
+        print_json({"name": name, "url": url, "path": kept, **shown, "settings": settings})
+        return OK
+    rows = [("address", url or "none: `servolink use` gives it one"), ("file", path if profile else "none")]
+    print_table(Table((), rows + list(_identity_rows(profile or BoardProfile())), title=name))
+    for title, part in ("settings", _setting_rows), ("limits", _limit_table):
+        print_text("")
+        print_table(Table((), list(part(profile or BoardProfile())), title=title))
+    if profile is None or None in _values(profile.settings).values():
+        print_text("")
+        print_text(f"what is unknown can be learnt: servolink doctor {name} --learn")
+    return OK
+
+
+def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
+    if (identity := profile.identity) is None:
+        yield "identity", "unknown: any board at this address is taken for this one"
+        return
+    yield from identity.facts()
+
+
+def _setting_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
+    for name, value in _values(profile.settings).items():
+        evidence = profile.evidence.get(name)
+        shown = "unknown" if value is None else value_text(name, value)
+        if evidence is not None:
+            on = f" ({evidence.learnt_at:%Y-%m-%d})" if evidence.learnt_at else ""
+            shown += f"; {evidence.confidence}: {evidence.text}{on}"
+        yield label(name), shown
+
+
+def value_text(name: str, value: object) -> str:
+    """Return the value of a setting as people read it."""
+    if isinstance(value, tuple):
+        return ", ".join(value) or "none"
+    return f"{value} s" if name in _SECONDS else str(value)
+
+
+def _limit_table(profile: BoardProfile) -> list[tuple[str, str]]:
+    return list(limit_rows(profile.limits)) or [("none", "`servolink board set` sets them")]
+
+
+def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
+    """Yield whom each limit is for, and what it is."""
+    if limits.speed_cap is not None:
+        yield "all servos", f"at most {limits.speed_cap:g} degrees/s"
+    if limits.soft_start is not None:
+        yield "first movement", f"at most {limits.soft_start:g} degrees/s"
+    for servo_id in sorted({*limits.angles, *limits.speed_caps}):
+        allowed = []
+        if pair := limits.angles.get(servo_id):
+            allowed.append(f"{pair[0]:g}..{pair[1]:g} degrees")
+        if cap := limits.speed_caps.get(servo_id):
+            allowed.append(f"at most {cap:g} degrees/s")
+        yield f"servo {servo_id}", ", ".join(allowed)
+
+
+# --- forget -----------------------------------------------------------------------------------------------------------
+
+
+def configure_forget(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board forget`."""
+    parser.set_defaults(run=run_forget)
+    add_name(parser)
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+
+
+def run_forget(args: argparse.Namespace) -> int:
+    """Remove the profile, damaged or not, after asking. The name stays."""
+    from servolink.profiles.store import profile_names, profile_path, remove_profile
+
+    name = args.name
+    if name not in profile_names():
+        known = ", ".join(profile_names()) or "none"
+        return fail(f"nothing is known of a board {name!r} (profiles: {known}); nothing was changed", FAILED)
+    path = profile_path(name)
+    question = f"this removes {path} with all limits of {name}"
+    if not args.yes and (args.json or not can_ask()):
+        usage_error(args, f"{question}; --yes does so without asking")
+
+    async def main(interruption: Interruption) -> int:
+        if not args.yes and not await confirm(f"{question}. Forget it?"):
+            print_error(f"servolink: {interruption.state}")
+            return FAILED
+        await asyncio.to_thread(remove_profile, name)
+        if args.json:
+            print_json({"forgotten": name})
+        else:
+            print_text(f"what was known of {name} is forgotten; it keeps its name")
+        return OK
+
+    return run_interruptible(main, "nothing was changed")
+
+
+# --- arguments --------------------------------------------------------------------------------------------------------
+
+
+def add_name(parser: argparse.ArgumentParser) -> None:
+    """Add the argument that names the board."""
+    parser.add_argument("name", metavar="NAME", help="as given with `servolink use`")
+
+
+def known_name(args: argparse.Namespace) -> tuple[str, str | None]:
+    """Return name and address of the board in `args`. Raise InvalidAddress if there is no such name."""
+    from servolink.discovery.names import load_aliases
+    from servolink.errors import InvalidAddress
+    from servolink.profiles.store import profile_names
+
+    aliases = load_aliases()
+    if args.name not in aliases and args.name not in profile_names():
+        known = ", ".join(sorted(aliases)) or "none"
+        raise InvalidAddress(f"no board is named {args.name!r} (names: {known}); give it: servolink use NAME BOARD")
+    return args.name, aliases[args.name].url if args.name in aliases else None
+
+
+def label(name: str) -> str:
+    """Return the name of a setting as people read it."""
+    return name.replace("_", " ")
+
+
+def _values(settings: BoardSettings) -> dict[str, Any]:
+    from msgspec.structs import asdict
+
+    return asdict(settings)

@@ -1,0 +1,277 @@
+"""`servolink list`, `use` and `info`: which boards there are, their names, and what one of them reports."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from itertools import zip_longest
+
+from servolink.cli.arguments import add_timeout
+from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
+from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
+from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.session import Interruption, run_interruptible, run_with_board
+from servolink.client.board import Board
+from servolink.connection.options import options_in
+from servolink.connection.probe import PATIENCE, ProbeResult, probe
+from servolink.discovery.names import (
+    Alias,
+    alias_for,
+    aliases_path,
+    current_url,
+    load_aliases,
+    remove_alias,
+    save_alias,
+)
+from servolink.discovery.search import NONE_HERE, discover, is_same_place, search
+from servolink.errors import InvalidAddress, OpenError, TransportError
+from servolink.files import ALL, is_name
+from servolink.profiles.store import profile_names
+from servolink.protocol.servos import ALL_SERVOS
+from servolink.transports.address import with_options
+from servolink.transports.device_info import DeviceInfo
+from servolink.transports.registry import create
+
+
+def configure_list(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink list`."""
+    parser.set_defaults(run=run_list)
+    parser.add_argument("--probe", action="store_true", help="open each and ask whether it is a board")
+    add_timeout(parser, argparse.SUPPRESS, "with --probe: how long to wait for each response, 0.4 unless given")
+
+
+def run_list(args: argparse.Namespace) -> int:
+    """Print everything that may be a board; only --probe opens anything."""
+
+    async def main(interruption: Interruption) -> int:
+        devices = await discover()
+        names = _names(_aliases(), devices)
+        probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
+        responses = await asyncio.gather(*probes)
+        if args.json:
+            described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
+            for one, result in zip(described, responses, strict=False):
+                one |= {"response": result.response and asdict(result.response), "problem": result.problem}
+            print_json({"boards": described})
+        elif devices:
+            print_table(_table(devices, names, responses))
+        if devices:
+            return OK
+        return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def _aliases() -> dict[str, Alias]:
+    """Return the names of boards; if their file is broken, print why and return none: the boards are there anyway."""
+    try:
+        return load_aliases()
+    except TransportError as error:
+        print_error(f"servolink: {error}")
+        return {}
+
+
+def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:
+    """Return the names of `devices` that have one, by address."""
+    names: dict[str, str] = {}
+    for name, alias in aliases.items():
+        try:
+            url = current_url(name, alias, devices)
+        except OpenError:  # it is not here
+            continue
+        names[url.partition("?")[0]] = name
+    bare = {device.url: device.url.partition("?")[0] for device in devices}
+    return {url: names[place] for url, place in bare.items() if place in names}
+
+
+def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: Sequence[ProbeResult]) -> Table:
+    """Return a row for each device, with the columns in which there is something: most are often empty."""
+    columns: dict[str, list[str]] = {
+        "address": [device.url for device in devices],
+        "name": [names.get(device.url, "") for device in devices],
+        "product": [": ".join(filter(None, (device.product, device.shares))) for device in devices],
+        "serial number": [device.serial_number for device in devices],
+        "response": [_response(result) for result in responses] or [""] * len(devices),
+        "problem": [
+            device.problem if result is None else result.problem for device, result in zip_longest(devices, responses)
+        ],
+    }
+    shown = {name: cells for name, cells in columns.items() if any(cells)}
+    return Table(list(shown), list(zip(*shown.values(), strict=True)))
+
+
+def _response(result: ProbeResult) -> str:
+    if result.response is None:
+        return "" if result.problem else "none"
+    mode = "" if result.response.transmission_mode == 1 else ", was in the old transmission mode"
+    return f"{result.response.byte_order} endian, project {result.response.project_id or 'none'}{mode}"
+
+
+def configure_use(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink use`."""
+    parser.set_defaults(run=run_use)
+    parser.add_argument("name", nargs="?", metavar="NAME", help="of letters, digits, - and _")
+    parser.add_argument("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it")
+    parser.add_argument("--yes", action="store_true", help="give the name of another board without asking")
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument("--list", action="store_true", help="print all names")
+    instead.add_argument("--remove", metavar="NAME", help="forget a name")
+
+
+def run_use(args: argparse.Namespace) -> int:
+    """Keep, print or forget names; nothing is opened."""
+    given = [args.name, args.address].count(None)
+    if args.list or args.remove is not None:
+        if given != 2:
+            usage_error(args, "--list and --remove take no address")
+        return _list_names(args) if args.list else _forget_name(args)
+    if given:
+        usage_error(args, "give a name and an address, or --list, or --remove NAME")
+    return _keep_name(args)
+
+
+def _keep_name(args: argparse.Namespace) -> int:
+    if not is_name(args.name):
+        usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
+    if args.name == ALL:
+        usage_error(args, f"{ALL!r} means every board of a fleet: choose another name")
+    url = with_options(args.address, _options(args))
+    alias = alias_for(url, search())
+    _refuse_invalid(url)
+    before = load_aliases().get(args.name)
+    if before is None or before == alias or args.yes:
+        return _save(args, alias)
+    question = f"{args.name} is {_meant(before)} now"
+    if args.name in profile_names() and not is_same_place(before.url, alias.url):
+        question += f", which would lose its limits to {_meant(alias)}: see `servolink board show {args.name}`"
+    if args.json or not can_ask():
+        usage_error(args, f"{question}; --yes gives the name to {alias.url}")
+
+    async def main(interruption: Interruption) -> int:
+        if await confirm(f"{question}. Give the name to {alias.url}?"):
+            return _save(args, alias)
+        print_error(f"servolink: {interruption.state}")
+        return FAILED
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def _options(args: argparse.Namespace) -> dict[str, str]:
+    """Return the options of the connection on the command line, as an address has them."""
+    patience = None if args.timeout is None else f"{args.timeout:g}"
+    given = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": patience}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _save(args: argparse.Namespace, alias: Alias) -> int:
+    save_alias(args.name, alias)
+    if args.json:
+        print_json(_named(args.name, alias))
+    else:
+        print_text(f"{args.name} is {_meant(alias)}; kept in {aliases_path()}")
+    return OK
+
+
+def _meant(alias: Alias) -> str:
+    number = alias.serial_number
+    return f"the board with serial number {number}, on any port" if number else alias.url
+
+
+def _refuse_invalid(url: str) -> None:
+    """Raise InvalidAddress if `url` is written wrongly. What only cannot be used at the moment can have a name."""
+    options_in(url)
+    try:
+        create(url)
+    except InvalidAddress:
+        raise
+    except TransportError:
+        pass
+
+
+def _list_names(args: argparse.Namespace) -> int:
+    aliases = sorted(load_aliases().items())
+    if args.json:
+        print_json({"names": [_named(name, alias) for name, alias in aliases]})
+    elif aliases:
+        print_table(
+            Table(("name", "address", "serial number"), [(n, a.url, a.serial_number or None) for n, a in aliases])
+        )
+    else:
+        print_text("no board has a name; `servolink use NAME BOARD` gives one")
+    return OK
+
+
+def _forget_name(args: argparse.Namespace) -> int:
+    aliases = load_aliases()
+    if args.remove not in aliases:
+        known = ", ".join(sorted(aliases)) or "none"
+        return fail(f"no board is named {args.remove!r} (names: {known}); nothing was changed", FAILED)
+    remove_alias(args.remove)
+    if args.json:
+        print_json({"removed": args.remove})
+    else:
+        print_text(f"{args.remove} is forgotten")
+        if args.remove in profile_names():
+            print_text(f"what was learnt of it is kept; to forget that too: servolink board forget {args.remove}")
+    return OK
+
+
+def _named(name: str, alias: Alias) -> dict[str, str]:
+    return {"name": name, "url": alias.url, "serial_number": alias.serial_number}
+
+
+def configure_info(parser: argparse.ArgumentParser) -> None:
+    """Set what runs; `servolink info` has no options of its own."""
+    parser.set_defaults(run=run_info)
+
+
+def run_info(args: argparse.Namespace) -> int:
+    """Ask for everything and print it."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        memory = await board.memory()
+        described = {
+            "url": board.url,
+            "project_id": await board.project_id(),
+            "has_unfinished_import": await board.has_unfinished_import(),
+            "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
+            "battery_percent": await board.battery(),
+            "servos": len(await board.servo_ids()),
+            "actions": len(await board.actions()),
+            "macros": len(await board.macros()),
+            "joystick_tables": len(await board.joystick_tables()),
+            "active_joystick_table": await board.active_joystick_table(),
+            "angle_unit": board.unit_of(ALL_SERVOS),
+            "round_trip_seconds": board.stats.round_trip(50),
+        }
+        if args.json:
+            print_json(described)
+        else:
+            print_table(_facts(described, memory.size, memory.total_size))
+        return OK
+
+    return run_with_board(args, talk)
+
+
+def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
+    active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
+    project_id = described["project_id"] or "none"
+    if described["has_unfinished_import"]:
+        project_id = "none: an import is unfinished"
+    return Table(
+        (),
+        [
+            ("board", described["url"]),
+            ("project id", project_id),
+            ("memory", f"{free:,} bytes free" + ("" if total is None else f" of {total:,}")),
+            ("battery", f"{described['battery_percent']} %"),
+            ("servos", described["servos"]),
+            ("actions", described["actions"]),
+            ("macros", described["macros"]),
+            ("joystick tables", f"{described['joystick_tables']}, active: {'none' if active is None else active}"),
+            ("angle unit", f"{described['angle_unit']}, which servolink sets before it reads or moves servos"),
+            ("round trip", f"{round_trip * 1000:.1f} ms" if isinstance(round_trip, float) else "unknown"),
+        ],
+    )

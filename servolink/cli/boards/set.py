@@ -1,0 +1,230 @@
+"""`servolink board set`: limits that no program can exceed, and what a user knows of a board.
+
+Limits are kept by servo id: a caption is looked up on the board when they are set. Otherwise nothing is opened.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.arguments import SERVO_NAME, SPEED, number
+from servolink.cli.boards.board import add_name, known_name, label, limit_rows, run_show, value_text
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.output import Table, print_error, print_table, print_text
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.errors import InvalidAddress, RequestTimeout, TransportError
+
+if TYPE_CHECKING:
+    from servolink.profiles.profile import BoardProfile, SafetyLimits
+
+_PAIR = re.compile(r"(-?[0-9.]+)\.\.(-?[0-9.]+)", re.ASCII)
+_UNSET = "unset"
+_ALL = "all"
+_ANGLE = number(-0x8000, 0x7FFF, "degrees")
+_COMMON = ("byte_order", "caption_encoding")  # settings whose options every command has
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board set`: one for each limit and setting."""
+    from servolink.profiles.profile import BoardSettings, fields_of
+    from servolink.profiles.store import in_shell
+
+    parser.set_defaults(run=run)
+    add_name(parser)
+    limits = parser.add_argument_group("limits, which programs can only tighten")
+    limits.add_argument(
+        "--angle",
+        action="append",
+        default=[],
+        type=_angle,
+        metavar="SERVO=LOW..HIGH",
+        help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in place of an "
+        "id is looked up on the board, and the id is kept",
+    )
+    limits.add_argument(
+        "--speed",
+        action="append",
+        default=[],
+        type=_speed,
+        metavar="SERVO=N",
+        help="most degrees per second of a servo, or of all=N; 3=unset and all=unset remove it",
+    )
+    limits.add_argument(
+        "--soft-start",
+        type=SPEED,
+        metavar="N",
+        help="most degrees per second of the first movement from an unknown pose",
+    )
+    settings = parser.add_argument_group("settings (and --byte-order, --caption-encoding)")
+    for name, (_, about) in fields_of(BoardSettings).items():
+        if name not in _COMMON:
+            option = f"--{name.replace('_', '-')}"
+            metavar = "NAME,..." if name == "unsupported" else "VALUE"
+            help_text = in_shell(f"{about.meaning} ({about.wanted})")
+            settings.add_argument(option, type=_setting(name), metavar=metavar, help=help_text)
+    settings.add_argument(
+        "--unset", action="append", default=[], type=_unsettable, metavar="NAME", help="forget a setting, or soft-start"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Change the profile and keep it. What a user sets is certain."""
+    from servolink.profiles.profile import BoardSettings
+
+    name, url = known_name(args)
+    given = {key: getattr(args, key) for key in BoardSettings.__struct_fields__ if getattr(args, key) is not None}
+    unset = dict.fromkeys(key for key in args.unset if key != "soft_start")
+    if not (given or args.unset or args.angle or args.speed or args.soft_start):
+        usage_error(args, "give at least one limit or setting")
+    if twice := sorted(given.keys() & unset.keys()):
+        usage_error(args, f"--{twice[0].replace('_', '-')} is set and unset")
+
+    async def main(interruption: Interruption) -> int:
+        return _set(args, name, given, unset, await _ids(args, name, url))
+
+    return run_interruptible(main, "nothing was set")
+
+
+async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int | str, int]:
+    """Return the id of each servo in `args`. Ask the board only if a caption is given.
+
+    Raise WrongBoard if it is another board than the one of this name: its ids would be others.
+    """
+    servos = [servo for servo, _ in (*args.angle, *args.speed) if servo != _ALL]
+    if all(isinstance(servo, int) for servo in servos):
+        return dict(zip(servos, servos, strict=True))
+    if url is None:
+        raise InvalidAddress(f"{name} has no address, so its captions are unknown; give ids in place of captions")
+
+    from servolink.client.connect import connect
+    from servolink.client.identity_guard import IdentityGuard
+    from servolink.client.names import servo_ids
+
+    try:
+        async with connect(
+            name, byte_order=args.byte_order, caption_encoding=args.caption_encoding, angle_unit=None
+        ) as board:
+            if board.profile is not None:
+                await IdentityGuard(board.connection, board.profile).refuse_another()
+            return dict(zip(servos, await servo_ids(board, servos), strict=True))
+    except (TransportError, RequestTimeout) as error:
+        raise type(error)(f"{error}; ids in place of captions need no board") from error
+
+
+def _set(
+    args: argparse.Namespace,
+    name: str,
+    given: dict[str, Any],
+    unset: dict[str, Any],
+    ids: Mapping[int | str, int],
+) -> int:
+    from msgspec.structs import replace
+
+    from servolink.profiles.profile import BY_HAND, BoardProfile, Evidence
+    from servolink.profiles.store import load_profile, save_profile
+
+    profile = load_profile(name) or BoardProfile()
+    evidence = {key: each for key, each in profile.evidence.items() if key not in unset}
+    now = datetime.now(UTC).replace(microsecond=0)
+    evidence |= {key: Evidence("certain", BY_HAND, now) for key in given}
+    changed = replace(
+        profile,
+        settings=replace(profile.settings, **given, **unset),
+        limits=_changed_limits(args, profile.limits, ids),
+        evidence=evidence,
+    )
+    path = save_profile(name, changed)
+    if missing := _missing_servos(changed):
+        print_error(f"servolink: {name} was learnt to have no servo {', '.join(map(str, missing))}")
+    if args.json:
+        return run_show(args)
+    print_text(f"{name} is set; kept in {path}")
+    for servo, servo_id in ids.items():
+        if isinstance(servo, str):
+            print_text(f"'{servo}' is servo {servo_id}; its limits are kept by this id")
+    rows = [*limit_rows(changed.limits), *((label(key), value_text(key, value)) for key, value in given.items())]
+    if rows:
+        print_table(Table((), rows))
+    return OK
+
+
+def _missing_servos(profile: BoardProfile) -> list[int]:
+    """Return the servos that have limits and are not on the board, if its servos are known."""
+    if profile.identity is None or profile.identity.servo_ids is None:
+        return []
+    return sorted({*profile.limits.angles, *profile.limits.speed_caps} - set(profile.identity.servo_ids))
+
+
+def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping[int | str, int]) -> SafetyLimits:
+    from servolink.profiles.profile import SafetyLimits
+
+    angles, caps, cap, soft_start = dict(limits.angles), dict(limits.speed_caps), limits.speed_cap, limits.soft_start
+    for servo, pair in args.angle:
+        _put(angles, ids[servo], pair)
+    for servo, speed in args.speed:
+        if servo == _ALL:
+            cap = speed
+        else:
+            _put(caps, ids[servo], speed)
+    if "soft_start" in args.unset:
+        soft_start = None
+    return SafetyLimits(angles=angles, speed_cap=cap, speed_caps=caps, soft_start=args.soft_start or soft_start)
+
+
+def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:
+    if value is None:
+        values.pop(servo_id, None)
+    else:
+        values[servo_id] = value
+
+
+def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
+    servo, value = _assigned(text)
+    if servo == _ALL:
+        raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
+    if value == _UNSET:
+        return SERVO_NAME(servo), None
+    if (pair := _PAIR.fullmatch(value)) is None:
+        raise argparse.ArgumentTypeError(f"must be like 3=20..160 or 3=unset, not {text!r}")
+    low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
+    if low > high:
+        raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
+    return SERVO_NAME(servo), (low, high)
+
+
+def _speed(text: str) -> tuple[int | str, float | None]:
+    servo, value = _assigned(text)
+    return SERVO_NAME(servo), None if value == _UNSET else SPEED(value)
+
+
+def _assigned(text: str) -> tuple[str, str]:
+    servo, equals, value = text.rpartition("=")  # a caption may contain `=`
+    if not equals:
+        raise argparse.ArgumentTypeError(f"must be SERVO=VALUE, not {text!r}")
+    return servo, value
+
+
+def _setting(name: str) -> Callable[[str], Any]:
+    """Return a type for the values of a setting."""
+    from servolink.profiles.store import setting_from_text
+
+    def read(text: str) -> Any:
+        try:
+            return setting_from_text(name, text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
+
+
+def _unsettable(text: str) -> str:
+    from servolink.profiles.profile import BoardSettings
+
+    name = text.replace("-", "_")
+    if name not in (*BoardSettings.__struct_fields__, "soft_start"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a setting; `servolink board show` lists them")
+    return name

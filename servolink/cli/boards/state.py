@@ -1,0 +1,184 @@
+"""`servolink board project-id`, `mode`, `memory`, `battery`, `clear` and `dummy`: settings of a connected board."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import whole_number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.output import Table, counted, print_json, print_table, print_text
+from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.errors import ProjectError
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+
+_DUMMY = bytes(range(16))
+
+
+def configure_project_id(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board project-id`."""
+    parser.set_defaults(run=run_project_id)
+    parser.add_argument("id", nargs="?", type=whole_number(0, 2**31 - 1), metavar="ID", help="write this one; 0: none")
+
+
+def run_project_id(args: argparse.Namespace) -> int:
+    """Print the project id, or write another one and read it back."""
+    from servolink.project.model import is_unfinished
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if args.id is not None:
+            await refuse_marker(board, args.id)
+            interruption.state = f"project id {args.id} may have been written"
+            await board.write_project_id(args.id)
+        project_id = await board.project_id()
+        if args.id is not None and project_id != args.id:
+            raise ProjectError(f"{board.url} accepted project id {args.id}, but reports {project_id}")
+        if args.json:
+            print_json({"project_id": project_id, "has_unfinished_import": await board.has_unfinished_import()})
+        else:
+            shown = "none: an import is unfinished" if is_unfinished(project_id) else project_id or "none"
+            print_text(f"project id {shown}")
+        return OK
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+async def refuse_marker(board: Board, project_id: int) -> None:
+    """Raise ProjectError if `project_id` would mark an unfinished import, or would hide one."""
+    from servolink.project.model import UNFINISHED, is_unfinished
+
+    if is_unfinished(project_id):
+        raise ProjectError(
+            f"project id {project_id} is reserved: {UNFINISHED.start} to {UNFINISHED.stop - 1} mean that an import is "
+            f"unfinished; {UNTOUCHED}"
+        )
+    if await board.has_unfinished_import():
+        raise ProjectError(f"{UNFINISHED_IMPORT}; another project id would hide it; {UNTOUCHED}")
+
+
+def configure_mode(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board mode`."""
+    parser.set_defaults(run=run_mode)
+    parser.add_argument(
+        "mode",
+        type=whole_number(0, 1),
+        metavar="0|1",
+        help="1: the protocol of servolink; 0: an older one, until a command sets 1 again",
+    )
+
+
+def run_mode(args: argparse.Namespace) -> int:
+    """Set the transmission mode."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        interruption.state = f"transmission mode {args.mode} may have been set"
+        await board.set_transmission_mode(args.mode)
+        if args.json:
+            print_json({"transmission_mode": args.mode})
+        else:
+            print_text(f"the board is in transmission mode {args.mode}")
+        return OK
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+def configure_memory(parser: argparse.ArgumentParser) -> None:
+    """Set what runs; `servolink board memory` has no options of its own."""
+    parser.set_defaults(run=run_memory)
+
+
+def run_memory(args: argparse.Namespace) -> int:
+    """Print the memory."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        memory = await board.memory()
+        if args.json:
+            print_json({"size_bytes": memory.size, "total_size_bytes": memory.total_size})
+        else:
+            total = "unknown" if memory.total_size is None else f"{memory.total_size:,} bytes"
+            print_table(Table((), [("free", f"{memory.size:,} bytes"), ("in all", total)]))
+        return OK
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+def configure_battery(parser: argparse.ArgumentParser) -> None:
+    """Set what runs; `servolink board battery` has no options of its own."""
+    parser.set_defaults(run=run_battery)
+
+
+def run_battery(args: argparse.Namespace) -> int:
+    """Print the charge."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        percent = await board.battery()
+        if args.json:
+            print_json({"battery_percent": percent})
+        else:
+            print_text(f"{percent} %")
+        return OK
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+def configure_clear(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board clear`."""
+    parser.set_defaults(run=run_clear)
+    parser.add_argument("--no-backup", action="store_true", help="save no backup; what is deleted is lost")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+
+
+def run_clear(args: argparse.Namespace) -> int:
+    """Delete everything, after a backup, and read back that nothing is left."""
+    from servolink.cli.projects.apply import BoardImport
+    from servolink.cli.stored.change import show_changes
+    from servolink.project.model import Project
+
+    refuse_without_answer(args)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(Project(), replace=True, on_progress=on_progress)
+
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            backup = not args.no_backup
+            return await board.apply_project(Project(), replace=True, backup=backup, on_progress=on_progress)
+
+        way_out = "without a backup nothing can undo it" if args.no_backup else "`servolink rollback` undoes it"
+        ways_out = f"the same command finishes it; {way_out}"
+        clearing = BoardImport(args, board, interruption, ways_out, show=show_changes, ask=_question)
+        return await clearing.run(plan, work)
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+def _question(plan: Plan) -> str:
+    return f"delete everything stored on the board ({counted(len(plan.changes), 'change')})?"
+
+
+def configure_dummy(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink board dummy`."""
+    parser.set_defaults(run=run_dummy)
+    parser.add_argument("data", nargs="?", metavar="HEX", help=f"which bytes, at most 65,535 ({_DUMMY.hex()})")
+
+
+def run_dummy(args: argparse.Namespace) -> int:
+    """Send bytes, and return when the board answers another request."""
+    try:
+        data = _DUMMY if args.data is None else bytes.fromhex(args.data)
+    except ValueError:
+        usage_error(args, "HEX must be hex digits in pairs, such as 00ff")
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        await board.send_dummy_data(data)
+        await board.servo_ids()  # so that they have left, and the board is seen to go on
+        if args.json:
+            print_json({"bytes": len(data)})
+        else:
+            print_text(f"{counted(len(data), 'byte')} sent; the board ignored them")
+        return OK
+
+    return run_with_board(args, talk, state=UNTOUCHED)

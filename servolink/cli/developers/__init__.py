@@ -1,0 +1,1 @@
+"""Commands for developers: virtual boards, packets and measurements, and the demo."""

@@ -1,0 +1,80 @@
+"""`servolink bench`: how fast the board responds."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from servolink.cli.arguments import whole_number
+from servolink.cli.main import OK
+from servolink.cli.screen.live import counting
+from servolink.cli.screen.output import Table, print_json, print_table, print_text
+from servolink.cli.session import Interruption, run_with_board
+from servolink.client.board import Board
+from servolink.protocol.editing import QueryActionListRequest
+from servolink.protocol.packet import Query
+from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
+from servolink.protocol.settings import QueryMemorySizeRequest
+
+_QUERIES: tuple[tuple[str, Query[Any]], ...] = (
+    ("shortest response: free memory", QueryMemorySizeRequest()),
+    ("state of all servos", QueryServoRequest(ALL_SERVOS)),
+    ("list of actions", QueryActionListRequest()),
+)
+_PERCENTILES = (50, 90, 99)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink bench`."""
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--requests", type=whole_number(1, 100_000), default=200, metavar="N", help="how many of each kind (200)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure each kind of query in turn; nothing on the board is changed."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        results = []
+        for what, query in _QUERIES:
+            with counting(what, args.requests) as count:
+                results.append(await _measure(board, query, args.requests, count))
+        stats = board.stats.as_dict()
+        if args.json:
+            print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
+            return OK
+        rows = [
+            (
+                what,
+                round(result["requests_per_second"]),
+                result["bytes_per_second"],
+                # None if every response came late, when the query had been sent again.
+                *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
+            )
+            for (what, _), result in zip(_QUERIES, results, strict=True)
+        ]
+        percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
+        print_table(Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind"))
+        print_text(f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}")
+        return OK
+
+    return run_with_board(args, talk)
+
+
+async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> dict[str, Any]:
+    loop = asyncio.get_running_loop()
+    board.stats.round_trips.clear()
+    received, start = board.stats.bytes_received, loop.time()
+    for _ in range(requests):
+        await board.request(query)
+        count()
+    seconds = max(loop.time() - start, 1e-9)
+    return {
+        "request": type(query).__name__,
+        "requests_per_second": round(requests / seconds, 1),
+        "bytes_per_second": round((board.stats.bytes_received - received) / seconds),
+        "round_trip_seconds": {f"p{percent}": board.stats.round_trip(percent) for percent in _PERCENTILES},
+    }

@@ -1,0 +1,108 @@
+"""`servolink request`: any request of the protocol, with the limits, questions and backups of the other commands."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from typing import Any
+
+from servolink.cli.boards.state import refuse_marker
+from servolink.cli.developers.packets import lines_for, parse_object
+from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.motion.move import limits_of
+from servolink.cli.screen.live import shown_progress
+from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
+from servolink.client.board import Board
+from servolink.errors import EncodeError
+from servolink.project.transfer.backups import BackupStore
+from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest
+from servolink.protocol.json_form import packet_from_json, packet_to_json
+from servolink.protocol.packet import Command, Packet, Request, Result
+from servolink.protocol.record_types import RECORD_TYPES
+from servolink.protocol.servos import SetServoParameterRequest
+from servolink.protocol.settings import ClearAllDataRequest
+
+_DELETES: tuple[type[Packet], ...] = (ClearAllDataRequest, *(kind.delete_class for kind in RECORD_TYPES))
+_OVERWRITES: tuple[type[Packet], ...] = (
+    *_DELETES,
+    AddServoParameterRequest,
+    *(kind.add_class for kind in RECORD_TYPES),
+)
+"""Requests after which something that is on the board may be gone."""
+
+
+def run(args: argparse.Namespace) -> int:
+    """Send the packet and print the response. Return 1 if the board refuses."""
+    packet = _packet(args)
+    limits = limits_of(args)
+    question = _question(packet)
+    if question and not args.yes and (args.json or not can_ask()):
+        usage_error(args, f"{question}; --yes does so without asking")
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if isinstance(packet, WriteProjectIDRequest):
+            await refuse_marker(board, packet.project_id)
+        if question and not args.yes and not await confirm(f"{question}. Send it?"):
+            print_error(f"servolink: {interruption.state}")
+            return FAILED
+        if isinstance(packet, _OVERWRITES) and not args.no_backup:
+            await _save(board, args)
+        name = type(packet).__name__
+        interruption.state = f"{name} may have been sent"
+        if isinstance(packet, Command):
+            await board.send(packet)
+            _print(args, {"sent": name}, f"{name} was sent; boards do not answer it")
+            return OK
+        request: Any = packet
+        response = await board.request(request)
+        interruption.state = f"{name} was answered"
+        described = packet_to_json(response)
+        _print(args, described, *lines_for(described))
+        return FAILED if isinstance(response, Result) and not response.result else OK
+
+    return run_with_board(args, talk, state=UNTOUCHED, **limits)
+
+
+def _packet(args: argparse.Namespace) -> Any:
+    """Return the packet of the command line. Raise EncodeError if boards take no such packet."""
+    try:
+        value = parse_object(args.object.encode("utf-8", "surrogateescape"))
+    except EncodeError as error:
+        raise EncodeError(f"the packet {error}") from error
+    if isinstance(value, dict) and len(value) == 1 and not value.keys() & {"packet", "id"}:
+        [(name, fields)] = value.items()
+        value = {"packet": name, "fields": fields}
+    packet = packet_from_json(value)
+    if not isinstance(packet, Request | Command):
+        raise EncodeError(f"{type(packet).__name__} comes from a board; give a request")
+    return packet
+
+
+def _question(packet: Packet) -> str:
+    """Return what to ask before `packet` is sent; empty if nothing is lost by it."""
+    if isinstance(packet, ClearAllDataRequest):
+        return "this deletes everything stored on the board"
+    if isinstance(packet, _DELETES):
+        return "this deletes a record from the board"
+    if isinstance(packet, SetServoParameterRequest) and not packet.is_hold:
+        return "released servos are limp, and raised limbs fall"
+    return ""
+
+
+async def _save(board: Board, args: argparse.Namespace) -> None:
+    """Save what is on the board in a backup, and say where."""
+    with shown_progress(board, quiet=args.json) as on_progress:
+        project = await board.export_project(on_progress=on_progress)
+    path = await asyncio.to_thread(BackupStore().keep, project, board.url, board.codec.caption_encoding)
+    number = int(path.name.partition("-")[0])
+    print_error(f"servolink: the content before is saved in {path}; `servolink rollback {number}` restores it")
+
+
+def _print(args: argparse.Namespace, described: dict[str, Any], *lines: str) -> None:
+    if args.json:
+        print_json(described)
+    else:
+        for line in lines:
+            print_text(line)

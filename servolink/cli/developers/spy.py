@@ -1,0 +1,285 @@
+"""`servolink spy`: look on while another program uses a board, and say what was learnt of it."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import shutil
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.arguments import listening, new_file, not_empty, whole_number
+from servolink.cli.developers.packets import lines_for
+from servolink.cli.main import NO_BOARD, OK, fail, usage_error
+from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text, text_width
+from servolink.cli.screen.terminal import end_process
+from servolink.errors import ConnectionLost
+from servolink.escaping import escape
+from servolink.platforms.signals import handled
+from servolink.protocol.json_form import packet_to_json
+from servolink.spy.learning import Passed
+
+if TYPE_CHECKING:
+    from servolink.recorder.channels import Direction
+    from servolink.spy.learning import Learner, Passed
+    from servolink.spy.recording import SpyRecording
+    from servolink.spy.relay import Relay
+    from servolink.transports.stream import StreamTransport
+
+_PATIENCE = 2.0  # seconds, at the end, for what has not been looked at
+_SWITCH = 0.0002  # seconds for which the thread that looks on may keep the relay waiting
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink spy`."""
+    parser.set_defaults(run=run)
+    parser.description = (
+        "Stand between a board and any other program: pass every byte on unchanged, show the packets in them, and say "
+        "at the end what they tell about the board. Nothing else is sent.\n\n"
+        "Ctrl-C is its normal end, with exit code 0."
+    )
+    parser.add_argument("port", type=not_empty, metavar="PORT", help="serial port or TCP address of the board")
+    side = parser.add_mutually_exclusive_group()
+    side.add_argument(
+        "--pty",
+        nargs="?",
+        const="",
+        metavar="LINK",
+        help="make a serial port for the program, and link to it at LINK (the default)",
+    )
+    side.add_argument("--tcp", type=listening, metavar="HOST:PORT", help="serve the program over TCP instead")
+    parser.add_argument(
+        "--baudrate",
+        type=whole_number(50, 12_000_000),
+        metavar="N",
+        help="of the board's port (with --pty the one that the program sets, 115200 at first)",
+    )
+    parser.add_argument("--record", type=new_file, metavar="FILE", help="record to a new file, such as out.mcap")
+    parser.add_argument("--quiet", action="store_true", help="show no packets, only what was learnt")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look on until Ctrl-C, or until the board is gone."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(_SWITCH)
+    try:
+        return asyncio.run(_spy(args))
+    finally:
+        sys.setswitchinterval(before)
+
+
+async def _spy(args: argparse.Namespace) -> int:
+    from servolink.spy.learning import Learner
+    from servolink.spy.recording import SpyRecording
+    from servolink.spy.relay import Relay
+    from servolink.spy.watching import Watcher
+
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    board = await _board(args)
+    encoding = args.caption_encoding or "utf-8"
+    recording = SpyRecording(args.record, board.url, encoding, loop.time) if args.record else None
+    learner = Learner(encoding)
+    watcher = Watcher(learner, _shown(args, learner, recording))
+
+    def tap(seconds: float, direction: Direction, data: bytes) -> None:
+        if recording is not None:
+            recording.take(seconds, direction, data)
+        watcher.take(seconds, direction, data)
+
+    relay = Relay(board, tap)
+    is_open, error = False, None
+    with handled(stop.set, again=lambda: end_process(OK)):
+        try:
+            async with AsyncExitStack() as stack:
+                stack.push_async_callback(relay.close)
+                await relay.open()
+                is_open = True
+                url = await stack.enter_async_context(_program_side(args, relay, board))
+                _print_place(url, as_json=args.json)
+                error = await _until(stop, relay)
+        finally:
+            await asyncio.to_thread(watcher.end, _PATIENCE)
+            if is_open:
+                await _report(args, learner, recording, overlooked=watcher.overlooked)
+    if watcher.failure is not None:
+        raise watcher.failure
+    return fail(error, NO_BOARD) if error is not None else OK
+
+
+async def _board(args: argparse.Namespace) -> StreamTransport:
+    """Return the transport to the board, not opened yet."""
+    from servolink.discovery.names import resolve_url
+    from servolink.transports.registry import create
+    from servolink.transports.serial import SerialTransport
+    from servolink.transports.stream import StreamTransport
+
+    board = create(await resolve_url(args.port, through_hub=False))
+    if not isinstance(board, StreamTransport):
+        usage_error(args, f"argument PORT: {board.url} is neither a serial port nor tcp://HOST:PORT")
+    if args.baudrate is not None:
+        if not isinstance(board, SerialTransport):
+            usage_error(args, f"argument --baudrate: {board.url} has none")
+        board.set_baudrate(args.baudrate)
+    return board
+
+
+@asynccontextmanager
+async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTransport) -> AsyncIterator[str]:
+    """Make the place where the program connects; yield its URL."""
+    from servolink.listeners import host_and_port, linked_terminal
+    from servolink.spy.network import NetworkSide, serve_program
+
+    def told(is_there: bool) -> None:  # noqa: FBT001 - a callback
+        print_error(f"servolink: a program has {'connected' if is_there else 'gone'}")
+
+    if args.tcp:
+        network = NetworkSide(relay, told)
+        relay.join(network)
+        async with serve_program(network, *host_and_port(args.tcp)) as url:
+            yield url
+        return
+    from servolink.spy.terminal import TerminalSide
+
+    terminal = TerminalSide(relay, board.baudrate or 115_200, lambda baudrate: _follow(args, board, baudrate), told)
+    relay.join(terminal)
+    try:
+        if args.pty:
+            with linked_terminal(Path.cwd() / args.pty, terminal.name) as link:
+                yield f"serial://{link}"
+        else:
+            yield f"serial://{terminal.name}"
+    finally:
+        terminal.close()
+
+
+def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> None:
+    """Set the board's port to the baud rate that the program has set on its own."""
+    if args.baudrate is not None:
+        return
+    if board.set_baudrate(baudrate):
+        print_error(f"servolink: the program has set {baudrate} baud, and so has the board's port now")
+    else:
+        print_error(f"servolink: the program has set {baudrate} baud, which the board's port cannot have")
+
+
+def _shown(args: argparse.Namespace, learner: Learner, recording: SpyRecording | None) -> Callable[[Passed], None]:
+    """Return what is done with each packet, on the thread that looks on."""
+    lines = Lines(as_json=args.json)
+
+    def show(passed: Passed) -> None:
+        if recording is not None and not recording.has_begun and (order := args.byte_order or learner.byte_order):
+            recording.begin(order)
+        if not args.quiet:
+            lines.show(passed)
+
+    return show
+
+
+async def _until(stop: asyncio.Event, relay: Relay) -> ConnectionLost | None:
+    """Return when `stop` is set, or with the cause when the board is gone."""
+    stopped, lost = asyncio.ensure_future(stop.wait()), asyncio.ensure_future(relay.until_lost())
+    try:
+        await asyncio.wait((stopped, lost), return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        stopped.cancel()
+        lost.cancel()
+    return lost.result() if lost.done() and not lost.cancelled() else None
+
+
+async def _report(
+    args: argparse.Namespace, learner: Learner, recording: SpyRecording | None, *, overlooked: int
+) -> None:
+    """Print what was learnt, and write it at the end of the recording."""
+    from servolink.cli.recordings.record_view import status_json, summary
+    from servolink.spy.verdict import verdict
+
+    facts = verdict(learner)
+    status = None
+    if recording is not None and learner.size:
+        status = await recording.end("; ".join(f"{fact.name}: {fact.text}" for fact in facts))
+    if args.json:
+        learnt = {fact.name: fact.value for fact in facts}
+        print_json({"learnt": learnt, "overlooked": overlooked, "recording": status and status_json(status)})
+        return
+    print_text("")
+    print_table(Table((), [(fact.name.replace("_", " "), fact.text) for fact in facts], "what was learnt"))
+    if overlooked:
+        print_error(f"servolink: {overlooked:,} bytes were passed on but not looked at: the output was too slow")
+    if status is not None:
+        print_text(summary(status, is_ring=False))
+
+
+def _print_place(url: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"listening": url})
+    else:
+        print_text(f"listening {url}")
+    if url.startswith("tcp://"):
+        host = url.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+        who = "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
+        print_error(f"servolink: {url} is open to {who}")
+
+
+_WHO = {"sent": "program", "received": "board"}
+_LONGEST = 400  # characters of a line where nothing limits it
+_SHOWN = 16  # bytes of anything but a packet
+
+
+class Lines:
+    """Shows what passes, one after the other."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        """Start; times count from the first."""
+        self._as_json = as_json
+        self._start: float | None = None
+
+    def show(self, passed: Passed) -> None:
+        """Print a line, or with JSON an object."""
+        if self._start is None:
+            self._start = passed.seconds
+        seconds = passed.seconds - self._start
+        if self._as_json:
+            print_json({"seconds": round(seconds, 6), "from": _WHO[passed.direction], **_described(passed)})
+        else:
+            line = f"{seconds:9.3f}  {_WHO[passed.direction]:7}  {_text(passed)}"
+            print_text(cut(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
+
+
+def _described(passed: Passed) -> dict[str, Any]:
+    seen = passed.seen
+    if passed.packet is not None:
+        return {**packet_to_json(passed.packet), "byte_order": seen.byte_order}
+    if seen.kind == "noise":
+        return {"kind": "noise", "bytes": seen.data.hex()}
+    kind = "undecodable" if seen.kind == "packet" else seen.kind
+    return {"kind": kind, "id": seen.packet_id, "byte_order": seen.byte_order, "bytes": seen.data.hex()}
+
+
+def _text(passed: Passed) -> str:
+    seen = passed.seen
+    if passed.packet is not None:
+        return lines_for(packet_to_json(passed.packet))[0]
+    shown = seen.data[:_SHOWN].hex() + ("..." if len(seen.data) > _SHOWN else "")
+    if seen.kind == "noise":
+        return f"{len(seen.data)} bytes outside of frames: {shown}"
+    if seen.kind == "damaged":
+        return f"packet {seen.packet_id} with a wrong checksum: {shown}"
+    if seen.kind == "packet":
+        return f"packet {seen.packet_id} whose content contradicts itself: {shown}"
+    return f"unknown packet {seen.packet_id} ({seen.byte_order}), {len(seen.content)} bytes: {shown}"
+
+
+def cut(line: str, columns: int) -> str:
+    """Return the beginning of a line that fits into so many columns."""
+    if text_width(line) <= columns:
+        return line
+    used, end = 3, 0  # the dots
+    for end, character in enumerate(line):  # noqa: B007 - where it ends
+        used += text_width(character)
+        if used > columns:
+            break
+    return line[:end] + "..."

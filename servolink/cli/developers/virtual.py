@@ -1,0 +1,236 @@
+"""`servolink virtual`: a virtual board for other programs, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+from servolink.cli.arguments import listening, whole_number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.live import can_draw
+from servolink.cli.screen.output import print_error
+from servolink.cli.screen.terminal import single_keys
+from servolink.discovery.announcements import announced
+from servolink.errors import TransportUnavailable
+from servolink.files import MIB, read_file, reason
+from servolink.platforms.pseudo_terminals import AVAILABLE
+from servolink.platforms.signals import not_ignored
+from servolink.protocol.codec import Codec
+from servolink.transports.device_info import DeviceInfo
+from servolink.transports.faults import Faults
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
+from servolink.virtual.script import HELP, ButtonChange, Event, Keys, Push, parse_script
+from servolink.virtual.serve import serve
+from servolink.virtual.state_file import StateFile
+from servolink.virtual.transport import StateSaver
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink virtual`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\nCtrl-C is its normal end, with exit code 0."
+    parser.add_argument(
+        "--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"
+    )
+    parser.add_argument("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one")
+    parser.add_argument(
+        "--usbip", metavar="HOST:PORT", type=listening, help="export a USB device over USB/IP; its usual port is 3240"
+    )
+    parser.add_argument(
+        "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"
+    )
+    parser.add_argument(
+        "--seed",
+        type=whole_number(-(2**63), 2**63 - 1),
+        default=0,
+        metavar="N",
+        help="boards with the same number differ in nothing (0)",
+    )
+    parser.add_argument(
+        "--faults",
+        type=_faults,
+        metavar="NAME=VALUE,...",
+        help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
+    )
+    parser.add_argument(
+        "--state", type=_state, metavar="FILE", help="load what is stored from it, and save every change to it"
+    )
+    parser.add_argument(
+        "--script",
+        type=_script,
+        default=[],
+        metavar="FILE",
+        help="what people do to the board, such as: 1.5 press 3",
+    )
+    _add_kind(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C or SIGTERM."""
+    board = VirtualBoard(
+        args.servos,
+        args.seed,
+        Codec(args.byte_order or "little", args.caption_encoding or "utf-8"),
+        BoardKind(**{option.name: getattr(args, option.name) for option in OPTIONS}),
+    )
+    pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
+    if unknown := sorted(pushed - board.servos.keys()):
+        usage_error(args, f"--script pushes servo {unknown[0]}, and the board has {args.servos} servos")
+    with StateFile(board, args.state) if args.state else nullcontext() as file:
+        try:
+            asyncio.run(_serve(board, args, file))
+        finally:
+            if file is not None:
+                file.save()
+    print_error(f"ended: what the board stores is {f'kept in {args.state}' if args.state else 'gone'}")
+    return OK
+
+
+async def _serve(board: VirtualBoard, args: argparse.Namespace, file: StateFile | None) -> None:
+    stop = _stop_on_signals()
+    is_chosen = args.pty or args.tcp or args.usbip
+    pty = args.pty or (AVAILABLE and not is_chosen)
+    tcp = args.tcp or (None if pty or is_chosen else "127.0.0.1:0")
+    if file is not None:
+        StateSaver(board, file)  # until the loop ends
+    async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
+        with _announced(urls, board), _playing(board, args.script), _keyboard(board):
+            for url in urls:
+                print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
+            async with _shown(board, urls) if not args.json and can_draw() else nullcontext():
+                await stop.wait()
+
+
+def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[None]:
+    from servolink.cli.screen.virtual_view import shown
+
+    return shown(board, urls)
+
+
+def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:
+    """Announce the board, so that `servolink list` finds it: once, at the address for several hosts if there is one."""
+    reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
+    if not reachable:
+        return nullcontext()
+    url = reachable[0] if board.codec.byte_order == "little" else f"{reachable[0]}?byte_order={board.codec.byte_order}"
+    return announced(DeviceInfo(url, f"virtual board with {len(board.servos)} servos"))
+
+
+def _stop_on_signals() -> asyncio.Event:
+    """Return the event that Ctrl-C, SIGTERM and a closed terminal set, unless they are ignored.
+
+    The handlers stay until the program ends, so that a second signal does not keep the board from being saved.
+    """
+    loop, stop = asyncio.get_running_loop(), asyncio.Event()
+
+    def end(*_: object) -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(stop.set)
+
+    for number in not_ignored():
+        signal.signal(number, end)
+    return stop
+
+
+@contextmanager
+def _playing(board: VirtualBoard, events: Iterable[Event]) -> Iterator[None]:
+    """Play the events of a script, with times from now on."""
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    timers = [loop.call_at(start + event.at, _apply, board, event) for event in events]
+    try:
+        yield
+    finally:
+        for timer in timers:
+            timer.cancel()
+
+
+def _apply(board: VirtualBoard, event: Event) -> None:
+    now = asyncio.get_running_loop().time()
+    if isinstance(event, Push):
+        if board.servos[event.servo_id].is_hold:
+            print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
+        board.push_servo(event.servo_id, event.degree, now)
+    elif not isinstance(event, ButtonChange):
+        board.power_cycle(now)
+    elif event.down:
+        board.press_button(event.button_id, now)
+    else:
+        board.release_button(event.button_id, now)
+
+
+@contextmanager
+def _keyboard(board: VirtualBoard) -> Iterator[None]:
+    """Press buttons and the power switch with keys, if standard input is a terminal."""
+    keys = Keys()
+
+    def typed(text: str) -> None:
+        for event in keys.typed(text):
+            asyncio.get_running_loop().call_later(event.at, _apply, board, event)
+
+    with single_keys(typed) as there:
+        if there:
+            print(HELP, file=sys.stderr, flush=True)
+        yield
+
+
+def _add_kind(parser: argparse.ArgumentParser) -> None:
+    """Add an option for everything in which boards differ."""
+    group = parser.add_argument_group("kind of board")
+    for option in OPTIONS:
+        flag = "--" + option.name.replace("_", "-")
+        if option.is_flag:
+            group.add_argument(flag, action="store_true", help=option.meaning)
+        else:
+            group.add_argument(
+                flag,
+                type=_kind_type(option),
+                default=option.default,
+                metavar=option.unit,
+                help=f"{option.meaning} ({option.default_text})",
+            )
+
+
+def _kind_type(option: KindOption) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        try:
+            return option.read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
+
+
+def _faults(text: str) -> Faults:
+    try:
+        return Faults.parse(text)
+    except TransportUnavailable as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _state(text: str) -> Path:
+    """Return the path. Check now that saving will be possible, as nothing is lost yet."""
+    path = Path(text)
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} does not exist; create it, or take another name")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} cannot be written; take another one")
+    return path
+
+
+def _script(text: str) -> list[Event]:
+    try:
+        return parse_script(read_file(Path(text), MIB).decode())
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text}: {reason(error)}") from None

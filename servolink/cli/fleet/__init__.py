@@ -1,0 +1,1 @@
+"""Commands of a fleet: many boards, through an MQTT broker."""

@@ -1,0 +1,154 @@
+"""`servolink fleet list`: who is there."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.arguments import not_empty
+from servolink.cli.fleet.broker import add_broker, fleet_of
+from servolink.cli.main import FAILED, NO_BOARD, OK, fail
+from servolink.cli.screen.output import Table, counted, print_json, print_table, print_text
+from servolink.cli.screen.terminal import confirm
+from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
+
+if TYPE_CHECKING:
+    from servolink.fleet.roster import BoardSeen
+
+NOBODY = "no board has joined this broker under this prefix: run `servolink fleet join` on the machine of a board"
+
+
+def configure_list(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet list`."""
+    parser.set_defaults(run=run_list)
+    add_broker(parser)
+
+
+def run_list(args: argparse.Namespace) -> int:
+    """Print every board that the broker knows; return 0 if one is connected."""
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args) as fleet:
+            boards = await fleet.list()
+        if args.json:
+            print_json({"boards": [described(seen) for seen in boards]})
+        elif boards:
+            print_table(table_of(boards))
+            for text in problems_of(boards):
+                print_text(text, "yellow")
+        if any(seen.is_online for seen in boards):
+            return OK
+        return NO_BOARD if args.json or boards else fail(NOBODY, NO_BOARD)
+
+    return run_interruptible(main, "nothing was changed")
+
+
+def described(seen: BoardSeen) -> dict[str, Any]:
+    """Return what is known of a board, for programs."""
+    import msgspec
+
+    now = {} if seen.now is None else msgspec.to_builtins(seen.now)
+    return {**now, "board": seen.name, "is_online": seen.is_online, "unreadable": seen.problem or None}
+
+
+def state_of(seen: BoardSeen) -> str:
+    """Return how a board is, in a word."""
+    if not seen.is_online:
+        return "offline"
+    if seen.now is None:
+        return "unknown"
+    return "ready" if seen.now.connection == "connected" else f"board {seen.now.connection}"
+
+
+def battery_of(seen: BoardSeen) -> str:
+    """Return the charge of the battery as text, empty if it is unknown."""
+    percent = seen.now and seen.now.battery_percent
+    return "" if percent is None else f"{percent:g} %"
+
+
+def table_of(boards: Sequence[BoardSeen]) -> Table:
+    """Return a row for each board, with the columns in which there is something."""
+    nows = [seen.now for seen in boards]
+    columns: dict[str, list[object]] = {
+        "board": [seen.name for seen in boards],
+        "state": [state_of(seen) for seen in boards],
+        "battery": [battery_of(seen) or None for seen in boards],
+        "may": [now and now.allow for now in nows],
+        "servos": [now and now.servos for now in nows],
+        "moved by": [now and now.lease for now in nows],
+        "version": [now and now.version for now in nows],
+        "machine": [now and now.host for now in nows],
+    }
+    shown = {name: cells for name, cells in columns.items() if any(cells)}
+    return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
+
+
+def problems_of(boards: Iterable[BoardSeen]) -> list[str]:
+    """Return what is wrong, a line each."""
+    found = []
+    for seen in boards:
+        problems = seen.now.problems if seen.now is not None and seen.is_online else ()
+        found += [f"{seen.name}: {text}" for text in (seen.problem, *problems) if text]
+    return found
+
+
+def configure_doctor(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet doctor`."""
+    parser.set_defaults(run=run_doctor)
+    add_broker(parser)
+
+
+def run_doctor(args: argparse.Namespace) -> int:
+    """Examine the fleet; return 0 if nothing is wrong, else 1."""
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args) as fleet:
+            findings = await fleet.doctor()
+            online, known = len(fleet.controller.roster.online), len(fleet.controller.roster)
+        if args.json:
+            found = [{"about": one.about, "observation": one.observation, "remedy": one.remedy} for one in findings]
+            print_json({"boards": known, "online": online, "findings": found})
+        else:
+            print_text(f"the broker answers; {online} of {counted(known, 'board')} connected")
+            for number, one in enumerate(findings, 1):
+                print_text("")
+                print_text(f"{number}. {one.about}", "bold")
+                print_table(Table((), [("observation", one.observation), ("remedy", one.remedy)]))
+            if not findings:
+                print_text("nothing is wrong")
+        return FAILED if findings else OK
+
+    return run_interruptible(main, "nothing was changed")
+
+
+_UNCHANGED = "nothing was forgotten"
+
+
+def configure_forget(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet forget`."""
+    parser.set_defaults(run=run_forget)
+    parser.add_argument("boards", nargs="+", type=not_empty, metavar="BOARD", help="name of a board that is offline")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+    add_broker(parser)
+
+
+def run_forget(args: argparse.Namespace) -> int:
+    """Remove what the broker keeps of boards that are offline, after asking."""
+    refuse_without_answer(args)
+    boards = list(dict.fromkeys(args.boards))
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args) as fleet:
+            if not args.yes and not await confirm(f"forget {', '.join(boards)} until they join again?"):
+                print_text(_UNCHANGED)
+                return FAILED
+            interruption.state = "some boards may be forgotten"
+            await fleet.forget(*boards)
+        if args.json:
+            print_json({"forgotten": boards})
+        else:
+            print_text(f"forgotten: {', '.join(boards)}")
+        return OK
+
+    return run_interruptible(main, _UNCHANGED)

@@ -1,0 +1,150 @@
+"""`servolink fleet join`: the boards of this machine take part in a fleet, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import os
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import add_timeout, board_name, file_path, not_empty, number
+from servolink.cli.fleet.broker import BROKER_VARIABLE, access_of, add_access
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.live import can_draw, staying_line
+from servolink.cli.screen.output import counted, print_error, print_json, print_text, text_width
+from servolink.cli.session import ENDLESS, Interruption, run_interruptible
+from servolink.errors import TransportUnavailable, install_extra
+from servolink.escaping import escape
+
+if TYPE_CHECKING:
+    from servolink.fleet.join import Fleet, Here
+
+_MOST_HZ = 100.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet join`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
+    parser.add_argument(
+        "broker",
+        nargs="?",
+        type=not_empty,
+        metavar="URL",
+        help=f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE})",
+    )
+    parser.add_argument(
+        "boards", nargs="*", type=not_empty, metavar="BOARD", help="names or addresses (all that are here)"
+    )
+    parser.add_argument(
+        "--name", type=board_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"
+    )
+    parser.add_argument(
+        "--policy",
+        type=file_path,
+        metavar="FILE",
+        help="what may be done from afar (fleet.toml in the user's config folder)",
+    )
+    parser.add_argument(
+        "--hz",
+        type=number(0.0, _MOST_HZ, "times a second"),
+        default=10.0,
+        metavar="N",
+        help="how often the servos are sent; 0 for never (10)",
+    )
+    group = parser.add_argument_group("Home Assistant")
+    group.add_argument("--home-assistant", action="store_true", help="have Home Assistant find the boards")
+    group.add_argument("--numbers", action="store_true", help="let it set the angle of each servo, too")
+    group.add_argument(
+        "--discovery-prefix", type=not_empty, metavar="TEXT", help="where it looks for devices (homeassistant)"
+    )
+    add_timeout(parser, None, "how long to wait for each response of a board, 3 unless given")
+    add_access(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Join until Ctrl-C or SIGTERM."""
+    broker = args.broker or os.environ.get(BROKER_VARIABLE)
+    if not broker:
+        usage_error(args, f"which broker? Name one, as in mqtt://teacher.local, or set {BROKER_VARIABLE}")
+
+    if (args.numbers or args.discovery_prefix) and not args.home_assistant:
+        usage_error(args, "--numbers and --discovery-prefix belong to --home-assistant")
+
+    async def main(interruption: Interruption) -> int:
+        return await _join(args, broker, interruption)
+
+    try:
+        return run_interruptible(main, "nothing was sent to the boards")
+    except ValueError as error:
+        usage_error(args, str(error))
+
+
+async def _join(args: argparse.Namespace, broker: str, interruption: Interruption) -> int:
+    """Serve until the task is cancelled."""
+    try:
+        from servolink.fleet.join import Fleet, boards_here
+    except ModuleNotFoundError as error:
+        raise TransportUnavailable(f"servolink fleet needs aiomqtt; {install_extra('fleet')}") from error
+    from servolink.fleet import home_assistant
+    from servolink.fleet.policy import load_fleet_file
+    from servolink.fleet.topics import PREFIX, Topics
+
+    topics, policies = Topics(args.prefix or PREFIX), load_fleet_file(args.policy)
+    where = Topics(args.discovery_prefix or home_assistant.PREFIX).prefix
+    found_by = home_assistant.HomeAssistant(where, args.numbers) if args.home_assistant else None
+    access = await asyncio.to_thread(access_of, args, broker)
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    async with AsyncExitStack() as stack:
+        here = await stack.enter_async_context(boards_here(args.boards, args.name, **options))
+        interruption.state, interruption.code = "the boards were left as they are", OK
+        fleet = Fleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
+        if not args.json and can_draw():
+            address = str(access.address)
+            show = await stack.enter_async_context(staying_line(lambda width: _status_line(fleet, address, width)))
+            fleet.on_line = lambda level, text: show(text, "" if level == "info" else "yellow")
+        else:
+            fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
+
+        def joined() -> None:
+            _print_joined(fleet, here, str(access.address), topics.prefix, as_json=args.json)
+            gc.freeze()  # what is there stays: to look through it takes longer than to start the boards of a machine
+
+        await fleet.join(here, joined)
+    return OK
+
+
+def _print_joined(fleet: Fleet, here: list[Here], broker: str, prefix: str, *, as_json: bool) -> None:
+    for (hub, name), bridge in zip(here, fleet.bridges, strict=True):
+        allow = bridge.telemetry.now.allow
+        if as_json:
+            print_json(
+                {"joined": name, "hub": f"share://{hub}", "broker": broker, "topic": f"{prefix}/{name}", "allow": allow}
+            )
+        else:
+            print_text(f"joined {name} (share://{hub}) at {broker} as {prefix}/{name}: {_ALLOWED[allow]}")
+
+
+_ALLOWED = {
+    "watch": "others may watch and stop it",
+    "run": "others may watch it, stop it and run what it has stored",
+    "move": "others may watch it, stop it and move it",
+    "edit": "others may watch it, stop it, move it and change what it has stored",
+}
+
+
+def _status_line(fleet: Fleet, broker: str, width: int) -> tuple[bool, str]:
+    """Return whether all is fine, and the line that stays, cut to `width` columns."""
+    nows = [bridge.telemetry.now for bridge in fleet.bridges]
+    away = [now.board for now in nows if now.connection != "connected"]
+    is_joined = bool(nows) and all(bridge.wire.is_connected for bridge in fleet.bridges)
+    moved = [f"{now.board} is moved by {now.lease}" for now in nows if now.lease]
+    parts = [broker if is_joined else f"{broker} (not connected)", counted(len(nows), "board")]
+    if is_joined and away:
+        parts.append(f"not connected: {', '.join(away)}")
+    text = escape("  ".join(parts + moved))
+    while text_width(text) > width:
+        text = text[:-1]
+    return is_joined and not away, text

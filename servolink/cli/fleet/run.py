@@ -1,0 +1,135 @@
+"""`servolink fleet run` and `servolink fleet stop`: many boards at the same moment."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import RECORD_NAME, number
+from servolink.cli.fleet.boards import NOBODY
+from servolink.cli.fleet.broker import add_broker, add_groups, fleet_of
+from servolink.cli.main import FAILED, NO_BOARD, OK, fail
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.session import Interruption, run_interruptible
+
+if TYPE_CHECKING:
+    from servolink.fleet.stopping import Stopped
+    from servolink.fleet.together import RanTogether
+
+
+def configure_run(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet run`."""
+    parser.set_defaults(run=run_together)
+    parser.add_argument("name", type=RECORD_NAME, metavar="NAME", help="caption or id of an action or a macro")
+    parser.add_argument(
+        "--type", dest="kind", choices=("action", "macro"), help="which of them, where boards have both of that name"
+    )
+    parser.add_argument("--anyway", action="store_true", help="start the others if some boards cannot")
+    add_groups(parser)
+    add_broker(parser)
+
+
+def run_together(args: argparse.Namespace) -> int:
+    """Prepare all boards, and start them with one message."""
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args) as fleet:
+            await fleet.list()
+            if not fleet.controller.roster.online:
+                return fail(NOBODY, NO_BOARD)
+            interruption.state = "boards may have been started; `servolink fleet stop` stops all"
+            ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)
+            interruption.state = "boards were started; `servolink fleet stop` stops all"
+        if args.json:
+            print_json(
+                {
+                    "started": list(ran.started),
+                    "held_back": list(ran.held_back),
+                    "failed": ran.failed,
+                    "may_have_started": list(ran.may_have_started),
+                    "spread_seconds": ran.spread,
+                    "measured_by": ran.measured_by,
+                    "duration_seconds": ran.duration,
+                }
+            )
+        else:
+            _print_run(ran, args.name)
+        return FAILED if ran.failed or not ran.started else OK
+
+    return run_interruptible(main)
+
+
+def _print_run(ran: RanTogether, name: int | str) -> None:
+    for text in ran.failed.values():
+        print_error(f"servolink: {text}")
+    if ran.may_have_started:
+        print_error(
+            f"servolink: nobody knows whether these were started: {', '.join(ran.may_have_started)}; "
+            "`servolink fleet stop` stops all"
+        )
+    if not ran.started and not ran.may_have_started:
+        ready = f"; --anyway starts those that are ready: {', '.join(ran.held_back)}" if ran.held_back else ""
+        print_error(f"servolink: no board was started{ready}")
+    if not ran.started:
+        return
+    print_text(f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}")
+    if ran.spread is not None:
+        how = "by the clock of their machine" if ran.measured_by == "clock" else "estimated from the delay of messages"
+        print_text(f"between the first and the last start: {ran.spread * 1000:.1f} ms, {how}")
+    if ran.duration is not None:
+        print_text(f"it takes {ran.duration:g} s")
+
+
+def configure_stop(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet stop`."""
+    parser.set_defaults(run=run_stop)
+    parser.add_argument(
+        "--within",
+        type=number(0.1, 3600, "seconds"),
+        default=5.0,
+        metavar="SECONDS",
+        help="when a board that does not answer counts as silent (5)",
+    )
+    add_broker(parser)
+
+
+def run_stop(args: argparse.Namespace) -> int:
+    """Stop every board, again and again until each has answered or is silent."""
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args) as fleet:
+            interruption.state = "a stop was sent, and not every board has answered; send it again"
+            stopped = await fleet.stop(patience=args.within)
+        if args.json:
+            print_json(
+                {
+                    "stopped": {board: round(seconds, 4) for board, seconds in stopped.stopped.items()},
+                    "failed": stopped.failed,
+                    "silent": list(stopped.silent),
+                    "offline": list(stopped.offline),
+                }
+            )
+        else:
+            _print_stop(stopped)
+        if not stopped.is_complete:
+            return FAILED
+        return OK if stopped.stopped else NO_BOARD
+
+    return run_interruptible(main, "nothing was stopped")
+
+
+def _print_stop(stopped: Stopped) -> None:
+    if stopped.stopped:
+        count, last = len(stopped.stopped), max(stopped.stopped.values())
+        each = "it reports" if count == 1 else "each reports"
+        print_text(
+            f"stopped {counted(count, 'board')} within {last * 1000:.0f} ms: {each} that its servos hold", "green"
+        )
+    for board, text in stopped.failed.items():
+        print_error(f"servolink: {board} may still move: {text}")
+    if stopped.silent:
+        print_error(f"servolink: no answer, and may still move: {', '.join(stopped.silent)}")
+    if stopped.offline:
+        print_error(f"servolink: not connected, so nothing could be sent to: {', '.join(stopped.offline)}")
+    if not (stopped.stopped or stopped.failed or stopped.silent or stopped.offline):
+        print_error(f"servolink: {NOBODY}")

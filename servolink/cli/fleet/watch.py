@@ -1,0 +1,161 @@
+"""`servolink fleet watch`: all boards in one table that stays."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import number
+from servolink.cli.fleet.boards import battery_of, described, problems_of, state_of
+from servolink.cli.fleet.broker import add_broker, fleet_of
+from servolink.cli.main import OK
+from servolink.cli.screen.live import Line, can_draw, pictures
+from servolink.cli.screen.output import Table, counted, plain_lines, print_json, print_text, text_width
+from servolink.cli.screen.terminal import single_keys
+from servolink.cli.session import ENDLESS, Interruption, run_interruptible
+from servolink.escaping import escape
+
+if TYPE_CHECKING:
+    from servolink.fleet.client import Fleet
+    from servolink.fleet.roster import BoardSeen
+
+_EVERY = 0.5  # seconds
+_MOST_PROBLEMS = 5
+_LOW = 20.0  # percent
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink fleet watch`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
+    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
+    add_broker(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show the boards until the time is over, until `q` is pressed or until Ctrl-C."""
+    draws = not args.json and can_draw()
+
+    async def main(interruption: Interruption) -> int:
+        async with fleet_of(args, servos=draws) as fleet:
+            if args.seconds is None:
+                interruption.code = OK
+            await fleet.list()
+            limit = asyncio.timeout(args.seconds)
+            try:
+                async with limit:
+                    with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
+                        await (_draw(fleet) if draws else _print(fleet, as_json=args.json))
+            except TimeoutError:
+                if not limit.expired():
+                    raise
+        return OK
+
+    return run_interruptible(main, "nothing was changed")
+
+
+async def _draw(fleet: Fleet) -> None:
+    """Draw the table now and then."""
+    with pictures(lambda width, height, blocks: picture(tuple(fleet.controller.roster), width, height)) as draw:
+        while True:
+            draw()
+            await asyncio.sleep(_EVERY)
+
+
+async def _print(fleet: Fleet, *, as_json: bool) -> None:
+    """Print each board, and again when something of it has changed: a line, or an object."""
+    changed: dict[str, None] = dict.fromkeys(seen.name for seen in fleet.controller.roster)
+    more = asyncio.Event()
+    more.set()
+
+    def note(seen: BoardSeen) -> None:
+        changed[seen.name] = None
+        more.set()
+
+    fleet.controller.on_change = note
+    while True:
+        await more.wait()
+        more.clear()
+        for name in list(changed):
+            del changed[name]
+            if (seen := fleet.controller.roster.get(name)) is not None:
+                print_json(described(seen)) if as_json else print_text(_line(seen))
+        await asyncio.sleep(_EVERY)  # a board that changes all the time takes two lines a second
+
+
+def _line(seen: BoardSeen) -> str:
+    parts = [seen.name, state_of(seen)]
+    if battery := battery_of(seen):
+        parts.append(f"battery {battery}")
+    if seen.now is not None and seen.now.lease:
+        parts.append(f"moved by {seen.now.lease}")
+    if problems := problems_of((seen,)):
+        parts.append(problems[-1].removeprefix(f"{seen.name}: "))
+    return "  ".join(parts)
+
+
+def picture(boards: Sequence[BoardSeen], width: int, height: int) -> list[Line]:
+    """Return at most `height` lines of at most `width` columns."""
+    ordered = sorted(boards, key=lambda seen: (_rank(seen), seen.name))
+    problems = problems_of(ordered)
+    foot: list[Line] = [(text, "yellow") for text in problems[:_MOST_PROBLEMS]]
+    if len(problems) > _MOST_PROBLEMS:
+        foot.append((f"and {counted(len(problems) - _MOST_PROBLEMS, 'problem')} more", "dim"))
+    foot.append(("boards that need a look come first; q quits", "dim"))
+    online = sum(seen.is_online for seen in boards)
+    head: list[Line] = [(f"{counted(len(boards), 'board')}, {online} connected", "bold"), ("", "")]
+    room = max(1, height - len(head) - len(foot) - 2)
+    if len(ordered) > room:
+        room = max(1, room - 1)
+        foot.insert(0, (f"{len(ordered) - room} more boards: enlarge the terminal", "dim"))
+    shown = ordered[:room]
+    names, *rows = plain_lines(_table(shown)) if shown else [""]
+    styles = [_STYLES[_rank(seen)] for seen in shown]
+    lines = [*head, (names, "bold"), *zip(rows, styles, strict=True), ("", ""), *foot]
+    return [(_cut(escape(text), width), style) for text, style in lines[:height]]
+
+
+_STYLES = ("bold red", "yellow", "", "dim")
+
+
+def _rank(seen: BoardSeen) -> int:
+    """Return how much a board needs a look: 0 most of all, 3 for one that is away."""
+    if not seen.is_online:
+        return 3
+    if seen.now is None or seen.problem or seen.now.connection != "connected":
+        return 0
+    low = seen.now.battery_percent is not None and seen.now.battery_percent < _LOW
+    return 1 if low or seen.now.problems else 2
+
+
+def _table(boards: Sequence[BoardSeen]) -> Table:
+    """Return a row for each board."""
+    return Table(
+        ("board", "state", "battery", "servos", "hottest", "moved by"),
+        [
+            (
+                seen.name[:24],
+                state_of(seen),
+                battery_of(seen),
+                seen.now and seen.now.servos,
+                _hottest(seen),
+                (seen.now and seen.now.lease) or "",
+            )
+            for seen in boards
+        ],
+    )
+
+
+def _hottest(seen: BoardSeen) -> int | None:
+    """Return the highest temperature of the servos, as the raw number that the board sends; None if it is unknown."""
+    if not seen.is_online or (frame := seen.servos) is None:
+        return None
+    return max((servo.temperature_raw for servo in frame.servos), default=None)
+
+
+def _cut(text: str, width: int) -> str:
+    while text_width(text) > width:
+        text = text[:-1]
+    return text

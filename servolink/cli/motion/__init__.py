@@ -1,0 +1,1 @@
+"""Commands that move servos, or show them moving."""

@@ -1,0 +1,74 @@
+"""`servolink events`: button events as they come, also after the connection was lost for a while."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import number, whole_number
+from servolink.cli.main import OK
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.session import ENDLESS, Interruption, run_with_board
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.events import ButtonEvents
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink events`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
+    parser.add_argument("--count", type=whole_number(1, 10**9), metavar="N", help="end after N events")
+    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print events until there are enough, or until Ctrl-C."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        async with board.button_events() as events:
+            print_error("listening for button events until Ctrl-C")
+            interruption.state = "no more events are shown"
+            if args.count is None and args.seconds is None:
+                interruption.code = OK
+            reporting = asyncio.create_task(_report_states(board))
+            try:
+                async with asyncio.timeout(args.seconds):
+                    await _print_events(events, args)
+            except TimeoutError:
+                pass
+            finally:
+                reporting.cancel()
+                if events.dropped:
+                    print_error(f"servolink: {counted(events.dropped, 'event')} lost: they came too fast")
+        return OK
+
+    return run_with_board(args, talk, reconnect=True)
+
+
+async def _report_states(board: Board) -> None:
+    was_lost = False
+    async for state in board.states():
+        if state == "lost":
+            was_lost = True
+            print_error("servolink: the connection is lost; trying to get it back")
+        elif was_lost:
+            print_error("servolink: the board is back")
+
+
+async def _print_events(events: ButtonEvents, args: argparse.Namespace) -> None:
+    loop = asyncio.get_running_loop()
+    start, left = loop.time(), args.count
+    async for event in events:
+        seconds = round(loop.time() - start, 3)
+        if args.json:
+            described = {"button_id": event.button_id, "event": event.event, "kind": event.kind}
+            print_json({"seconds": seconds, **described})
+        else:
+            print_text(f"{seconds:9.3f} s  button {event.button_id}  {event.kind}")
+        if left is not None:
+            left -= 1
+            if left == 0:
+                return

@@ -1,0 +1,293 @@
+"""`servolink move`, `stop` and `release`: what moves servos or keeps them from moving."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from servolink.cli.arguments import SERVO_NAME, SPEED, number
+from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.motion.servos import are, listed, print_servos, reported
+from servolink.cli.screen.live import Draw, follow, live_bars
+from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
+from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.session import Interruption, run_with_board
+from servolink.errors import ProfileError, RequestError, ServolinkError
+from servolink.motion.angles import Adc, Angle, Degrees
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
+
+DEFAULT_SPEED = 60.0
+"""Degrees per second, at most, when neither time nor speed is given."""
+
+_TARGET = re.compile(r"(.+)=(.+)", re.DOTALL)
+_WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
+_FINISHING = "and the servos finish it; `servolink stop` stops them"
+
+
+def configure_move(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink move`."""
+    parser.set_defaults(run=run_move)
+    parser.add_argument(
+        "targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 hip=-45 or all=0"
+    )
+    pace = parser.add_mutually_exclusive_group()
+    pace.add_argument(
+        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
+    )
+    pace.add_argument(
+        "--speed",
+        type=SPEED,
+        metavar="N",
+        help=f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)",
+    )
+    parser.add_argument(
+        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
+    )
+    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+    parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
+    add_limits(parser)
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """Add the options that limit movements; they hold besides the limits of the board's profile."""
+    limits = parser.add_argument_group("limits, besides those of `servolink board show`")
+    limits.add_argument(
+        "--limit",
+        nargs=2,
+        type=float,
+        metavar=("LOW", "HIGH"),
+        help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
+    )
+    limits.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
+    limits.add_argument(
+        "--soft-start", type=SPEED, metavar="N", help="begin with N degrees per second at most, wherever servos are"
+    )
+
+
+def limits_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of `connect` for those of the command line."""
+    if args.limit and not args.limit[0] <= args.limit[1]:
+        usage_error(args, "--limit takes the lower angle first, as in --limit -90 90")
+    angles = tuple(args.limit) if args.limit else None
+    return {"angle_limits": angles, "speed_cap": args.speed_cap, "soft_start": args.soft_start}
+
+
+def run_move(args: argparse.Namespace) -> int:
+    """Move, unless a servo is missing or would ignore it: nothing is sent then."""
+    kind = Adc if args.adc else Degrees
+    named: dict[int | str, Angle] = {servo: kind(angle) for servo, angle in args.targets}
+    if len(named) < len(args.targets):
+        usage_error(args, "a servo is given twice")
+    if args.adc and args.duration is None:
+        usage_error(args, "--adc needs --duration: speeds are in degrees per second")
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        from servolink.client.names import find_targets
+
+        found, captions = await find_targets(board, named)
+        targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
+        before = {servo.servo_id: servo for servo in await reported(board, targets)}
+        pace = _speeds(board, targets) if args.speed is None and args.duration is None else args.speed
+        # `move` checks this as well, but no servo must be started for a move that is then refused.
+        await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
+        await make_ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
+        interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
+        seconds = await board.move(targets, duration=args.duration, speed=pace)
+        interruption.state = f"the move was sent, {_FINISHING}"
+        after: dict[int, Servo] = {}
+        if args.wait:
+            with _bars(targets, shown=not args.json and is_terminal()) as draw:
+                after = {servo.servo_id: servo for servo in await follow(board, targets, seconds, draw)}
+            interruption.state = "all servos have arrived"
+        moves = [
+            _Move(each, captions.get(each), before[each].angle, target, after[each].angle if after else None)
+            for each, target in targets.items()
+        ]
+        _print(moves, seconds, as_json=args.json)
+        return OK
+
+    return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
+
+
+def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:
+    """Return the speed of each servo if nobody asked for one: no cap refuses it."""
+    return {servo_id: min(DEFAULT_SPEED, board.limits.cap_of(servo_id) or DEFAULT_SPEED) for servo_id in servo_ids}
+
+
+async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
+    """Raise RequestError if some of `servos` would ignore a move, or with `start`, start and hold those."""
+    idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
+    if idle and not start:
+        raise RequestError(
+            f"{are(idle)} stopped or released and would ignore the movement; nothing was sent. "
+            "Add --start to start and hold first"
+        )
+    for servo_id in idle:
+        interruption.state = "no movement was sent; servos may have been started and held"
+        await board.set_servo(servo_id, start=True, hold=True)
+
+
+def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[Draw]:
+    return live_bars(targets) if shown else nullcontext(lambda elapsed, servos: None)
+
+
+class _Move(NamedTuple):
+    """What one servo was to do, and where it is then."""
+
+    servo_id: int
+    caption: str | None
+    start: int
+    target: int
+    end: int | None
+
+
+def _print(moves: Sequence[_Move], seconds: float, *, as_json: bool) -> None:
+    if as_json:
+        servos = [
+            {
+                "servo_id": move.servo_id,
+                "servo_caption": move.caption,
+                "from_angle": int(move.start),
+                "target_angle": int(move.target),
+                "angle": None if move.end is None else int(move.end),
+                "angle_unit": "adc" if isinstance(move.target, Adc) else "degree",
+            }
+            for move in moves
+        ]
+        arrived = all(move.end is not None for move in moves)
+        print_json({"duration_seconds": seconds, "arrived": arrived, "servos": servos})
+        return
+    columns = dict(zip(("servo", "caption", "from", "target", "now"), zip(*moves, strict=True), strict=True))
+    known = {name: values for name, values in columns.items() if any(value is not None for value in values)}
+    print_table(Table([*known], [*zip(*known.values(), strict=True)]))
+
+
+def servo_angle(text: str) -> tuple[int | str, int]:
+    """Return servo (id or caption) and angle of a text such as `1=90` or `hip=90`, for argparse."""
+    found = _TARGET.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
+    try:
+        servo = SERVO_NAME(found[1])
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE; the servo {error}") from None
+    name = f"servo {servo}" if isinstance(servo, int) else repr(servo)
+    if not _WHOLE.fullmatch(found[2]):
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be a whole number of degrees, not {found[2]}")
+    if not -(2**15) <= int(found[2]) < 2**15:
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be from -32768 to 32767, not {found[2]}")
+    return servo, int(found[2])
+
+
+_WARNING = "released servos are limp, and raised limbs fall"
+
+
+def configure_stop(parser: argparse.ArgumentParser) -> None:
+    """Set what runs; `servolink stop` has no options of its own."""
+    parser.set_defaults(
+        run=run_stop, alternative="; `servolink stop` stops all servos, `servolink servo hold SERVO` one"
+    )
+
+
+def run_stop(args: argparse.Namespace) -> int:
+    """Stop, and print what the servos then report."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        interruption.state = "the stop was not confirmed; run `servolink stop` again"
+        await board.stop()
+        interruption.state = "all servos report that they are stopped and held"
+        servos = await board.servos()
+        if not args.json:
+            who = (
+                "the only servo reports that it is"
+                if len(servos) == 1
+                else f"all {len(servos)} servos report that they are"
+            )
+            print_text(f"{who} stopped and held")
+        print_servos(servos, as_json=args.json, captions={})
+        return OK
+
+    options: dict[str, Any] = {"greet": False, "handshake": False}  # the handshake comes after the stop
+    try:
+        return run_with_board(args, talk, **options)
+    except ProfileError as error:
+        from servolink.profiles.profile import BoardProfile
+
+        print_error(f"servolink: {error}; stopping without it")
+        return run_with_board(args, talk, profile=BoardProfile(), **options)
+
+
+def configure_release(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink release`."""
+    parser.set_defaults(run=run_release)
+    parser.add_argument(
+        "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
+    )
+    parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
+
+
+def run_release(args: argparse.Namespace) -> int:
+    """Release servos, and print what the servos then report."""
+    from servolink.protocol.servos import ALL_SERVOS
+
+    check_can_release(args)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        servo_ids, captions = await find_chosen(board, args.servos)
+        await reported(board, servo_ids)
+        which = listed(servo_ids) if servo_ids else "all servos"
+        if not await may_release(args, interruption, which):
+            return FAILED
+        interruption.state = f"{which} may have been released; `servolink stop` holds all servos again"
+        await _release_each(board, servo_ids or [ALL_SERVOS])
+        interruption.state = f"{which} released; `servolink stop` holds all servos again"
+        print_servos(await board.servos(), as_json=args.json, captions=captions)
+        return OK
+
+    return run_with_board(args, talk)
+
+
+async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
+    """Return the ids of servos, each once; none if all are meant."""
+    return (await find_chosen(board, servos))[0]
+
+
+async def find_chosen(board: Board, servos: Sequence[int | str]) -> tuple[list[int], dict[int, str]]:
+    """Return the ids of servos, as `chosen_servos` does, and the captions that were read for that, by id."""
+    from servolink.client.names import find_servos
+    from servolink.protocol.servos import ALL_SERVOS
+
+    chosen, captions = await find_servos(board, servos)
+    return [] if ALL_SERVOS in chosen else [*dict.fromkeys(chosen)], captions
+
+
+async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
+    for done, servo_id in enumerate(servo_ids):
+        try:
+            await board.release(servo_id)
+        except ServolinkError:
+            if done:
+                limp = ", ".join(map(str, servo_ids[:done]))
+                print_error(f"servolink: released and limp: {limp}; `servolink stop` holds all servos again")
+            raise
+
+
+def check_can_release(args: argparse.Namespace) -> None:
+    """End as wrong usage if nobody has said --yes and nobody can be asked."""
+    if not args.yes and (args.json or not can_ask()):
+        usage_error(args, f"{_WARNING}; add --yes if they may")
+
+
+async def may_release(args: argparse.Namespace, interruption: Interruption, which: str) -> bool:
+    """Return whether the servos may go limp, after asking if need be."""
+    interruption.state = "nothing was released"
+    if args.yes or await confirm(f"{_WARNING}. Release {which}?"):
+        return True
+    print_error(f"servolink: {interruption.state}")
+    return False

@@ -1,0 +1,285 @@
+"""`servolink remote`: this computer as the remote control: keys press the buttons of a joystick table."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import RECORD_NAME
+from servolink.cli.main import OK, usage_error
+from servolink.cli.motion.move import add_limits, limits_of
+from servolink.cli.motion.run import stopped_by_interruption
+from servolink.cli.motion.servos import are, reported
+from servolink.cli.screen.output import Table, is_terminal, print_error, print_table, print_text
+from servolink.cli.screen.terminal import can_ask, keys_in, single_keys
+from servolink.cli.session import Interruption, run_with_board
+from servolink.client.board import Board
+from servolink.errors import EncodeError, NotFound, Rejected, RequestError, ServolinkError
+from servolink.protocol.records import Button, JoystickTable
+
+if TYPE_CHECKING:  # and imported late: --help needs none of it
+    from servolink.client.board import Board
+
+_HELP = "letter: tap; with Shift: hold until the next tap; space: stop; q or Esc: end"
+_PAGES = "Tab: keys for the next buttons"
+_AFTER_STOP = "all servos are stopped and held: `servolink servo start all` starts them"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink remote`."""
+    parser.set_defaults(run=run)
+    parser.description = (
+        f"{parser.description}\n\nKeys: {_HELP}. {_PAGES}, if there are more buttons than letters. A tap runs the "
+        "macros for press and up; a long press those for press and, 0.8 s later, for long press, and its release the "
+        "one for up. Ctrl-C stops all servos and ends."
+    )
+    parser.add_argument(
+        "--table", type=RECORD_NAME, metavar="NAME", help="which joystick table, by caption or id (the active one)"
+    )
+    add_limits(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show what the keys do, and obey them until somebody ends it."""
+    if args.json or not can_ask() or not is_terminal():
+        usage_error(args, "buttons are pressed by keys, which needs a terminal; `servolink run macro NAME` needs none")
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+
+        control, captions = await read_control(board, args.table)
+        print_table(control.mapping(captions))
+        idle = [servo.servo_id for servo in await reported(board) if not (servo.is_start and servo.is_hold)]
+        if idle:
+            print_error(f"servolink: {are(idle)} stopped or released and will not move; `servolink servo start` helps")
+        print_text(_HELP)
+        if control.pages > 1:
+            print_text(_PAGES)
+        started = "macros may have been started"
+        async with stopped_by_interruption(board, interruption, started, "the remote control was ended"):
+            await _obey(control, captions)
+        interruption.state = "the remote control was ended"
+        print_text("ended; a macro that still runs goes on, and `servolink stop` stops all servos")
+        return OK
+
+    return run_with_board(args, talk, **limits_of(args))
+
+
+async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
+    """Obey keys, one after the other; a stop overtakes those that wait."""
+    keys: asyncio.Queue[str] = asyncio.Queue()
+
+    def typed(text: str) -> None:
+        for key in keys_in(text):
+            keys.put_nowait(key)
+
+    presses: asyncio.Queue[str] = asyncio.Queue()
+    worker = asyncio.create_task(_press(control, captions, presses))
+    try:
+        with single_keys(typed) as keyboard:
+            if not keyboard:
+                raise RequestError("no keys can be read here")
+            while (key := await _next(keys, worker)) not in ("q", "Q", "esc"):
+                if key == "space":
+                    await _ended(worker)
+                    await control.stop()
+                    print_text(_AFTER_STOP)
+                    presses = asyncio.Queue()
+                    worker = asyncio.create_task(_press(control, captions, presses))
+                else:
+                    presses.put_nowait(key)
+    finally:
+        await _ended(worker)
+
+
+async def _next(keys: asyncio.Queue[str], worker: asyncio.Task[None]) -> str:
+    """Return the next key. Raise what ends the worker meanwhile, such as ConnectionLost."""
+    getting = asyncio.ensure_future(keys.get())
+    try:
+        await asyncio.wait((getting, worker), return_when=asyncio.FIRST_COMPLETED)
+        if worker.done():
+            worker.result()
+        return await getting
+    finally:
+        getting.cancel()
+
+
+async def _ended(worker: asyncio.Task[None]) -> None:
+    worker.cancel()
+    with suppress(asyncio.CancelledError, ServolinkError):
+        await worker
+
+
+async def _press(control: RemoteControl, captions: Mapping[int, str], presses: asyncio.Queue[str]) -> None:
+    """Press what comes, and say what that did."""
+    while True:
+        try:
+            async with asyncio.timeout(control.wait):
+                key = await presses.get()
+        except TimeoutError:
+            said = await control.run_waiting()
+        else:
+            said = ""
+            if key != NEXT_PAGE:
+                said = await control.press(key)
+            elif control.pages > 1:
+                control.turn_page()
+                print_table(control.mapping(captions))
+        if said:
+            print_text(said)
+
+
+KEYS = "abcdefghijklmnoprstuvwxyz"
+"""Keys of buttons, in the order of the table: all letters but q, which ends. More buttons are on further pages."""
+NEXT_PAGE = "tab"
+"""The key that gives the letters to the next buttons."""
+
+_TAP = 0.1  # seconds from press to release
+_LONG = 0.8  # seconds from press to long press
+
+
+class RemoteControl:
+    """Does what the board does when its buttons are pressed: a tap, or a long press, which the next tap releases.
+
+    Whether it is a long press is known from the beginning, but its macro is run as late as by a board: after that for
+    press, and in its place.
+    """
+
+    def __init__(self, board: Board, table: JoystickTable, seconds: Mapping[int, float | None]) -> None:
+        """Start with no button down. `seconds` is how long each macro on the board runs, None for ever."""
+        self._board = board
+        self._seconds = seconds
+        self.table = table
+        self._page = 0
+        self._held: set[int] = set()  # buttons that are down after a long press
+        self._runs = 0  # the macro that was started last
+        self._ends = 0.0  # when it ends, in seconds of the loop's clock
+        self._after: Button | None = None  # released, and its button-up macro waits for that end
+
+    @property
+    def pages(self) -> int:
+        """How many pages the buttons have."""
+        return -(-len(self.table.buttons) // len(KEYS))
+
+    @property
+    def buttons(self) -> dict[str, Button]:
+        """The buttons of this page, by key."""
+        first = self._page * len(KEYS)
+        return dict(zip(KEYS, self.table.buttons[first:], strict=False))
+
+    def turn_page(self) -> None:
+        """Go to the next page, after the last one to the first. Buttons that are held stay down."""
+        self._page = (self._page + 1) % self.pages
+
+    @property
+    def wait(self) -> float | None:
+        """Seconds until `run_waiting` is due; None if nothing waits."""
+        return None if self._after is None else max(0.0, self._ends - asyncio.get_running_loop().time())
+
+    async def run_waiting(self) -> str:
+        """Run the button-up macro that waited for the end of a long-press macro, and return what was done."""
+        button, self._after = self._after, None
+        return "" if button is None else f"button {button.button_id}: {await self._run(button.button_up_macro)}"
+
+    async def press(self, key: str) -> str:
+        """Do what a key asks, capital for a long press, and return what was done; "" for a key without a button."""
+        button = self.buttons.get(key.lower())
+        if button is None:
+            return ""
+        name = f"button {button.button_id}"
+        if button.button_id in self._held:
+            self._held.discard(button.button_id)
+            return f"{name} released: {await self._release(button)}"
+        pressed = await self._run(button.button_press_macro)
+        if not key.isupper():
+            await asyncio.sleep(_TAP)
+            return f"{name} pressed: {pressed}; released: {await self._run(button.button_up_macro)}"
+        self._held.add(button.button_id)
+        await asyncio.sleep(_LONG)
+        held = await self._run(button.button_long_press_macro)
+        return f"{name} pressed: {pressed}; held: {held}; the next tap releases it"
+
+    async def stop(self) -> None:
+        """Stop all servos. All buttons are up then, and run nothing."""
+        self._held.clear()
+        self._runs, self._after = 0, None
+        await self._board.stop()
+
+    async def _release(self, button: Button) -> str:
+        """Run the button-up macro: of an uninterruptible button, not before its long-press macro has ended."""
+        long_runs = self._runs != 0 and self._runs == button.button_long_press_macro
+        if not (long_runs and button.uninterruptible and button.button_up_macro):
+            return await self._run(button.button_up_macro)
+        if self._seconds.get(self._runs) is None:
+            return f"macro {self._runs} never ends, and nothing interrupts it for macro {button.button_up_macro}"
+        self._after = button
+        return f"macro {button.button_up_macro} waits for the end of macro {self._runs}"
+
+    async def _run(self, macro_id: int) -> str:
+        """Run a macro, 0 for none, and return what was done, also if it was refused: what comes next is tried."""
+        if not macro_id:
+            return "no macro"
+        if macro_id not in self._seconds:
+            return f"macro {macro_id} is not on the board"
+        try:
+            await self._board.run_macro(macro_id)
+        except (EncodeError, Rejected, NotFound) as error:
+            return f"macro {macro_id} was refused: {error}"
+        self._runs, self._after = macro_id, None
+        self._ends = asyncio.get_running_loop().time() + (self._seconds[macro_id] or 0.0)
+        return f"macro {macro_id}"
+
+    def mapping(self, captions: Mapping[int, str]) -> Table:
+        """Return which key of this page presses which button, and what that runs; `captions` are those of macros."""
+
+        def name(macro_id: int) -> str:
+            if not macro_id:
+                return ""
+            return f"{macro_id} {captions[macro_id]}".rstrip() if macro_id in captions else f"{macro_id} (missing)"
+
+        rows = [
+            (
+                key,
+                f"{button.button_id} {button.button_caption}".rstrip(),
+                name(button.button_press_macro),
+                name(button.button_long_press_macro),
+                name(button.button_up_macro),
+                "yes" if button.uninterruptible else "",
+            )
+            for key, button in self.buttons.items()
+        ]
+        page = f", page {self._page + 1} of {self.pages}" if self.pages > 1 else ""
+        title = f"joystick table {self.table.table_id} '{self.table.table_caption}'{page}"
+        return Table(("key", "button", "press", "long press", "up", "uninterruptible"), rows, title)
+
+
+async def read_control(board: Board, table: int | str | None) -> tuple[RemoteControl, dict[int, str]]:
+    """Read a joystick table, the active one for None, and what its macros run. Return them and the macros' captions.
+
+    Raise NotFound if there is no such table, or if it has no buttons.
+    """
+    number = await board.active_joystick_table() if table is None else table
+    if number is None:
+        raise NotFound("the board has no active joystick table; `servolink tables` lists its tables, --table names one")
+    found = await board.joystick_table(number)
+    if not found.buttons:
+        raise NotFound(f"joystick table {found.table_id} has no buttons")
+    used = {
+        macro_id
+        for one in found.buttons
+        for macro_id in (one.button_press_macro, one.button_long_press_macro, one.button_up_macro)
+    }
+    captions = {one.macro_id: one.macro_caption for one in await board.macros() if one.macro_id in used}
+    seconds = {macro_id: await _seconds(board, macro_id) for macro_id in captions if macro_id}
+    return RemoteControl(board, found, seconds), captions
+
+
+async def _seconds(board: Board, macro_id: int) -> float | None:
+    """Return how long a macro runs, None for ever; 0 if something that it runs is missing."""
+    from servolink.cli.motion.run import read_run
+
+    with suppress(NotFound):
+        return (await read_run(board, "macro", macro_id)).known_seconds()
+    return 0.0

@@ -1,0 +1,202 @@
+"""`servolink run`: run a stored action or macro and, with `--wait`, follow it until it is over."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, nullcontext, suppress
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from servolink.cli.arguments import RECORD_NAME
+from servolink.cli.main import OK
+from servolink.cli.motion.move import add_limits, limits_of, make_ready
+from servolink.cli.motion.servos import are, listed, warn_of_missing
+from servolink.cli.screen.live import follow, live_bars
+from servolink.cli.screen.output import is_terminal, print_error, print_json, print_text
+from servolink.cli.session import Interruption, run_with_board
+from servolink.errors import ServolinkError
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.project.speed import Run
+    from servolink.protocol.record_types import RecordType
+
+_STOP_LIMIT = 0.15  # seconds for a stop to be confirmed after Ctrl-C, which must end soon
+
+
+class _Servos(NamedTuple):
+    """Servos that a run is for, by id."""
+
+    here: list[int]
+    """Those that the board has."""
+    idle: list[int]
+    """Those of them that are stopped or released, and will not move."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink run`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
+    _add_options(parser)
+
+
+def configure_stored(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink action run` and `servolink macro run`."""
+    parser.set_defaults(run=run, kind=None)
+    _add_options(parser)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in `servolink actions`")
+    parser.add_argument(
+        "--wait", action="store_true", help="wait until it is over and the servos rest; Ctrl-C then stops them"
+    )
+    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
+    add_limits(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run it. Without --wait, return at once: the board does not report the end."""
+    args.kind = args.kind or args.command
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        found = await read_run(board, args.kind, args.record)
+        servos = await _prepare(board, interruption, args, found)
+        if args.wait:
+            await play(board, interruption, found, shown=not args.json and is_terminal())
+        else:
+            name = name_of_run(found)
+            interruption.state = f"{name} may have been started; `servolink stop` stops the servos"
+            await start_run(board, found)
+            interruption.state = f"{name} runs; `servolink stop` stops the servos"
+        _print(args, found, servos)
+        return OK
+
+    return run_with_board(args, talk, **limits_of(args))
+
+
+async def play(board: Board, interruption: Interruption, found: Run, *, shown: bool) -> None:
+    """Run it and wait until it is over, with bars if they are `shown`. An interruption stops all servos."""
+    name = name_of_run(found)
+    async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
+        await start_run(board, found)
+        await _follow(board, found, shown=shown)
+    interruption.state = f"{name} is over"
+
+
+async def start_run(board: Board, found: Run, *, dry_run: bool = False) -> None:
+    """Run it, or only check that nothing forbids it, and return at once."""
+    from servolink.protocol.records import Action
+
+    run: Any = board.run_action if isinstance(found.record, Action) else board.run_macro
+    await run(_id(found), dry_run=dry_run)
+
+
+async def read_run(board: Board, word: str, name: int | str) -> Run:
+    """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
+    from servolink.client.collect import collect
+    from servolink.client.names import record_id
+    from servolink.motion.movement import INTERVAL_UNIT
+    from servolink.project.speed import Run
+    from servolink.protocol.record_types import ACTION, MACRO
+
+    async def get(kind: RecordType[Any], number: int) -> Any:
+        return await (board.action(number) if kind is ACTION else board.macro(number))
+
+    kind: RecordType[Any] = ACTION if word == "action" else MACRO
+    number = await record_id(board, kind, name)
+    stored = await collect(get, kind, number)
+    known = board.profile and board.profile.profile.settings.interval_unit
+    return Run(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
+
+
+async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: Run) -> _Servos:
+    """Check that the run is possible, and start servos if asked to."""
+    from servolink.client.collect import check_can_wait
+
+    await start_run(board, found, dry_run=True)
+    servos = await board.servos()
+    used = [servo for servo in servos if servo.servo_id in found.servo_ids()]
+    here = sorted(servo.servo_id for servo in used)
+    if args.wait:
+        check_can_wait(found, servos)
+    if missing := found.servo_ids() - set(here):
+        warn_of_missing(missing)
+    if args.wait or args.start:
+        await make_ready(board, used, interruption, start=args.start)
+        return _Servos(here, [])
+    idle = [servo.servo_id for servo in used if not (servo.is_start and servo.is_hold)]
+    if idle:
+        print_error(f"servolink: {are(idle)} stopped or released and will not move; --start starts and holds first")
+    return _Servos(here, idle)
+
+
+@asynccontextmanager
+async def stopped_by_interruption(
+    board: Board, interruption: Interruption, unstopped: str, stopped: str
+) -> AsyncIterator[None]:
+    """Stop all servos if the block is interrupted.
+
+    Ctrl-C then reports what is so if the stop is not confirmed, such as "action 3 was started", or what is if it is.
+    """
+    try:
+        yield
+    except asyncio.CancelledError:
+        interruption.state = f"{unstopped}, and a stop was not confirmed; run `servolink stop`"
+        with suppress(TimeoutError, ServolinkError):
+            async with asyncio.timeout(_STOP_LIMIT):
+                await board.stop()
+            interruption.state = f"{stopped}: all servos report that they are stopped and held"
+        raise
+
+
+async def _follow(board: Board, found: Run, *, shown: bool) -> None:
+    """Wait until the run is over, with bars if they are `shown`. Raise TargetNotReached for servos that are late."""
+    seconds, pose = found.seconds(), found.last_pose()
+    if not pose:
+        await asyncio.sleep(seconds)
+        return
+    with live_bars(pose, seconds) if shown else nullcontext(lambda elapsed, servos: None) as draw:
+        await follow(board, pose, seconds, draw)
+
+
+def _print(args: argparse.Namespace, found: Run, servos: _Servos) -> None:
+    servo_ids, seconds = servos.here, found.known_seconds()
+    if args.json:
+        described = {f"{args.kind}_id": _id(found), f"{args.kind}_caption": _caption(found)}
+        print_json(
+            {
+                **described,
+                "duration_seconds": seconds,
+                "servo_ids": servo_ids,
+                "idle_servos": servos.idle,
+                "arrived": args.wait,
+            }
+        )
+        return
+    moved = listed(servo_ids) if servo_ids else "no servo"
+    if args.wait:
+        print_text(f"{name_of_run(found)} is over" + (f": {are(servo_ids)} at rest" if servo_ids else ""))
+    else:
+        takes = "" if seconds is None else f" takes {seconds:g} s and"
+        print_text(f"{name_of_run(found)} was started; it{takes} moves {moved}")
+
+
+def _id(found: Run) -> int:
+    from servolink.protocol.record_types import type_of
+
+    return type_of(found.record).id_of(found.record)
+
+
+def _caption(found: Run) -> str:
+    from servolink.protocol.record_types import type_of
+
+    return type_of(found.record).caption_of(found.record)
+
+
+def name_of_run(found: Run) -> str:
+    """Return the name of what is run, such as `action 3 'Wave'`."""
+    from servolink.project.records import name_of
+
+    return name_of(found.record)

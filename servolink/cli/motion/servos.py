@@ -1,0 +1,117 @@
+"""`servolink servos`: what the servos report, also for the commands that move them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.main import OK
+from servolink.cli.screen.output import Table, print_error, print_json, print_table
+from servolink.cli.session import Interruption, is_answered, run_with_board
+from servolink.errors import NotFound, Rejected, RequestTimeout
+from servolink.motion.angles import Angle
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
+    from servolink.client.servos import Servo
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink servos`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("--adc", action="store_true", help="angles as raw ADC readings instead of degrees")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the servos."""
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        servos = await reported(board)
+        print_servos(servos, as_json=args.json, captions=await known_captions(board))
+        return OK
+
+    return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
+
+
+async def known_captions(board: Board) -> dict[int, str]:
+    """Return the stored captions by servo id. A board that does not answer this query has none, which is said.
+
+    One whose profile says that it does not is not asked.
+    """
+    if not is_answered(board, "QueryServoParameter"):
+        return {}
+    try:
+        return {servo.servo_id: servo.servo_caption for servo in await board.servo_parameters()}
+    except RequestTimeout as error:
+        print_error(f"servolink: shown without captions: {error}")
+        return {}
+
+
+async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:
+    """Return what all servos report. Raise NotFound if there are none, or if one that is `wanted` is missing."""
+    try:
+        servos = await board.servos()
+    except Rejected:  # a board without servos refuses the unit of their angles
+        if await board.servo_ids():
+            raise
+        servos = ()
+    if not servos:
+        raise NotFound("the board has no servos")
+    there = {servo.servo_id for servo in servos}
+    if missing := [servo_id for servo_id in wanted if servo_id not in there]:
+        raise NotFound(f"the board has no servo {missing[0]}; nothing was moved")
+    return servos
+
+
+def listed(servo_ids: Sequence[int]) -> str:
+    """Return `servo 3` or `servos 3, 4`."""
+    return f"servo{'s' if len(servo_ids) > 1 else ''} {', '.join(map(str, servo_ids))}"
+
+
+def warn_of_missing(servo_ids: Collection[int]) -> None:
+    """Print that the board does not have these servos of an action, which may be connected later."""
+    whose = "their" if len(servo_ids) > 1 else "its"
+    print_error(f"servolink: the board has no {listed(sorted(servo_ids))} now: {whose} steps move nothing")
+
+
+def are(servo_ids: Sequence[int]) -> str:
+    """Return `servo 3 is` or `servos 3, 4 are`."""
+    return f"{listed(servo_ids)} {'are' if len(servo_ids) > 1 else 'is'}"
+
+
+def servo_object(servo: Servo, captions: Mapping[int, str]) -> dict[str, Any]:
+    """Return what a servo reports, for `--json`, with its caption, None if that is not in `captions`."""
+    return {
+        "servo_id": servo.servo_id,
+        "servo_caption": captions.get(servo.servo_id),
+        "angle": int(servo.angle),
+        "angle_unit": servo.angle.unit if isinstance(servo.angle, Angle) else None,
+        "current_raw": servo.current,
+        "temperature_raw": servo.temperature,
+        "servo_type": servo.servo_type,
+        "is_start": servo.is_start,
+        "is_hold": servo.is_hold,
+    }
+
+
+def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str]) -> None:
+    """Print what servos report, with the stored `captions`; those that were not read are left out."""
+    if as_json:
+        print_json({"servos": [servo_object(servo, captions) for servo in servos]})
+        return
+    is_named = any(captions.values())
+    columns = ("servo", *(("caption",) if is_named else ()), "angle", "current (raw)", "temperature (raw)", "type")
+    rows = [
+        (
+            servo.servo_id,
+            *((captions.get(servo.servo_id),) if is_named else ()),
+            servo.angle,
+            servo.current,
+            servo.temperature,
+            servo.servo_type,
+            servo.state,
+        )
+        for servo in servos
+    ]
+    print_table(Table((*columns, "state"), rows))

@@ -1,0 +1,352 @@
+"""`servolink watch`: the servos of a board, live, with alarms and a file for spreadsheets."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
+from servolink.cli.main import FAILED, OK, fail, usage_error
+from servolink.cli.motion.move import chosen_servos
+from servolink.cli.motion.servos import known_captions, reported, servo_object
+from servolink.cli.screen.live import pictures
+from servolink.cli.screen.output import angle_text, print_error, print_json, print_text
+from servolink.cli.screen.servo_picture import Watched, picture
+from servolink.cli.screen.terminal import can_ask, confirm, single_keys
+from servolink.cli.session import ENDLESS, Interruption, is_answered, run_with_board
+from servolink.client.alarms import RaisedAlarm
+from servolink.errors import ConnectionLost, NotFound, ServolinkError
+from servolink.files import open_file, reason
+from servolink.motion.angles import Angle
+
+if TYPE_CHECKING:  # and imported late: `--help` needs none of it
+    from servolink.cli.screen.servo_picture import Watched
+    from servolink.client.board import Board
+
+_MOST_HZ = 50.0
+_BATTERY_EVERY = 10.0  # seconds
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink watch`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
+    parser.add_argument(
+        "servos",
+        nargs="*",
+        default=[],
+        type=SERVO_NAME,
+        metavar="SERVO",
+        help="which servos to show, by id or caption (all)",
+    )
+    parser.add_argument(
+        "--hz",
+        type=number(0.1, _MOST_HZ, "readings a second"),
+        default=10.0,
+        metavar="N",
+        help="readings a second (10)",
+    )
+    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
+    parser.add_argument(
+        "--csv", type=new_file, metavar="FILE", help="also write a row for each servo and reading, for a spreadsheet"
+    )
+    parser.add_argument("--yes", action="store_true", help="replace FILE without asking")
+    parser.add_argument(
+        "--alarm",
+        type=alarm,
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="such as 'temperature_raw>300' or 'current_raw>800 for 0.5s', about any servo; may be repeated",
+    )
+    parser.add_argument(
+        "--on-alarm",
+        choices=("warn", "stop", "exit"),
+        default="warn",
+        metavar="warn|stop|exit",
+        help="say so (warn), stop and hold all servos too, or exit with code 1",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show readings until the time is over, until `q` is pressed or until Ctrl-C."""
+    if args.csv is not None and args.csv.is_dir():
+        usage_error(args, f"{args.csv} is a folder; name a file in it")
+
+    if args.csv is not None and not may_replace(args.csv):
+        usage_error(args, f"{args.csv} exists and holds no such rows, so it is not replaced; choose another name")
+    asks = args.csv is not None and args.csv.exists() and not args.yes
+    if asks and (args.json or not can_ask()):
+        usage_error(args, f"{args.csv} exists; --yes replaces it")
+
+    from servolink.cli.screen.live import can_draw
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        if asks and not await confirm(f"{args.csv} exists. Replace it?"):
+            print_error(f"servolink: {args.csv} was not replaced")
+            return FAILED
+        watched = await _begin(board, args)
+        if args.seconds is None:
+            interruption.code = OK
+        with ExitStack() as stack:
+            write = stack.enter_context(csv_file(watched, args.csv)) if args.csv else None
+            on_screen = not args.json and can_draw()
+            output = stack.enter_context(screen(watched)) if on_screen else Lines(watched, as_json=args.json)
+            return await _Watch(board, watched, args, output, interruption).run(write)
+
+    return run_with_board(args, talk, reconnect=True)
+
+
+async def _begin(board: Board, args: argparse.Namespace) -> Watched:
+    """Return what is known of a board before the first reading. Raise NotFound if a servo is missing."""
+    from servolink.cli.screen.servo_picture import Watched
+    from servolink.client.alarms import Alarm
+
+    chosen = await chosen_servos(board, args.servos)
+    there = {servo.servo_id for servo in await reported(board)}
+    if missing := [servo_id for servo_id in chosen if servo_id not in there]:
+        raise NotFound(f"the board has no servo {missing[0]}")
+    alarms = [Alarm.parse(text, stops=args.on_alarm == "stop") for text in args.alarm]
+    watched = Watched(board.url, args.hz, board.stats, alarms, frozenset(chosen))
+    if (profile := board.profile) is not None:
+        watched.limits = profile.limits
+        watched.name = f"{profile.name} {board.url}" if profile.name else board.url
+    watched.captions = await known_captions(board)
+    watched.begun = asyncio.get_running_loop().time()
+    return watched
+
+
+class _Watch:
+    """Reads a board and shows what it reports."""
+
+    def __init__(
+        self, board: Board, watched: Watched, args: argparse.Namespace, output: Output, interruption: Interruption
+    ) -> None:
+        """Keep `watched` up to date."""
+        self._board = board
+        self._watched = watched
+        self._args = args
+        self._output = output
+        self._interruption = interruption
+        self._losses = 0  # of the connection
+
+    async def run(self, write: Callable[[], None] | None) -> int:
+        """Show readings, and `write` each of them, until the end. Return the exit code."""
+        tasks = [asyncio.create_task(each) for each in (self._states(), self._battery(), self._buttons())]
+        limit = asyncio.timeout(self._args.seconds)
+        try:
+            async with limit:
+                with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
+                    return await self._readings(write)
+        except TimeoutError:
+            if not limit.expired():  # the board did not answer
+                raise
+            return OK
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    async def _readings(self, write: Callable[[], None] | None) -> int:
+        watched = self._watched
+        async with self._board.watch(self._args.hz, alarms=watched.alarms) as readings:
+            async for reading in readings:
+                watched.take(reading)
+                self._output.reading()
+                if write is not None:
+                    write()
+                watched.new_buttons.clear()
+                if reading.alarms and self._args.on_alarm == "exit":
+                    return fail(str(reading.alarms[0]), FAILED)
+                self._output.alarms(reading.alarms)
+                if any(raised.alarm.stops for raised in reading.alarms):
+                    self._interruption.state = "an alarm has sent a stop to all servos"
+        return OK
+
+    async def _states(self) -> None:
+        """Report when the connection is lost, and when it is back."""
+        async for state in self._board.states():
+            self._watched.state = state
+            if state == "lost":
+                self._losses += 1
+                self._output.note("the connection is lost; trying to get it back")
+            elif self._losses:
+                self._output.note("the board is back")
+
+    async def _battery(self) -> None:
+        """Ask for the battery now and then. A board that does not answer is not asked again: that delays readings."""
+        while is_answered(self._board, "QueryRemainPower"):
+            losses = self._losses
+            try:
+                self._watched.battery = await self._board.battery()
+            except ServolinkError as error:
+                self._watched.battery = None
+                # Through a hub that has lost the board, there is only silence.
+                if not (isinstance(error, ConnectionLost) or self._watched.state == "lost" or self._losses > losses):
+                    return
+            await asyncio.sleep(_BATTERY_EVERY)
+
+    async def _buttons(self) -> None:
+        """Keep button events. A board without buttons has none."""
+        loop = asyncio.get_running_loop()
+        with suppress(ServolinkError):
+            async for event in self._board.button_events():
+                self._watched.press(event, loop.time())
+
+
+_PICTURE_EVERY = 0.05  # seconds, at most
+
+
+class Output(Protocol):
+    """Shows what is known of a watched board."""
+
+    def reading(self) -> None:
+        """Show the latest reading, and what came with it."""
+
+    def note(self, text: str) -> None:
+        """Show that something has happened to the connection."""
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Show the alarms of the latest reading, which has been shown."""
+
+
+class Lines:
+    """A line for each servo and reading and for each button event, or an object for each reading.
+
+    Notes are on standard error.
+    """
+
+    def __init__(self, watched: Watched, *, as_json: bool) -> None:
+        """Print the names of the columns."""
+        self._watched = watched
+        self._as_json = as_json
+        if not as_json:
+            print_text(f"{'seconds':>9}  servo  {'angle':>8}  current_raw  temperature_raw  state")
+
+    def reading(self) -> None:
+        """Print the latest reading."""
+        if self._as_json:
+            print_json(_described(self._watched))
+            return
+        for seconds, event in self._watched.new_buttons:
+            print_text(f"{seconds:9.3f}  button {event.button_id} {event.kind}")
+        for servo in self._watched.servos:
+            print_text(
+                f"{self._watched.seconds:9.3f}  {servo.servo_id:5}  {angle_text(servo.angle):>8}  {servo.current:11}  "
+                f"{servo.temperature:15}  {servo.state}"
+            )
+
+    def note(self, text: str) -> None:
+        """Print `text`."""
+        print_error(f"servolink: {text}")
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Print a note for each."""
+        for raised in alarms:
+            self.note(f"{raised}{'; stopping all servos' if raised.alarm.stops else ''}")
+
+
+def _described(watched: Watched) -> dict[str, Any]:
+    """Return the latest reading, and what came with it, for `--json`."""
+    reading, stats = watched.reading, watched.stats
+    alarms = reading.alarms if reading else ()
+    return {
+        "seconds": round(watched.seconds, 3),
+        "servos": [servo_object(servo, watched.captions) for servo in watched.servos],
+        "missed": reading.missed if reading else 0,
+        "battery_percent": watched.battery,
+        "button_events": [
+            {"seconds": round(seconds, 3), "button_id": event.button_id, "event": event.event, "kind": event.kind}
+            for seconds, event in watched.new_buttons
+        ],
+        "alarms": [{"alarm": str(one.alarm), "servo_id": one.servo_id, "value_raw": one.value} for one in alarms],
+        "noise_bytes": watched.skipped_bytes,
+        "late_responses": stats.late_responses,
+        "retries": stats.retries,
+        "reconnects": stats.reconnects,
+    }
+
+
+class Screen:
+    """Pictures on a terminal."""
+
+    def __init__(self, watched: Watched, draw: Callable[[], None]) -> None:
+        """Show `watched` with `draw`."""
+        self._watched = watched
+        self._draw = draw
+        self._due = 0.0
+
+    def reading(self) -> None:
+        """Draw the latest reading, unless the picture before is too new for people."""
+        now = asyncio.get_running_loop().time()
+        if now >= self._due or (self._watched.reading and self._watched.reading.alarms):
+            self._due = now + _PICTURE_EVERY
+            self._draw()
+
+    def note(self, text: str) -> None:
+        """Draw what there is now, which includes what `text` says."""
+        self._draw()
+
+    def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
+        """Do nothing: the picture of the reading shows them."""
+
+
+@contextmanager
+def screen(watched: Watched) -> Iterator[Screen]:
+    """Yield the screen of the terminal."""
+    with pictures(lambda width, height, blocks: picture(watched, width, height, blocks=blocks)) as draw:
+        yield Screen(watched, draw)
+
+
+_CSV_COLUMNS = ("seconds", "servo_id", "angle", "angle_unit", "current_raw", "temperature_raw", "state", "missed")
+
+
+def may_replace(path: Path) -> bool:
+    """Return whether `csv_file` may open a file: there is none, it is empty, or it was written in this way."""
+    header = ",".join(_CSV_COLUMNS).encode("ascii")
+    if not path.is_file():
+        return True
+    try:
+        with open_file(path) as file:
+            return file.read(len(header)) in {b"", header}
+    except OSError:
+        return True  # opening it to write says what is wrong
+
+
+@contextmanager
+def csv_file(watched: Watched, path: Path) -> Iterator[Callable[[], None]]:
+    """Yield a function that writes the latest reading to a new file, a row for each servo.
+
+    Captions are left out: a spreadsheet would take one such as `=1+1` for a formula.
+    """
+    with _named(path), path.open("w", encoding="ascii", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(_CSV_COLUMNS)
+
+        def write() -> None:
+            with _named(path):
+                rows.writerows(_csv_rows(watched))
+                file.flush()
+
+        yield write
+
+
+def _csv_rows(watched: Watched) -> Iterator[tuple[object, ...]]:
+    missed = watched.reading.missed if watched.reading else 0
+    for servo in watched.servos:
+        unit = servo.angle.unit if isinstance(servo.angle, Angle) else ""
+        state = servo.current, servo.temperature, servo.state
+        yield f"{watched.seconds:.3f}", servo.servo_id, int(servo.angle), unit, *state, missed
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Raise ServolinkError, which names the file, if it cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        raise ServolinkError(f"{path} cannot be written: {reason(error)}") from error

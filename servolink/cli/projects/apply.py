@@ -1,0 +1,222 @@
+"""`servolink apply` and `servolink rollback`: write a project to a board, and restore what was there before."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+from servolink.cli.arguments import file_path, not_empty
+from servolink.cli.main import FAILED, OK
+from servolink.cli.projects.export import backup_named
+from servolink.cli.projects.plan import plan_to_json, print_plan
+from servolink.cli.screen.live import PHASES, shown_progress
+from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.screen.terminal import confirm
+from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.client.board import Board
+from servolink.errors import ProjectError, ServolinkError
+from servolink.escaping import escape
+from servolink.project.project_file import read_project_file
+from servolink.project.transfer.apply import backup_for
+from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, ProgressCallback
+
+T = TypeVar("T")
+
+_NAMED = 5  # records that the question names
+
+
+def configure_apply(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink apply`."""
+    parser.set_defaults(run=_apply)
+    parser.description = (
+        "Make the board hold exactly what a project file holds: records that the file lacks are deleted. "
+        "Before anything changes, the content of the board is saved in a backup, which `servolink rollback` restores."
+    )
+    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
+    parser.add_argument("--replace", action="store_true", help="if anything differs, delete and write everything")
+    parser.add_argument("--no-backup", action="store_true", help="save no backup; what is replaced is lost")
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+
+
+def configure_rollback(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink rollback`."""
+    parser.set_defaults(run=_roll_back)
+    parser.add_argument(
+        "backup",
+        nargs="?",
+        type=not_empty,
+        metavar="BACKUP",
+        help="a number of `servolink backups`, or a file (the last)",
+    )
+    parser.add_argument("--yes", action="store_true", help="do not ask")
+
+
+def _apply(args: argparse.Namespace) -> int:
+    project, unchecked, _ = read_project_file(args.file)  # before any question: it may be missing
+    refuse_without_answer(args)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(project, replace=args.replace, unchecked=unchecked, on_progress=on_progress)
+
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            return await board.apply_project(
+                project,
+                replace=args.replace,
+                backup=not args.no_backup,
+                unchecked=unchecked,
+                on_progress=on_progress,
+            )
+
+        ways_out = (
+            "the same command finishes it; without a backup nothing can undo it"
+            if args.no_backup
+            else "nothing is lost: the same command finishes it, `servolink rollback` undoes it"
+        )
+        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+def _roll_back(args: argparse.Namespace) -> int:
+    given = backup_named(args.backup) if args.backup else None
+    store = BackupStore()
+    if given:
+        store.load(given)  # before any question: it may be missing or damaged
+    refuse_without_answer(args)
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        path = given or await backup_for(board, store)
+        project = store.load(path, board.codec.caption_encoding)
+        if not args.json:
+            print_text(f"from {path}")
+
+        async def plan(on_progress: ProgressCallback) -> Plan:
+            return await board.plan_project(project, unchecked=True, on_progress=on_progress)
+
+        async def work(on_progress: ProgressCallback) -> ApplyResult:
+            return await board.rollback_project(path, on_progress=on_progress)
+
+        ways_out = "nothing is lost: the same command finishes it"
+        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
+
+    return run_with_board(args, talk, state=UNTOUCHED)
+
+
+class BoardImport:
+    """Shows the plan, asks, imports, and keeps the interruption's state up to date."""
+
+    def __init__(
+        self,
+        args: argparse.Namespace,
+        board: Board,
+        interruption: Interruption,
+        ways_out: str,
+        *,
+        show: Callable[[Plan], None] = print_plan,
+        ask: Callable[[Plan], str] | None = None,
+    ) -> None:
+        """`ways_out` says how to get out of an unfinished import; `show` prints what will be done.
+
+        `ask` returns the question before it, in place of `question`; with `args.yes` nothing is asked.
+        """
+        self._args = args
+        self._board = board
+        self._interruption = interruption
+        self._ways_out = ways_out
+        self._show = show
+        self._ask = ask or question
+
+    async def run(
+        self,
+        make_plan: Callable[[ProgressCallback], Awaitable[Plan]],
+        work: Callable[[ProgressCallback], Awaitable[ApplyResult]],
+    ) -> int:
+        """Import after a yes. Raise ProjectError if the plan changed before the answer came."""
+        plan = await self._with_progress(make_plan)
+        if not self._args.json:
+            self._show(plan)
+        if not plan.differs:
+            if self._args.json:
+                print_json({"changed": False, "plan": plan_to_json(plan)})
+            return OK
+        if not self._args.yes:
+            if not await confirm(self._ask(plan)):
+                print_text(UNTOUCHED)
+                return FAILED
+            if _content(await self._with_progress(make_plan)) != _content(plan):
+                raise ProjectError(
+                    f"the content of {self._board.url} changed before the answer, and so did the plan; "
+                    f"{UNTOUCHED} by this command: look at the new plan"
+                )
+        try:
+            result = await self._with_progress(lambda show: work(lambda progress: self._note(progress, show)))
+        except ServolinkError:
+            print_error(f"servolink: {escape(self._interruption.state)}")
+            raise
+        self._report(plan, result)
+        return OK
+
+    async def _with_progress(self, work: Callable[[ProgressCallback], Awaitable[T]]) -> T:
+        with shown_progress(self._board, quiet=self._args.json) as on_progress:
+            return await work(on_progress)
+
+    def _note(self, progress: Progress, show: ProgressCallback) -> None:
+        show(progress)
+        if progress.phase not in ("reading", "saving"):
+            self._interruption.state = (
+                f"{_LEFT.get(progress.phase, 'the board holds an unfinished import')}, stopped while "
+                f"{PHASES[progress.phase]}, at {progress.item} ({progress.done} of {progress.total}); {self._ways_out}"
+            )
+
+    def _report(self, plan: Plan, result: ApplyResult) -> None:
+        self._interruption.state = "the import is finished"
+        backup = result.backup and str(result.backup)
+        if self._args.json:
+            described = {
+                "changed": result.changed,
+                "resumed": result.resumed,
+                "backup": backup,
+                "project_id_bits": result.project_id_bits,
+            }
+            print_json({**described, "plan": plan_to_json(plan)})
+            return
+        print_text("done, and verified: each record was read back from the board", "green")
+        if result.project_id_bits is not None and (protection := _PROTECTION.get(result.project_id_bits)):
+            print_text(protection, "yellow")
+        if backup and not (result.resumed and self._args.command == "rollback"):
+            what = "content before the unfinished import" if result.resumed else "content before"
+            print_text(f"the {what} is saved in {backup}; `servolink rollback` restores it")
+
+
+_PROTECTION = {
+    16: (
+        "this board keeps 16 bits of a project id, so an interrupted import is recognised only from this computer and "
+        "at this address"
+    ),
+    0: (
+        "this board keeps no project id, so an interrupted import is recognised only from this computer, at this "
+        "address, by what is on the board; two programs that import at the same time do not notice each other"
+    ),
+}
+"""What protects an import on a board that keeps so many bits of a project id."""
+_LEFT: dict[Phase, str] = {
+    "marking": "the board may say that it holds an unfinished import, but nothing else was changed",
+    "finishing": "everything is written, but the board may still say that the import is unfinished",
+}
+
+
+def question(plan: Plan) -> str:
+    """Return the question before an import, which names the records that will be deleted."""
+    deleted = [one.what for one in plan.changes if one.new is None and not isinstance(one.old, int)]
+    if not deleted:
+        return "write this to the board?"
+    more = f" and {len(deleted) - _NAMED} more" if len(deleted) > _NAMED else ""
+    return f"write this to the board, and delete {', '.join(deleted[:_NAMED])}{more} from it?"
+
+
+def _content(plan: Plan) -> object:
+    """Return what a plan changes, without what that costs."""
+    return plan.changes, plan.inconsistencies, plan.is_unfinished

@@ -1,0 +1,169 @@
+"""`servolink project check` and `preflight`: find the problems of a project, and movements beyond limits."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from servolink.cli.arguments import SERVO_NAME, whole_number
+from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.projects.source import add_source, is_address, with_project
+from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.profiles.profile import ProfileInUse
+from servolink.project.fix import fix_project
+from servolink.project.model import Project
+from servolink.project.preflight import preflight
+from servolink.project.project_file import read_project_file, save_repaired
+from servolink.project.records import find, find_servo
+from servolink.project.validate import Diagnostic, validate_project
+from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol.servos import ALL_SERVOS
+
+_IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
+_STYLES = {"error": "red", "warning": "yellow"}
+
+
+def configure_check(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project check`."""
+    parser.set_defaults(run=run_check)
+    add_source(parser)
+    parser.add_argument("--fix", action="store_true", help="repair in the file what has one right solution")
+    parser.add_argument("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11")
+    parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
+    parser.add_argument("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board")
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Print a line for each problem; return 0 if none is left, else 1."""
+    if args.fix and is_address(args.source):
+        usage_error(args, "--fix repairs files; `servolink export` writes one from a board")
+    if args.speed_cap is not None and not args.speed_cap > 0:
+        usage_error(args, "--speed-cap must be above 0 degrees per second")
+
+    def check(project: Project) -> int:
+        fixes: list[str] = []
+        if args.fix:
+            result, fixes = fix_project(project)
+            if fixes:
+                unchecked = read_project_file(args.source, unchecked=True).unchecked
+                save_repaired(args.source, result, unchecked=unchecked)
+                project = result
+        found = validate_project(
+            project,
+            servo_ids=args.servos,
+            speed_cap=args.speed_cap,
+            memory=args.memory,
+            caption_encoding=args.caption_encoding or "utf-8",
+        )
+        _print(args, found, fixes)
+        return FAILED if found else OK
+
+    return with_project(args, check)
+
+
+def _print(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) -> None:
+    if args.json:
+        listed = [
+            {"path": one.path, "text": one.text, "severity": one.severity, "fixable": one.fixable} for one in found
+        ]
+        print_json({"ok": not found, "problems": listed, "fixes": fixes})
+        return
+    for fix in fixes:
+        print_text(f"fixed: {fix}", "green")
+    for one in found:
+        repair = " (--fix repairs it)" if one.fixable and not args.fix else ""
+        print_text(f"{one.severity}: {one}{repair}", _STYLES[one.severity])
+    print_text(f"{args.source}: {counted(len(found), 'problem') if found else 'no problems'}")
+
+
+def _servo_ids(text: str) -> frozenset[int]:
+    """Read a number of servos, or a list of ids."""
+    parts = [_IDS.fullmatch(part.strip()) for part in text.split(",")]
+    found = frozenset(
+        servo_id for part in parts if part for servo_id in range(int(part[1]), int(part[2] or part[1]) + 1)
+    )
+    if None in parts or not found or max(found) > 0xFE:
+        raise argparse.ArgumentTypeError(f"must be a number of servos, or a list of ids as in 1-8,11, not {text!r}")
+    return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found
+
+
+_NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
+_SERVO_LIMIT = re.compile(rf"(.+)=({_NUMBER}):({_NUMBER})", re.DOTALL)
+
+
+def configure_preflight(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project preflight`."""
+    parser.set_defaults(run=run_preflight)
+    add_source(parser)
+    parser.add_argument("record", nargs="?", metavar="NAME", help="only this action or macro, and what it runs")
+    parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
+    parser.add_argument(
+        "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="angles of all servos, in degrees"
+    )
+    parser.add_argument(
+        "--servo-limit",
+        action="append",
+        default=[],
+        type=_servo_limit,
+        metavar="SERVO=LOW:HIGH",
+        help="angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
+    )
+    parser.add_argument(
+        "--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"
+    )
+    parser.add_argument(
+        "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
+    )
+
+
+def run_preflight(args: argparse.Namespace) -> int:
+    """Print the movements that are too fast or go too far; return 0 if there are none, else 1."""
+    if args.speed_cap is None and not args.limit and not args.servo_limit and args.profile is None:
+        usage_error(args, "give --profile, --speed-cap, --limit or --servo-limit, with which movements are compared")
+    if args.speed_cap is not None and not args.speed_cap > 0:
+        usage_error(args, "--speed-cap must be above 0 degrees per second")
+    if args.limit and not args.limit[0] <= args.limit[1]:
+        usage_error(args, "--limit needs the lower angle first, as in --limit -90 90")
+    for_all = tuple(args.limit) if args.limit else None
+    profile = None if args.profile is None else _profile(args)
+
+    def examine(project: Project) -> int:
+        record = find(project, args.record, (ACTION, MACRO)) if args.record else None
+        pose = find(project, args.start, (ACTION,)) if args.start else None
+        limits = dict.fromkeys(range(ALL_SERVOS), for_all) if for_all else {}
+        limits |= {find_servo(project, servo): allowed for servo, allowed in args.servo_limit}
+        found = preflight(
+            project,
+            None if record is None else [record],
+            speed_cap=args.speed_cap,
+            angle_limits=limits,
+            limits=None if profile is None else profile.limits,
+            interval_unit=(profile and profile.settings.interval_unit) or INTERVAL_UNIT,
+            start=None if pose is None else {step.servo_id: step.degree for step in pose.steps},
+        )
+        if args.json:
+            print_json({"ok": not found, "findings": [{"path": one.path, "text": one.text} for one in found]})
+        else:
+            for one in found:
+                print_text(str(one))
+            print_text(counted(len(found), "finding") if found else "no findings")
+        return FAILED if found else OK
+
+    return with_project(args, examine)
+
+
+def _profile(args: argparse.Namespace) -> ProfileInUse:
+    """Return the profile that is named, which must exist."""
+    from servolink.profiles.store import load_profile
+
+    if (profile := load_profile(args.profile)) is None:
+        usage_error(args, f"{args.profile!r} has no profile; `servolink board` lists those that there are")
+    return ProfileInUse(args.profile, profile)
+
+
+def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
+    found = _SERVO_LIMIT.fullmatch(text)
+    if found is None or float(found[2]) > float(found[3]):
+        raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
+    return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))

@@ -1,0 +1,213 @@
+"""`servolink project new`, `mirror`, `scale-time`, `merge`, `rename` and `schema`."""
+
+from __future__ import annotations
+
+import argparse
+
+from servolink.cli.arguments import SERVO_NAME, file_path, new_file, number, or_caption, whole_number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.projects.source import add_force, add_output, add_source, with_project, write_edited, write_new
+from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.project.adjust import rename_record, rename_servo, scale_project
+from servolink.project.build import build_project
+from servolink.project.fix import fix_project
+from servolink.project.merge import merge_projects
+from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
+from servolink.project.model import Project
+from servolink.project.project_file import load_project, schema_text
+from servolink.project.records import find, find_servo
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
+from servolink.protocol.records import Action
+
+
+def configure_scale_time(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project scale-time`."""
+    parser.set_defaults(run=run_edit, edit=_scaled)
+    add_source(parser)
+    parser.add_argument(
+        "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
+    )
+    parser.add_argument(
+        "actions", nargs="*", default=[], metavar="ACTION", help="caption or id; without any, everything and all pauses"
+    )
+    add_output(parser)
+
+
+def configure_merge(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project merge`."""
+    parser.set_defaults(run=run_edit, edit=_merged)
+    parser.description = (
+        f"{parser.description}\n\nIf an id means two different records, the one of OTHER gets a new id."
+    )
+    add_source(parser)
+    parser.add_argument("other", type=file_path, metavar="OTHER", help="the project file to add to it")
+    add_output(parser)
+
+
+def configure_rename(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project rename`."""
+    parser.set_defaults(run=run_edit, edit=_renamed)
+    add_source(parser)
+    parser.add_argument(
+        "kind", choices=("action", "macro", "table", "servo"), metavar="action|macro|table|servo", help="what to rename"
+    )
+    parser.add_argument(
+        "record",
+        type=or_caption(whole_number(-(2**31), 2**31 - 1)),
+        metavar="NAME",
+        help="its caption or id, which `project show` prints",
+    )
+    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
+    add_output(parser)
+
+
+def run_edit(args: argparse.Namespace) -> int:
+    """Write the edited project."""
+    edit = args.edit
+
+    def write(project: Project) -> int:
+        result, changes = edit(args, project)
+        return write_edited(args, project, result, changes)
+
+    return with_project(args, write)
+
+
+def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
+    result, changes = scale_project(project, args.factor, actions or None)
+    result, fixes = fix_project(result)
+    return result, changes + fixes
+
+
+def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    return merge_projects(project, load_project(args.other, unchecked=True))
+
+
+def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    if args.kind == "servo":
+        return rename_servo(project, find_servo(project, args.record), args.caption)
+    kind = next(kind for kind in RECORD_TYPES if kind.label.endswith(args.kind))
+    is_id = isinstance(args.record, int)
+    record = kind.record_class(args.record) if is_id else find(project, args.record, (kind,))
+    return rename_record(project, record, args.caption)
+
+
+_HOW = (
+    "A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its "
+    "partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left "
+    "knee' is 'right knee', of 'L knee' 'R knee', of 'l_knee' 'r_knee', of '左膝' '右膝'."
+)
+
+
+def configure_mirror(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project mirror`."""
+    parser.set_defaults(run=run_mirror)
+    parser.description = f"{parser.description}\n\n{_HOW}"
+    add_source(parser)
+    parser.add_argument(
+        "records", nargs="+", metavar="NAME", help="actions or macros: captions, ids, or as in action:3"
+    )
+    parser.add_argument(
+        "--map",
+        type=_pairs,
+        metavar="1=2,hip=3",
+        help="pairs, ids or captions, in place of those that captions suggest; 5=5 gets the opposite angle",
+    )
+    parser.add_argument(
+        "--same-sign",
+        type=_servos,
+        default=(),
+        metavar="5,hip",
+        help="servos, by id or caption, that take their partner's angle unchanged",
+    )
+    add_output(parser)
+
+
+def run_mirror(args: argparse.Namespace) -> int:
+    """Write the project with the mirror images."""
+    return with_project(args, lambda project: _mirror(args, project))
+
+
+def _mirror(args: argparse.Namespace, project: Project) -> int:
+    records = [find(project, name, (ACTION, MACRO)) for name in args.records]
+    same_sign = [find_servo(project, servo) for servo in args.same_sign]
+    if args.map is None:
+        mirror = mirror_by_captions(project, records, same_sign)
+    else:
+        mirror = Mirror(_partners(args, project), same_sign)
+        if not any(step.servo_id in mirror.partners for action in project.actions for step in action.steps):
+            usage_error(args, "no action moves a servo of --map")
+    if strangers := [servo_id for servo_id in same_sign if servo_id not in mirror.partners]:
+        usage_error(args, f"servo {strangers[0]} of --same-sign has no partner")
+    result, changes = mirror_project(project, records, mirror)
+    pairs = sorted((one, other) for one, other in mirror.partners.items() if one <= other)
+    lines = [f"pairs: {', '.join(f'{one}={other}' for one, other in pairs)}", *changes]
+    return write_edited(args, project, result, lines, pairs=pairs)
+
+
+def _partners(args: argparse.Namespace, project: Project) -> dict[int, int]:
+    """Return the pairs of `--map` by id, in both directions."""
+    partners: dict[int, int] = {}
+    for pair in args.map:
+        one, other = (find_servo(project, servo) for servo in pair)
+        for servo_id, partner in ((one, other), (other, one)):
+            if partners.setdefault(servo_id, partner) != partner:
+                usage_error(args, f"servo {servo_id} has two partners in --map")
+    return partners
+
+
+def _pairs(text: str) -> list[tuple[int | str, int | str]]:
+    """Return the pairs in a text such as `1=2,hip=3`."""
+    pairs = []
+    for part in text.split(","):
+        one, separator, other = part.partition("=")
+        if not separator:
+            raise argparse.ArgumentTypeError(f"must be pairs of servos, as in 1=2,hip=3, not {part!r}")
+        pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
+    return pairs
+
+
+def _servos(text: str) -> tuple[int | str, ...]:
+    return tuple(SERVO_NAME(part.strip()) for part in text.split(","))
+
+
+_SERVOS = 16
+_MOST_SERVOS = 254
+
+
+def configure_new(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project new`."""
+    parser.set_defaults(run=run_new)
+    parser.add_argument("file", type=new_file, metavar="FILE", help="such as robot.servolink.json")
+    parser.add_argument("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})")
+    add_force(parser)
+
+
+def run_new(args: argparse.Namespace) -> int:
+    """Write a project with a caption for each servo, and a pose with all servos at 0 degrees."""
+    servo_ids = range(1, args.servos + 1)
+    rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
+    project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
+    write_new(args, args.file, project)
+    if args.json:
+        print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})
+    else:
+        print_text(f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'")
+    return OK
+
+
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
+        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {text!r}")
+    return int(text)
+
+
+def configure_schema(parser: argparse.ArgumentParser) -> None:
+    """Add no options."""
+    parser.set_defaults(run=run_schema)
+
+
+def run_schema(args: argparse.Namespace) -> int:
+    """Print the schema, which is JSON with `--json` and without."""
+    print(schema_text(), end="")
+    return OK

@@ -1,0 +1,124 @@
+"""`servolink project show`: show what is in a project."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from servolink.cli.main import OK
+from servolink.cli.projects.source import add_source, with_project
+from servolink.cli.screen.output import Table, print_json, print_table, print_text
+from servolink.cli.stored.records import command_text, record_table
+from servolink.project.model import Project
+from servolink.project.records import find, macro_seconds, total_size
+from servolink.protocol.json_form import record_to_json
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, type_of
+from servolink.protocol.records import Action, MacroCommand
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink project show`."""
+    parser.set_defaults(run=run)
+    add_source(parser)
+    parser.add_argument(
+        "records", nargs="*", default=[], metavar="NAME", help="show these in full: captions, ids, or as in action:3"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the project, or some records of it."""
+
+    def show(project: Project) -> int:
+        records = [find(project, name, RECORD_TYPES) for name in args.records]
+        if args.json:
+            print_json(_records_to_json(records) if records else _to_json(project))
+        elif records:
+            for record in records:
+                print_table(record_table(record))
+        else:
+            _print(project)
+        return OK
+
+    return with_project(args, show)
+
+
+def _records_to_json(records: list[Any]) -> dict[str, Any]:
+    return {kind.field: [record_to_json(one) for one in records if type_of(one) is kind] for kind in RECORD_TYPES}
+
+
+def _to_json(project: Project) -> dict[str, Any]:
+    """Return the project in the form of its file, with its size and the durations by id."""
+    durations = {
+        ACTION.field: {one.action_id: one.seconds for one in project.actions},
+        MACRO.field: macro_seconds(project),
+    }
+    form: dict[str, Any] = record_to_json(project)
+    return form | {"stored_bytes": total_size(project), "duration_seconds": durations}
+
+
+def _print(project: Project) -> None:
+    facts = [
+        ("project id", project.project_id or "none"),
+        ("size", f"{total_size(project):,} bytes on a board"),
+        ("joystick table", project.active_joystick_table or "chosen by the board"),
+    ]
+    print_table(Table((), facts))
+    for table in _tables(project):
+        if table.rows:
+            print_text("")
+            print_table(table)
+
+
+def _tables(project: Project) -> Iterator[Table]:
+    """Yield one table for each type of record, empty ones too."""
+    parameters = [(one.servo_id, one.servo_caption, one.adjusted_degree) for one in project.servo_parameters]
+    yield Table(("servo", "caption", "correction"), parameters)
+    actions = [(one.action_id, one.action_caption, one.seconds, _pose_text(one)) for one in project.actions]
+    yield Table(("action", "caption", "seconds", "angles"), actions)
+    seconds = macro_seconds(project)
+    captions = {(kind.label, kind.id_of(one)): kind.caption_of(one) for kind, one in _runnable(project)}
+    macros = [
+        (
+            one.macro_id,
+            one.macro_caption,
+            seconds[one.macro_id],
+            ", ".join(_with_ratio(command, captions) for command in one.commands),
+        )
+        for one in project.macros
+    ]
+    yield Table(("macro", "caption", "seconds", "does"), macros)
+    buttons = list(_buttons(project, captions))
+    yield Table(("table", "caption", "button", "caption", "press", "long press", "up"), buttons)
+
+
+def _runnable(project: Project) -> Iterator[tuple[Any, Any]]:
+    yield from ((ACTION, one) for one in project.actions)
+    yield from ((MACRO, one) for one in project.macros)
+
+
+def _pose_text(action: Action) -> str:
+    """Return the angles by servo, with the duration of those that take less than the whole action."""
+    return ", ".join(
+        f"{step.servo_id}: {step.degree}" + (f" in {step.seconds:g} s" if step.seconds != action.seconds else "")
+        for step in action.steps
+    )
+
+
+def _with_ratio(command: MacroCommand, captions: Mapping[tuple[str, int], str]) -> str:
+    times = f" {command.loop} times" if command.loop != 1 else ""
+    return command_text(command, captions) + times + (f" at {command.ratio} %" if command.ratio != 100 else "")
+
+
+def _buttons(project: Project, captions: Mapping[tuple[str, int], str]) -> Iterator[tuple[object, ...]]:
+    """Yield a row for each button, with the captions of its macros, and one for each table without buttons."""
+
+    def macro(macro_id: int) -> str:
+        return captions.get((MACRO.label, macro_id)) or f"macro {macro_id}" if macro_id else ""
+
+    for table in project.joystick_tables:
+        if not table.buttons:
+            yield table.table_id, table.table_caption, None, None, None, None, None
+        for one in table.buttons:
+            macros = (one.button_press_macro, one.button_long_press_macro, one.button_up_macro)
+            yield table.table_id, table.table_caption, one.button_id, one.button_caption, *map(macro, macros)

@@ -1,0 +1,131 @@
+"""Read the project of a command from a file or a board, and write what the command made of it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from servolink.cli.arguments import new_file, not_empty
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.output import print_json, print_text
+from servolink.errors import ProjectError
+from servolink.project.build import refuse_new_errors
+from servolink.project.model import Project
+from servolink.project.project_file import ProjectFile, load_project, read_project_file, save_project
+from servolink.project.validate import validate_project
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Add the argument FILE."""
+    parser.add_argument(
+        "source", type=not_empty, metavar="FILE", help="a project file, or the address of a board, which is only read"
+    )
+
+
+def is_address(source: str) -> bool:
+    """Return whether `source` is the address of a board."""
+    return "://" in source
+
+
+def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> int:
+    """Read the project of `args.source` and return the exit code of `then`. A board is only read."""
+    if not is_address(args.source):
+        return then(load_project(Path(args.source), unchecked=True))
+
+    if getattr(args, "in_place", False):
+        usage_error(args, "--in-place is for files; write a file with -o, and `servolink apply` writes it to a board")
+
+    from servolink.cli.screen.live import shown_progress
+    from servolink.cli.session import Interruption, run_with_board
+    from servolink.client.board import Board
+
+    read: list[Project] = []
+
+    async def talk(board: Board, interruption: Interruption) -> int:
+        with shown_progress(board, quiet=args.json) as on_progress:
+            read.append(await board.export_project(on_progress=on_progress))
+        return OK
+
+    args.url = args.source
+    ended = run_with_board(args, talk, state="the board was only read")
+    return then(*read) if ended == OK else ended
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where to write the result."""
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("-o", "--output", type=new_file, metavar="OUT", help="write the result to this file")
+    where.add_argument("--in-place", action="store_true", help="write the result to FILE itself")
+    add_force(parser)
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """Add the option that allows replacing files."""
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+
+
+def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
+    """Write `after` where `args` says, whole or not at all, and print the changes.
+
+    Raise ProjectError, and write nothing, if a board could not store it. An export of values that servolink would not
+    write unasked stays one; no others may be added to it.
+    """
+    target: Path = Path(args.source) if args.in_place else args.output
+    is_new = not args.in_place or after != before
+    if is_new:
+        file = _edited(args, before)
+        if file.unchecked:
+            _refuse_new_errors(args, before, after)
+        else:
+            _refuse_errors(args, after)
+        _write(args, target, after, file)
+    if args.json:
+        print_json({"file": str(target), "written": is_new, "changes": changes, **more})
+        return OK
+    for change in changes:
+        print_text(change)
+    print_text(f"{target}: {'written' if is_new else 'nothing to change'}")
+    return OK
+
+
+def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
+    """Write `project` to a file that does not exist yet, or that `args` allows to replace.
+
+    Raise ProjectError if no board could store it, with captions in the encoding of `args`.
+    """
+    _refuse_errors(args, project)
+    _write(args, target, project, ProjectFile(project, unchecked=False))
+
+
+def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
+    """Return the file that is edited; for the project of a board, the one that an export would write."""
+    if is_address(args.source):
+        return ProjectFile(before, unchecked=bool(_errors(args, before)))
+    return read_project_file(args.source, unchecked=True)
+
+
+def _errors(args: argparse.Namespace, project: Project) -> list[str]:
+    found = validate_project(project, caption_encoding=args.caption_encoding or "utf-8")
+    return [str(one) for one in found if one.severity == "error"]
+
+
+def _refuse_new_errors(args: argparse.Namespace, before: Project, after: Project) -> None:
+    try:
+        refuse_new_errors(before, after, args.caption_encoding or "utf-8")
+    except ProjectError as error:
+        raise ProjectError(f"nothing was written, because the result would have a new error: {error}") from error
+
+
+def _refuse_errors(args: argparse.Namespace, project: Project) -> None:
+    if errors := _errors(args, project):
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")
+
+
+def _write(args: argparse.Namespace, target: Path, project: Project, like: ProjectFile) -> None:
+    """Write `project` with the mark and the figure of the file `like`."""
+    if target.exists() and not (args.force or getattr(args, "in_place", False)):
+        raise ProjectError(f"{target}: exists already; --force replaces it")
+    save_project(target, project, unchecked=like.unchecked, figure=like.figure)

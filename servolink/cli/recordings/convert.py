@@ -1,0 +1,78 @@
+"""`servolink convert`: a recording in the form of other tools."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from servolink.cli.arguments import not_empty
+from servolink.cli.main import OK, refuse_input, usage_error
+from servolink.cli.recordings.show import add_selection, selection
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.recorder.channels import CHANNELS, Recorded, Wire
+from servolink.recorder.pcapng import save_pcapng
+from servolink.recorder.reading import Recording, Selection
+from servolink.recorder.tables import write_tables
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink convert`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
+    form = parser.add_mutually_exclusive_group(required=True)
+    form.add_argument("--csv", action="store_true", help="write a table for each channel, for spreadsheets")
+    form.add_argument("--pcap", action="store_true", help="write a capture of the line, for Wireshark")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=not_empty,
+        metavar="OUT",
+        help="name of the new file, in which several tables add the names of their channels (that of FILE, beside it)",
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing file")
+    add_selection(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the recording in another form."""
+    with Recording(Path(args.file)) as recording:
+        written = _write_capture(args, recording) if args.pcap else _write_tables(args, recording)
+        remarks = recording.remarks
+    if args.json:
+        print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
+        return OK
+    for path, count in written.items():
+        print_text(f"{path}  {counted(count, 'packet' if args.pcap else 'row')}")
+    if not written:
+        print_text("nothing was written: the recording holds nothing of this kind")
+    for remark in remarks:
+        print_error(f"servolink: {recording.path}: {remark}")
+    return OK
+
+
+def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
+    wanted = selection(args)
+    out = Path(args.output) if args.output else _beside(recording.path, ".csv")
+
+    def path_of(channel: str) -> Path:
+        return out if args.output and len(wanted.topics) == 1 else out.with_suffix(f".{channel}{out.suffix}")
+
+    refuse_input(args, recording.path, (path_of(topic.removeprefix("/")) for topic in wanted.topics or CHANNELS))
+    return write_tables(recording.entries(wanted), path_of, replace=args.force)
+
+
+def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
+    wanted = selection(args)
+    if wanted != Selection(wanted.since, wanted.until):
+        usage_error(args, "--pcap writes all bytes of the line: only --from and --to select a part")
+    out = Path(args.output) if args.output else _beside(recording.path, ".pcapng")
+    refuse_input(args, recording.path, [out])
+    entries = recording.entries(Selection(wanted.since, wanted.until, frozenset({"/wire"})))
+    wire = ((entry.time, entry.message) for entry in entries if isinstance(entry.message, Wire))
+    recorded = recording.about or Recorded("", "", recording.path.name, "board")
+    return {out: save_pcapng(out, wire, recorded, replace=args.force)}
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """Return the name for another form of a recording: no part of it but `.mcap` is dropped, as names may have dots."""
+    return path.with_name((path.stem if path.suffix.lower() == ".mcap" else path.name) + suffix)

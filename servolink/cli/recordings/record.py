@@ -1,0 +1,169 @@
+"""`servolink record`: what happens on a board, in a file for people, tools and bug reports."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from servolink.cli.arguments import alarm, new_file, number
+from servolink.cli.main import FAILED, OK, fail, usage_error
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.screen.terminal import single_keys
+from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
+from servolink.errors import RecordingError
+from servolink.platforms.signals import SAVING, handled
+
+if TYPE_CHECKING:  # and imported late: `--help` needs none of it
+    from servolink.cli.recordings.record_view import RecordView
+    from servolink.recorder.recorder import Recorder, Wanted
+
+_MOST_HZ = 200.0
+_UNITS = {"s": (1, "seconds"), "m": (60, "minutes"), "h": (3600, "hours")}
+_LONGEST_RING = 86400
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink record`."""
+    parser.set_defaults(run=run)
+    parser.description = f"{parser.description}\n\n{ENDLESS}"
+    parser.add_argument("file", type=new_file, metavar="FILE", help="a new file, such as out.mcap")
+    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
+    parser.add_argument(
+        "--hz",
+        type=number(0.0, _MOST_HZ, "readings a second"),
+        default=20.0,
+        metavar="N",
+        help="read the servos N times a second (20); 0 sends nothing to the board",
+    )
+    parser.add_argument(
+        "--ring",
+        type=_duration,
+        metavar="TIME",
+        help="keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
+    )
+    parser.add_argument("--wire", action="store_true", help="record only the bytes on the line, and send nothing")
+    parser.add_argument(
+        "--alarm",
+        type=alarm,
+        action="append",
+        default=[],
+        metavar="RULE",
+        help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
+    )
+    parser.add_argument(
+        "--repair", action="store_true", help="record nothing, but mend FILE if its end is missing, as after a crash"
+    )
+
+
+def _duration(text: str) -> float:
+    """Return the seconds in a text such as `90`, `30s`, `5m` or `1h`."""
+    unit, name = _UNITS.get(text[-1:], (1, "seconds"))
+    return number(1, _LONGEST_RING / unit, name)(text[:-1] if text[-1:] in _UNITS else text) * unit
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record until the time is over, until `q` is pressed or until Ctrl-C; or mend a file."""
+    if args.repair:
+        return _repair(args)
+
+    async def main(interruption: Interruption) -> int:
+        return await _record(args, interruption)
+
+    try:
+        return run_interruptible(main, "nothing was recorded")
+    except RecordingError:
+        raise
+    except ValueError as error:
+        usage_error(args, str(error))
+
+
+def _repair(args: argparse.Namespace) -> int:
+    from servolink.recorder.repair import repair
+
+    done = repair(args.file)
+    if args.json:
+        print_json({"messages": done.messages, "original": done.original or None, "remarks": done.remarks})
+        return OK
+    if done.original:
+        print_text(f"repaired {args.file}: {counted(done.messages, 'message')}; the file as it was is {done.original}")
+    else:
+        print_text(f"{args.file} is whole, with {counted(done.messages, 'message')}; nothing was changed")
+    for remark in done.remarks:
+        print_error(f"servolink: {args.file}: {remark}")
+    return OK
+
+
+async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
+    from servolink.cli.recordings.record_view import RecordView
+    from servolink.cli.screen.live import can_draw
+    from servolink.client.alarms import Alarm
+    from servolink.recorder.recorder import Wanted, record_at
+
+    alarms = tuple(map(Alarm.parse, args.alarm))
+    wanted = Wanted(args.file, args.hz, wire_only=args.wire, alarms=alarms, ring=args.ring)
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    view: RecordView | None = None
+    try:
+        async with record_at(choose_board(args), wanted, **options) as recorder:
+            view = RecordView(recorder, as_json=args.json, on_screen=not args.json and can_draw())
+            _print_start(wanted, as_json=args.json)
+            if args.seconds is None:
+                interruption.code = OK
+            try:
+                await _until_the_end(recorder, view, args.seconds)
+            finally:
+                interruption.state = view.unfinished()  # for a second Ctrl-C, while the end is written
+    finally:
+        if view is not None:
+            interruption.state = view.end()
+    if recorder.over.is_set():
+        return fail(f"the hub has ended; {interruption.state}", FAILED)
+    if not args.json:
+        print_text(interruption.state)
+    return OK
+
+
+async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | None) -> None:
+    """Return when the time is over, when `q` is pressed, or when nothing more can come."""
+    ending = asyncio.Event()
+    marks = 0
+
+    def typed(keys: str) -> None:
+        nonlocal marks
+        for key in keys.lower():
+            if key == "q":
+                ending.set()
+            elif key == "w":
+                recorder.save("asked for by a key")
+            elif key == "m":
+                marks += 1
+                recorder.mark(f"mark {marks}", who="keyboard")
+
+    work = (view.run(), ending.wait(), recorder.over.wait())
+    tasks: list[asyncio.Task[object]] = [asyncio.create_task(each) for each in work]
+    with _saving_for_a_signal(recorder), single_keys(typed):
+        try:
+            await asyncio.wait(tasks[1:], timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
+
+
+@contextmanager
+def _saving_for_a_signal(recorder: Recorder) -> Iterator[None]:
+    """Write what a ring has kept for each SIGUSR1, in this context."""
+    with handled(lambda: recorder.save("asked for by a signal"), () if recorder.wanted.ring is None else SAVING):
+        yield
+
+
+def _print_start(wanted: Wanted, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"recording": str(wanted.path)})
+    elif wanted.ring is None:
+        print_error(f"servolink: recording to {wanted.path}")
+    else:
+        print_error(f"servolink: keeping the last {wanted.ring:g} s, and writing them when something fails")

@@ -1,0 +1,133 @@
+"""What `servolink record` says while it records: a line that stays on a terminal, and what a ring has written."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from servolink.cli.screen.output import console, counted, print_json, print_text, text_width
+from servolink.cli.screen.terminal import cleanup
+from servolink.escaping import escape
+
+if TYPE_CHECKING:
+    from servolink.recorder.recorder import Recorder
+    from servolink.recorder.writer import RecorderStatus, Saved
+
+_EVERY = 0.5  # seconds
+_KIB = 1024
+
+
+class RecordView:
+    """Shows one recording."""
+
+    def __init__(self, recorder: Recorder, *, as_json: bool, on_screen: bool) -> None:
+        """Draw a line that stays if `on_screen`."""
+        self._recorder = recorder
+        self._is_ring = recorder.wanted.ring is not None
+        self._as_json = as_json
+        self._on_screen = on_screen
+        self._told = 0  # files of a ring
+
+    async def run(self) -> None:
+        """Show the state of the recording until the task is cancelled."""
+        with suppress(OSError), self._screen() as draw:  # OSError: the terminal is gone
+            while True:
+                draw(self._recorder.status)
+                await asyncio.sleep(_EVERY)
+
+    def end(self) -> str:
+        """Print what has not been printed yet, and return what was recorded, in a sentence."""
+        status = self._recorder.status
+        self._print_saved(status, print_text)
+        if self._as_json:
+            print_json(status_json(status))
+        return summary(status, is_ring=self._is_ring)
+
+    def unfinished(self) -> str:
+        """Return what was recorded so far, in a sentence, for a process that ends before all of it is written."""
+        status = self._recorder.status
+        text = summary(status, is_ring=self._is_ring)
+        if self._is_ring:
+            return f"{text}; a failure of the last seconds may not be written"
+        return f"{text}; its end may be missing, and `servolink record {status.path} --repair` mends it"
+
+    @contextmanager
+    def _screen(self) -> Iterator[Callable[[RecorderStatus], None]]:
+        if not self._on_screen:
+            yield lambda status: self._print_saved(status, print_text)
+            return
+        from rich.live import Live
+        from rich.text import Text
+
+        displayed = console(stderr=True)
+        live = Live(console=displayed, auto_refresh=False, transient=True)
+
+        def draw(status: RecorderStatus) -> None:
+            self._print_saved(status, lambda text: displayed.print(Text(escape(text))))
+            style = "bold red" if status.problem or status.dropped else "bold"
+            live.update(Text(status_line(status, displayed.width, is_ring=self._is_ring), style), refresh=True)
+
+        with cleanup(displayed.show_cursor), live:
+            yield draw
+
+    def _print_saved(self, status: RecorderStatus, say: Callable[[str], None]) -> None:
+        for saved in status.saved[self._told :]:
+            if self._as_json:
+                print_json({"saved": saved.path, "reason": saved.reason, "size_bytes": saved.size})
+            else:
+                say(f"wrote {saved.path}: {saved.reason}")
+        self._told = len(status.saved)
+
+
+def status_line(status: RecorderStatus, width: int, *, is_ring: bool = False) -> str:
+    """Return the line that stays, without the keys where they do not fit, and cut to `width` columns."""
+    minutes, seconds = divmod(int(status.seconds), 60)
+    parts = [
+        f"{minutes}:{seconds:02}{' in memory' if is_ring else ''}",
+        f"{status.messages:,} messages",
+        _size(status.size),
+        *([f"{status.dropped:,} missing"] if status.dropped else []),
+        *([f"nothing can be written: {status.problem}"] if status.problem else []),
+    ]
+    text, keys = escape("  ".join(parts)), f"  m: mark{'  w: write' if is_ring else ''}  q: end"
+    if text_width(text + keys) <= width:
+        return text + keys
+    while text_width(text) > width:
+        text = text[:-1]
+    return text
+
+
+def summary(status: RecorderStatus, *, is_ring: bool) -> str:
+    """Return in a sentence what was recorded."""
+    text = f"recorded {counted(status.messages, 'message')} in {status.seconds:.1f} s to {status.path}"
+    if is_ring:
+        text = _summary_of_ring(status.saved)
+    if status.dropped:
+        text += f"; {counted(status.dropped, 'message')} missing, because the disk was too slow or full"
+    return text
+
+
+def _summary_of_ring(saved: Sequence[Saved]) -> str:
+    """Return in a sentence which files were written of a ring."""
+    if not saved:
+        return "nothing failed, and nothing was written"
+    last = saved[-1].path
+    wrote = f"wrote {last}" if len(saved) == 1 else f"wrote {len(saved)} files, the last one {last}"
+    return f"{wrote}; nothing has failed since, and what came since was not kept"
+
+
+def status_json(status: RecorderStatus) -> dict[str, object]:
+    """Return what was recorded, for programs."""
+    return {
+        "path": status.path,
+        "seconds": round(status.seconds, 3),
+        "size_bytes": status.size,
+        "messages": status.messages,
+        "dropped": status.dropped,
+    }
+
+
+def _size(size: int) -> str:
+    return f"{size / _KIB:,.0f} KiB" if size < _KIB * _KIB else f"{size / _KIB / _KIB:,.1f} MiB"

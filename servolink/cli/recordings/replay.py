@@ -1,0 +1,268 @@
+"""`servolink replay`: the board of a recording for other programs, or its commands on a virtual robot."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AsyncExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from servolink.cli.arguments import listening, not_empty, number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.live import Line, can_draw, pictures
+from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
+from servolink.cli.screen.virtual_view import servos_of
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.escaping import escape
+from servolink.listeners import host_and_port, serve_network, serve_terminal
+from servolink.platforms.pseudo_terminals import AVAILABLE
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.frame import MAGIC, encode_frame
+from servolink.protocol.json_form import packet_to_json
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
+from servolink.recorder.channels import ServosRead
+from servolink.recorder.conversation import Asked, commands, read_conversation
+from servolink.recorder.reading import Recording, Selection
+from servolink.recorder.replaying import RecordedBoardTransport
+from servolink.recorder.story import asked as in_words
+from servolink.recorder.story import duration
+from servolink.transports.base import Transport
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.servo import to_degrees
+from servolink.virtual.state_file import load_state
+
+_VIRTUAL = "virtual"
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink replay`."""
+    parser.set_defaults(run=run)
+    parser.description = (
+        f"{parser.description}\n\nWithout --to, programs connect to the recorded board, until Ctrl-C, its normal end.\n"
+        "It answers as it did, as long as a program sends the same commands."
+    )
+    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
+    parser.add_argument("--to", type=not_empty, metavar=_VIRTUAL, help="play the commands on a virtual board")
+    parser.add_argument(
+        "--speed", type=number(0.01, 1000, "times"), default=1.0, metavar="N", help="play N times as fast (1)"
+    )
+    parser.add_argument(
+        "--state",
+        type=not_empty,
+        metavar="FILE",
+        help="with --to: what the virtual board stores (see `virtual --state`)",
+    )
+    parser.add_argument("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp)")
+    parser.add_argument("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play the commands on a virtual board, or serve the recorded board until Ctrl-C."""
+    if args.to is None:
+        if args.state:
+            usage_error(args, "--state needs --to virtual")
+        return _serve(args)
+    if args.to.partition(":")[0] != _VIRTUAL:
+        usage_error(
+            args,
+            f"--to must be virtual, not {args.to!r}: nobody knows what stands around a real robot now, so a recording "
+            "is never played on one",
+        )
+    if args.to not in (_VIRTUAL, f"{_VIRTUAL}://") or args.pty or args.tcp:
+        usage_error(
+            args, "--to virtual plays on a board of its own, which nobody can connect to and which has no options"
+        )
+
+    return play(args)
+
+
+def _serve(args: argparse.Namespace) -> int:
+    with Recording(Path(args.file)) as recording:  # now, so that errors come before anybody connects
+        read_conversation(recording)
+
+    def connect() -> Transport:
+        return RecordedBoardTransport(args.file, speed=args.speed)
+
+    async def main(interruption: Interruption) -> int:
+        interruption.code = OK
+        pty = args.pty or (AVAILABLE and not args.tcp)
+        tcp = args.tcp or (None if pty else "127.0.0.1:0")
+        async with AsyncExitStack() as stack:
+            urls = [await stack.enter_async_context(serve_terminal(connect))] if pty else []
+            if tcp:
+                served = serve_network(connect, *host_and_port(tcp), begins_with=MAGIC)
+                urls.append(await stack.enter_async_context(served))
+            for url in urls:
+                print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
+            await asyncio.Event().wait()
+        return OK
+
+    return run_interruptible(main, "the recorded board is gone")
+
+
+_EVERY = 0.1  # seconds between two pictures
+_SETTLE = 60.0  # seconds after the last command; a macro may go on for ever
+_STORED = (ExecuteActionExRequest, ExecuteMacroRequest)
+_USUAL_SERVOS = 16
+
+
+@dataclass
+class Replay:
+    """A recording on its way to a virtual board."""
+
+    path: str
+    board: VirtualBoard
+    commands: Sequence[Asked]
+    speed: float
+    done: int = 0
+    seconds: float = 0.0
+    """Of the recording."""
+    latest: str = ""
+
+    @property
+    def length(self) -> float:
+        """When the last command comes, in seconds."""
+        return self.commands[-1].seconds if self.commands else 0.0
+
+
+def play(args: argparse.Namespace) -> int:
+    """Play the recording of `args` on a new virtual board."""
+    replay = _load(args)
+
+    async def main(interruption: Interruption) -> int:
+        with _shown(replay, quiet=args.json) as tell:
+            await _play(replay, tell)
+        if args.json:
+            print_json({"played": replay.done, "seconds": round(replay.seconds, 3), "angles": _angles(replay.board)})
+        else:
+            _report(replay)
+        return OK
+
+    return run_interruptible(main, "the recording was not played to its end; it was a virtual robot")
+
+
+def _load(args: argparse.Namespace) -> Replay:
+    path = Path(args.file)
+    with Recording(path) as recording:
+        conversation = read_conversation(recording)
+        codec = recording.codec
+    sent = [asked for asked in commands(conversation) if asked.packet is not None]
+    first = _first_reading(path)
+    board = VirtualBoard(_servo_count(sent, first), codec=codec)
+    if args.state:
+        load_state(board, Path(args.state))
+    for state in first.servos if first else ():
+        if state.servo_id in board.servos:
+            angle = to_degrees(round(state.angle)) if state.angle_unit == "adc" else state.angle
+            board.servos[state.servo_id].angle = max(-180.0, min(180.0, angle))
+    return Replay(args.file, board, sent, args.speed)
+
+
+def _first_reading(path: Path) -> ServosRead | None:
+    with Recording(path) as recording:
+        for entry in recording.entries(Selection(topics=frozenset({"/servos"}))):
+            if isinstance(entry.message, ServosRead) and entry.message.servos:
+                return entry.message
+    return None
+
+
+def _servo_count(sent: Sequence[Asked], first: ServosRead | None) -> int:
+    """Return how many servos the recorded board seems to have; their ids begin with 1."""
+    moved = (
+        step.servo_id for each in sent if isinstance(each.packet, ExecuteActionRequest) for step in each.packet.steps
+    )
+    seen = (state.servo_id for state in (first.servos if first else ()))
+    highest = max((servo_id for servo_id in (*moved, *seen) if 0 < servo_id <= MAX_SERVOS), default=0)
+    return highest or _USUAL_SERVOS
+
+
+async def _play(replay: Replay, tell: Callable[[Asked | None], None]) -> None:
+    """Pass each command to the board at its time, and go on until nothing moves any more.
+
+    The board has no clock of its own, so that at twice the speed it is told that twice the time has passed.
+    """
+    loop = asyncio.get_running_loop()
+    start = loop.time()
+    host = replay.board.attach(lambda data: None)
+    for each in replay.commands:
+        await _until(replay, tell, start, each.seconds)
+        replay.done += 1
+        host.receive(encode_frame(*each.frame, replay.board.codec.byte_order), start + replay.seconds)
+        tell(each)
+    end = replay.seconds + _SETTLE
+    while _moves(replay.board, start + replay.seconds) and replay.seconds < end:
+        await _until(replay, tell, start, replay.seconds + _EVERY * replay.speed)
+
+
+async def _until(replay: Replay, tell: Callable[[Asked | None], None], start: float, seconds: float) -> None:
+    """Move on to a second of the recording, with a picture now and then."""
+    loop = asyncio.get_running_loop()
+    while replay.seconds < seconds:
+        replay.seconds = min(seconds, replay.seconds + _EVERY * replay.speed)
+        await asyncio.sleep(start + replay.seconds / replay.speed - loop.time())
+        replay.board.advance(start + replay.seconds)
+        tell(None)
+
+
+def _moves(board: VirtualBoard, now: float) -> bool:
+    return board.next_due(now) is not None or any(servo.moving for servo in board.servos.values())
+
+
+@contextmanager
+def _shown(replay: Replay, *, quiet: bool) -> Iterator[Callable[[Asked | None], None]]:
+    """Yield a function to call with each command and with None now and then: it draws, or prints the commands."""
+    if quiet:
+        yield lambda each: None
+    elif can_draw():
+        with pictures(lambda width, height, blocks: _picture(replay, (width, height), blocks=blocks)) as draw:
+
+            def drawn(each: Asked | None) -> None:
+                if each is None:
+                    draw()
+                else:
+                    replay.latest = _words(each)
+
+            yield drawn
+    else:
+
+        def printed(each: Asked | None) -> None:
+            if each is not None:
+                print_text(f"{each.seconds:10.3f}  {_words(each)}")
+
+        yield printed
+
+
+def _picture(replay: Replay, size: tuple[int, int], *, blocks: bool) -> list[Line]:
+    head = [
+        (f"replay {escape(replay.path)} on a virtual board", ""),
+        (f"{replay.seconds:.1f} s of {replay.length:.1f} s, at {replay.speed:g} times the speed", "bold green"),
+        (f"{counted(replay.done, 'command')} of {len(replay.commands)}  {escape(replay.latest)}", ""),
+    ]
+    return picture_of_servos(servos_of(replay.board), head, [*wrapped(LEGEND, size[0], "dim")], size, blocks=blocks)
+
+
+def _words(each: Asked) -> str:
+    assert each.packet is not None  # noqa: S101 - others are left out
+    described = packet_to_json(each.packet)
+    return in_words(described["packet"], described["fields"])
+
+
+def _angles(board: VirtualBoard) -> dict[int, float]:
+    return {servo.servo_id: round(servo.angle, 1) for servo in board.servos.values()}
+
+
+def _report(replay: Replay) -> None:
+    """Print where the servos are, and what the virtual board could not know."""
+    print_table(Table(("servo", "angle"), list(_angles(replay.board).items())))
+    print_text(f"played {counted(replay.done, 'command')} of {duration(replay.seconds)}")
+    stored = sum(isinstance(each.packet, _STORED) for each in replay.commands)
+    if stored and not any(replay.board.storage.contents.records.values()):
+        print_error(
+            f"servolink: {counted(stored, 'command')} ran what was stored on the recorded board and is not on this "
+            "one; --state FILE loads it"
+        )

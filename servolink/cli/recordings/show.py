@@ -1,0 +1,240 @@
+"""`servolink show`: what happened in a recording."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from difflib import get_close_matches
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+
+from servolink.cli.arguments import SERVO_ID, not_empty, number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.output import (
+    Table,
+    console,
+    counted,
+    is_terminal,
+    print_error,
+    print_json,
+    print_table,
+    print_text,
+    text_width,
+)
+from servolink.escaping import escape
+from servolink.protocol.codec import PACKETS_BY_NAME
+from servolink.recorder.channels import CHANNELS, Recorded
+from servolink.recorder.reading import Recording, Selection, base_name
+from servolink.recorder.report import RECORDING, is_zip, read_report
+from servolink.recorder.story import Line, Story, duration
+from servolink.recorder.summary import Summary
+
+SECONDS = number(0, 10**9, "seconds")
+CHANNEL_NAMES = tuple(topic.removeprefix("/") for topic in CHANNELS)
+_PERCENTILES = (50, 99)
+_WHO = 10  # columns
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink show`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording, or a report")
+    add_selection(parser)
+
+
+def add_selection(parser: argparse.ArgumentParser) -> None:
+    """Add the options that select messages of a recording."""
+    group = parser.add_argument_group("part of the recording")
+    group.add_argument("--from", dest="since", type=SECONDS, metavar="SECONDS", help="from this second on")
+    group.add_argument("--to", dest="until", type=SECONDS, metavar="SECONDS", help="up to this second")
+    group.add_argument(
+        "--channel",
+        action="append",
+        choices=CHANNEL_NAMES,
+        default=[],
+        metavar="NAME",
+        help=f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
+    )
+    group.add_argument("--packet", type=_packet, metavar="NAME", help="only packets of this name")
+    group.add_argument("--servo", type=SERVO_ID, metavar="ID", help="only what is about this servo")
+    group.add_argument("--problems", action="store_true", help="only what went wrong")
+
+
+def selection(args: argparse.Namespace) -> Selection:
+    """Return what `args` selects."""
+    if args.since is not None and args.until is not None and args.since > args.until:
+        usage_error(args, f"--from {args.since:g} is after --to {args.until:g}")
+    topics = frozenset(f"/{name}" for name in args.channel)
+    return Selection(args.since, args.until, topics, args.packet or "", args.servo, args.problems)
+
+
+def _packet(text: str) -> str:
+    """Return the name of a packet. Refuse a name that no packet has, with those that are like it."""
+    known = {base_name(name): name for name in PACKETS_BY_NAME}
+    if base_name(text) not in known:
+        alike = get_close_matches(base_name(text), known, 1)
+        hint = f"; did you mean {known[alike[0]].removesuffix('Response')}?" if alike else ""
+        raise argparse.ArgumentTypeError(f"no packet is called {text!r}{hint}")
+    return text
+
+
+def run(args: argparse.Namespace) -> int:
+    """Tell the story of a recording, or print its messages as JSON."""
+    wanted, path = selection(args), Path(args.file)
+    if is_zip(path):
+        _show_report(args, path, wanted)
+    else:
+        _show(args, path, wanted)
+    return OK
+
+
+def _show(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+    with Recording(path) as recording:
+        if args.json:
+            _print_messages(recording, wanted)
+        else:
+            _tell(recording, wanted)
+            for remark in recording.remarks:
+                print_error(f"servolink: {recording.path}: {remark}")
+
+
+def _show_report(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
+    """Print the facts of a report, and tell its recording."""
+    facts, files = read_report(path)
+    if args.json:
+        print_json({"report": facts, "files": {name: len(content) for name, content in files.items()}})
+    else:
+        print_table(Table(("file", "bytes"), [(name, len(content)) for name, content in files.items()]))
+        for line in json.dumps(facts, indent=1).splitlines():
+            print_text(line)
+        print_text("")
+    if RECORDING in files:
+        with TemporaryDirectory(prefix="servolink-") as folder:
+            unpacked = Path(folder) / RECORDING
+            unpacked.write_bytes(files[RECORDING])
+            _show(args, unpacked, wanted)
+
+
+def _print_messages(recording: Recording, wanted: Selection) -> None:
+    """Print what was recorded, each message, and the figures, an object a line."""
+    print_json({"recording": recording.about and msgspec.to_builtins(recording.about)})
+    summary = Summary()
+    for entry in summary.over(recording.entries(wanted)):
+        message = msgspec.to_builtins(entry.message)
+        print_json({"seconds": round(entry.seconds, 6), "time": entry.time, "channel": entry.topic, "message": message})
+    print_json({"summary": {**summary.as_dict(), "remarks": recording.remarks}})
+
+
+def _tell(recording: Recording, wanted: Selection) -> None:
+    """Print the story and its figures."""
+    print_table(Table((), list(_head(recording))))
+    print_text("")
+    # What went wrong is also seen from what is missing, so that the story needs every message.
+    summary = Summary()
+    entries = summary.over(recording.entries(msgspec.structs.replace(wanted, only_problems=False)))
+    is_all = not wanted.packet and wanted.servo_id is None
+    story = Story(hz=_hz(recording.about), packets=_tells_packets(recording.about, wanted), silences=is_all)
+    for line in story.tell(entries):
+        if line.is_problem or not wanted.only_problems:
+            _print_line(line)
+    summary.problems.update(story.silences)
+    _print_summary(summary)
+
+
+def _hz(about: Recorded | None) -> float:
+    """Return how many readings of the servos a second there should be; 0 if that is unknown."""
+    try:
+        return float(about.hz) if about else 0.0
+    except ValueError:
+        return 0.0
+
+
+def _tells_packets(about: Recorded | None, wanted: Selection) -> bool:
+    """Return whether each request is told: somebody wants that, or nobody knows which of them are commands."""
+    is_spied = about is not None and about.through == "spy"
+    return is_spied or bool(wanted.packet) or "/packets" in wanted.topics
+
+
+def _head(recording: Recording) -> Iterator[tuple[str, str]]:
+    yield "recording", str(recording.path)
+    if recording.started:
+        started = datetime.fromtimestamp(recording.started / 1e9, UTC)
+        yield "from", f"{started:%Y-%m-%d %H:%M:%S} UTC"
+    if about := recording.about:
+        beside = {"hub": ", beside other programs on its hub", "spy": ", between a program and the board"}
+        yield "board", f"{about.board}{beside.get(about.through, '')}"
+        yield "written by", f"servolink {about.version}"
+
+
+def _print_line(line: Line) -> None:
+    """Print a line of the story, on a terminal in as many lines as its width needs."""
+    head = f"{line.seconds:10.3f}  {_sized(line.who)}  "
+    text, style = escape(line.text), "bold red" if line.is_problem else ""
+    if not is_terminal():
+        print_text(head + text)
+        return
+    from rich.text import Text
+
+    terminal = console()
+    for part in Text(text).wrap(terminal, max(20, terminal.width - text_width(head))):
+        print_text(head + part.plain.rstrip(), style)
+        head = " " * text_width(head)
+
+
+def _sized(who: str) -> str:
+    who = escape(who)
+    while text_width(who) > _WHO:
+        who = who[:-1]
+    return who + " " * (_WHO - text_width(who))
+
+
+def _print_summary(summary: Summary) -> None:
+    for table in (_requests(summary), _servos(summary)):
+        if table.rows:
+            print_text("")
+            print_table(table)
+    print_text("")
+    print_table(Table((), list(_facts(summary))))
+
+
+def _requests(summary: Summary) -> Table:
+    rows = [
+        (
+            name.removesuffix("Request"),
+            each.sent,
+            each.unanswered,
+            *(_milliseconds(each.times.percentile(percent)) for percent in _PERCENTILES),
+            _milliseconds(each.times.longest if each.times.count else None),
+        )
+        for name, each in sorted(summary.requests.items(), key=lambda item: -item[1].sent)
+    ]
+    return Table(("request", "sent", "unanswered", "p50 ms", "p99 ms", "longest ms"), rows)
+
+
+def _milliseconds(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds * 1000, 1)
+
+
+def _servos(summary: Summary) -> Table:
+    rows = [
+        (servo_id, each.caption, *(round(angle, 1) for angle in each.angles), each.most_current, each.most_temperature)
+        for servo_id, each in sorted(summary.servos.items())
+    ]
+    return Table(("servo", "caption", "lowest", "highest", "most current", "most temperature"), rows)
+
+
+def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
+    yield "lasts", duration(summary.seconds)
+    yield "messages", ", ".join(f"{topic[1:]} {count}" for topic, count in sorted(summary.messages.items())) or "none"
+    if summary.programs:
+        yield "commands", ", ".join(f"{who} {count}" for who, count in summary.programs.most_common())
+    if summary.noise:
+        yield "noise", f"{summary.noise} bytes"
+    if summary.missed:
+        yield "missed", counted(summary.missed, "reading")
+    problems = ", ".join(f"{name} ({count})" for name, count in summary.problems.most_common())
+    yield "problems", problems or "none"

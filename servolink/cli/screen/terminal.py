@@ -1,0 +1,91 @@
+"""The terminal: questions, single keys, and its state before and after."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import NoReturn
+
+from servolink.cli.screen.output import print_error
+from servolink.escaping import escape
+from servolink.platforms.keyboard import begin_keys, read_line
+
+_cleanups: list[Callable[[], object]] = []
+
+
+@contextmanager
+def cleanup(act: Callable[[], object]) -> Iterator[None]:
+    """Call `act` at the end, also when the process ends at once (see `end_process`)."""
+    _cleanups.append(act)
+    try:
+        yield
+    finally:
+        _cleanups.remove(act)
+        act()
+
+
+def end_process(code: int) -> NoReturn:
+    """End the process without waiting for anything but the calls promised by `cleanup`."""
+    for act in reversed(_cleanups):
+        with suppress(Exception):  # the terminal may be gone
+            act()
+    os._exit(code)
+
+
+def can_ask() -> bool:
+    """Return whether somebody can be asked: standard input and standard error are a terminal."""
+    return bool(sys.stdin and sys.stdin.isatty() and sys.stderr and sys.stderr.isatty())
+
+
+async def confirm(question: str) -> bool:
+    """Ask `question` on standard error and return whether the answer is yes; Ctrl-D is a no.
+
+    Call it only if `can_ask()`. The loop and signals keep working meanwhile.
+    """
+    print(f"{escape(question)} [y/N] ", end="", file=sys.stderr, flush=True)
+    try:
+        answer = await read_line()
+    except asyncio.CancelledError:
+        print_error("")  # the next message starts a line
+        raise
+    if not answer.endswith("\n"):
+        print_error("")
+    return answer.strip().lower() in ("y", "yes")
+
+
+async def wait_for_enter(request: str) -> bool:
+    """Print `request` on standard error and return whether Enter alone was pressed; Ctrl-D is a no.
+
+    Call it only if `can_ask()`.
+    """
+    print(escape(request), end="", file=sys.stderr, flush=True)
+    return await read_line() == "\n"
+
+
+@contextmanager
+def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
+    """Call `typed` with each key, without echo. Yield False, and call nothing, if there is no keyboard to read."""
+    end = begin_keys(typed)
+    if end is None:
+        yield False
+    else:
+        with cleanup(end):
+            yield True
+
+
+_KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)
+_ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left", "1;2C": "shift-right", "1;2D": "shift-left"}
+_NAMES = {"\x1b": "esc", "\r": "enter", "\n": "enter", "\t": "tab", " ": "space"}
+
+
+def keys_in(text: str) -> list[str]:
+    """Return the keys of a text that `single_keys` passed on: characters, and names such as `up`, `enter` and `esc`.
+
+    Other keys that are typed as several characters are left out. A terminal that is gone counts as `esc`.
+    """
+    keys = [_NAMES.get(one, one) if len(one) == 1 else _ARROWS.get(one[2:], "") for one in _KEY.findall(text)]
+    return [key for key in keys if key] if text else ["esc"]

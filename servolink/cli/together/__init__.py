@@ -1,0 +1,1 @@
+"""Commands that let programs and people use one board together."""

@@ -1,0 +1,130 @@
+"""`servolink share`: one board for many programs, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from contextlib import AsyncExitStack
+from ipaddress import ip_address
+
+from servolink.cli.arguments import board_name, listening, number
+from servolink.cli.main import OK, usage_error
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.session import Interruption, choose_board, run_interruptible
+
+_MOST_SECONDS = 3600.0
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink share`."""
+    parser.set_defaults(run=run)
+    parser.add_argument(
+        "--name", type=board_name, metavar="NAME", help="programs call the board share://NAME (the name of the board)"
+    )
+    parser.add_argument(
+        "--tcp",
+        metavar="HOST:PORT",
+        type=listening,
+        help="also serve TCP, for programs in any language; port 0 takes a free one",
+    )
+    parser.add_argument(
+        "--watch-tcp", metavar="HOST:PORT", type=listening, help="the same for programs that may only read"
+    )
+    parser.add_argument(
+        "--pty", nargs="?", const="", metavar="LINK", help="also serve a serial port, and link to it at LINK"
+    )
+    parser.add_argument(
+        "--unit", choices=("degree", "adc"), default="degree", help="angle unit of programs that set none (degree)"
+    )
+    parser.add_argument(
+        "--door-byte-order",
+        choices=("little", "big"),
+        help="byte order of programs behind --tcp and --pty (that of the board)",
+    )
+    parser.add_argument(
+        "--lease-seconds",
+        type=number(0.0, _MOST_SECONDS, "seconds"),
+        default=10.0,
+        metavar="N",
+        help="how long after its last movement a program alone may move the servos (10)",
+    )
+    group = parser.add_argument_group("to a hub that runs")
+    instead = group.add_mutually_exclusive_group()
+    instead.add_argument("--status", action="store_true", help="show its programs and counters")
+    instead.add_argument(
+        "--take",
+        metavar="NAME",
+        type=board_name,
+        help="end the lease of the program that moves the servos, and keep it out",
+    )
+    instead.add_argument("--give", metavar="NAME", type=board_name, help="let it move them again")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Share the board until Ctrl-C or SIGTERM, or talk to a hub that runs."""
+    if args.status or args.take or args.give:
+        from servolink.cli.together.share_status import talk_to_hub
+
+        return talk_to_hub(args)
+
+    args.url = choose_board(args)
+
+    async def main(interruption: Interruption) -> int:
+        return await _share(args, interruption)
+
+    try:
+        return run_interruptible(main, "nothing was sent to the board")
+    except ValueError as error:
+        usage_error(args, str(error))
+
+
+async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until the task is cancelled."""
+    from servolink.cli.screen.live import can_draw
+    from servolink.cli.together.share_view import in_the_log, on_terminal
+    from servolink.hub.serving import serve_board
+
+    served = serve_board(
+        args.url,
+        name=args.name,
+        tcp=args.tcp,
+        watch_tcp=args.watch_tcp,
+        pty=args.pty,
+        unit=args.unit,
+        door_byte_order=args.door_byte_order,
+        lease_seconds=args.lease_seconds,
+        byte_order=args.byte_order,
+        caption_encoding=args.caption_encoding,
+        patience=args.timeout,
+    )
+    async with AsyncExitStack() as stack:
+        hub, urls = await stack.enter_async_context(served)
+        interruption.state, interruption.code = "the board was left as it is", OK
+        watch_url = urls[1 + (args.tcp is not None)] if args.watch_tcp is not None else ""
+        _print_doors(urls, watch_url, as_json=args.json)
+        if not args.json and can_draw():
+            show = await stack.enter_async_context(on_terminal(hub.status))
+        else:
+            show = stack.enter_context(in_the_log())
+        stack.callback(hub.listen(lambda notice, session: show(notice, hub.name_of(session))))
+        try:
+            await asyncio.Event().wait()
+        finally:
+            if there := len(hub.programs):
+                interruption.state = f"the board was left as it is, and {counted(there, 'program')} disconnected"
+    return OK
+
+
+def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
+    """Print the addresses, and who can use those over TCP; programs at `watch_url` may only read."""
+    for url in urls:
+        if as_json:
+            print_json({"listening": url})
+        else:
+            print_text(f"listening {url}")
+    for url in urls:
+        if url.startswith("tcp://"):
+            host = url.removeprefix("tcp://").rpartition(":")[0].strip("[]")
+            who = "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
+            what = ", but only for reading" if url == watch_url else ""
+            print_error(f"servolink: {url} is open to {who}{what}")

@@ -1,0 +1,126 @@
+"""`servolink studio`: the page on this machine."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+from contextlib import AsyncExitStack
+from ipaddress import ip_address
+
+from servolink.cli.main import OK, refuse_board, usage_error
+from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.session import Interruption, run_interruptible
+from servolink.errors import TransportUnavailable, install_extra
+
+_MOST_PORT = 65535
+_NAME = r"(?:[\w.-]+|\[[0-9A-Fa-f:.]+\])"
+_HOST = re.compile(rf"{_NAME}|https://{_NAME}(:[0-9]{{1,5}})?/?", re.ASCII)
+_NOT_ENCRYPTED = (
+    "the studio is not encrypted: everybody in this network who reads along can do what these addresses allow; "
+    "put it behind a proxy that speaks TLS"
+)
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `servolink studio`."""
+    parser.set_defaults(run=run)
+    parser.add_argument("--demo", action="store_true", help="use a new virtual board, whatever is plugged in")
+    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page; 0: as last time (0)")
+    parser.add_argument("--no-browser", action="store_true", help="only print the address")
+    group = parser.add_argument_group("for tablets and other machines")
+    group.add_argument(
+        "--host", default="127.0.0.1", type=_place, metavar="ADDRESS", help="where to listen; *: everywhere (127.0.0.1)"
+    )
+    group.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        type=_host,
+        metavar="NAME",
+        help="a name or address under which other machines reach this one, or https://NAME of a proxy that speaks TLS; "
+        "may be repeated",
+    )
+
+
+def _port(text: str) -> int:
+    if not text.isascii() or not text.isdecimal() or int(text) > _MOST_PORT:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to {_MOST_PORT}, not {text!r}")
+    return int(text)
+
+
+def _place(text: str) -> str:
+    if text not in {"*", "localhost"}:
+        try:
+            ip_address(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(
+                f"must be an IP address of this machine, or * for all of them, not {text!r}"
+            ) from None
+    return text
+
+
+def _is_local(place: str) -> bool:
+    return place == "localhost" or (place != "*" and ip_address(place).is_loopback)
+
+
+def _host(text: str) -> str:
+    if not _HOST.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"must be a name or address, as in robot.local, or https://NAME of a proxy that speaks TLS, not {text!r}"
+        )
+    return text
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the studio until Ctrl-C or SIGTERM."""
+    if args.demo:
+        refuse_board(args, "--demo uses a board of its own; leave out --board")
+    if not args.allow_host and not _is_local(args.host):
+        usage_error(
+            args,
+            f"--host {args.host} opens the studio to the network: say under which names it is reached, as in "
+            "--allow-host robot.local, or leave --host out",
+        )
+
+    async def main(interruption: Interruption) -> int:
+        return await _serve(args, interruption)
+
+    try:
+        return run_interruptible(main, "nothing was sent to the board")
+    except ValueError as error:
+        usage_error(args, str(error))
+
+
+async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until the task is cancelled."""
+    try:
+        from servolink.studio.links import Links
+        from servolink.studio.server import serve_studio
+    except ModuleNotFoundError as error:
+        raise TransportUnavailable(f"servolink studio needs {error.name}; {install_extra('studio')}") from error
+    from servolink.studio.start import opened_in_browser, studio_for
+
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    async with AsyncExitStack() as stack:
+        studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **options))
+        gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
+        interruption.state, interruption.code = "the board was left as it is", OK
+        address = f"{gate.address}/#token={gate.new_token('edit')}"
+        _print("studio", address, as_json=args.json)
+        if args.allow_host:
+            print_error(f"servolink: {_NOT_ENCRYPTED}")
+            studio.links = Links(gate, port, tuple(args.allow_host))
+            for link in studio.links.addresses():
+                _print("drive" if link.role == "edit" else "watch", link.address, as_json=args.json)
+        if not args.no_browser:
+            stack.enter_context(opened_in_browser(address))
+        await asyncio.Event().wait()
+    return OK
+
+
+def _print(name: str, address: str, *, as_json: bool) -> None:
+    if as_json:
+        print_json({name: address})
+    else:
+        print_text(f"{name} {address}")

@@ -1,0 +1,66 @@
+"""The terminal: questions that wait for nobody, and its cursor, whatever ends the process."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from servolink.cli.screen import live
+from servolink.cli.screen.terminal import confirm, end_process
+from servolink.connection.stats import Stats
+
+_BOARD: Any = SimpleNamespace(stats=Stats())
+HIDDEN, SHOWN = "\x1b[?25l", "\x1b[?25h"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a console cannot be waited for there")
+def test_a_question_that_is_left_leaves_no_thread_that_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python waits for such a thread before it exits, and nothing interrupts it."""
+    ours, theirs = os.openpty()
+
+    async def main() -> set[threading.Thread]:
+        asking = asyncio.create_task(confirm("Really?"))
+        for _ in range(3):
+            await asyncio.sleep(0)
+        asking.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asking
+        left = set(threading.enumerate()) - before
+        os.write(ours, b"\n")  # for a thread that does read
+        return left
+
+    with open(theirs, encoding="utf-8") as terminal:
+        monkeypatch.setattr(sys, "stdin", terminal)
+        before = set(threading.enumerate())
+        try:
+            assert asyncio.run(main()) == set()
+        finally:
+            os.close(ours)
+
+
+@pytest.mark.parametrize(
+    "display",
+    [live.live_bars, lambda: live.counting("queries", 3), lambda: live.shown_progress(_BOARD, quiet=False)],
+    ids=["servos", "measurement", "import"],
+)
+def test_the_cursor_is_shown_again_by_a_process_that_ends_at_once(
+    display: Callable[[], AbstractContextManager[object]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = io.StringIO()
+    monkeypatch.setattr(live, "console", lambda **_: Console(file=drawn, force_terminal=True, width=80))
+    monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(os, "_exit", lambda code: None)
+    with display():
+        assert drawn.getvalue().rfind(HIDDEN) > drawn.getvalue().rfind(SHOWN)
+        end_process(130)
+        assert drawn.getvalue().rfind(SHOWN) > drawn.getvalue().rfind(HIDDEN)  # type: ignore[unreachable]
