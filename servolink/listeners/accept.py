@@ -66,6 +66,8 @@ async def _serve(connection: socket.socket, serve: Serve) -> None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         if connection.family in {socket.AF_INET, socket.AF_INET6}:
             keep_alive(connection, idle=60, interval=15, count=4)
+            # Not by asyncio, which looks at a number that accepted sockets do not have.
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         await serve(connection)
     except OSError:
         connection.close()

@@ -65,6 +65,7 @@ def test_the_system_holds_little_for_a_host_and_notices_when_it_vanishes(monkeyp
         line = writer.get_extra_info("socket")
         options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE))
         options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF))
+        options.append(line.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY))
         writer.close()
 
     async def main() -> None:
@@ -77,6 +78,7 @@ def test_the_system_holds_little_for_a_host_and_notices_when_it_vanishes(monkeyp
     asyncio.run(main())
     assert options[0] == 1
     assert options[1] <= 1024 * 1024
+    assert options[2], "short responses would wait for the acknowledgement of those before them"
 
 
 def test_connections_that_cannot_be_accepted_are_told_once_and_accepted_later(
