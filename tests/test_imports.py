@@ -65,6 +65,26 @@ SERVING = {
 """The modules of `virtual` and `usbip` that connect a board to the world; the others are the board."""
 
 
+SYSTEM_MODULES = {"fcntl", "grp", "msvcrt", "pty", "pwd", "resource", "select", "termios", "tty"}
+"""Modules that not every system has, or of which not every system has all."""
+SYSTEM_NAMES = {
+    "os.name",
+    "sys.platform",
+    "socket.AF_UNIX",
+    *(f"os.{name}" for name in ("fork", "getegid", "geteuid", "getgid", "getgroups", "getuid", "openpty", "tcgetpgrp")),
+    *(f"signal.{name}" for name in ("SIGBREAK", "SIGHUP", "SIGKILL", "SIGUSR1", "SIGUSR2")),
+}
+LOOP_METHODS = {"add_reader", "add_signal_handler", "add_writer", "create_unix_connection", "create_unix_server"}
+"""Methods that the event loop of Windows does not have."""
+SYSTEM_EXCEPTIONS = {
+    ("servolink.doctor.system", "sys.platform"): "a fact like others, which tests replace",
+    ("servolink.fleet.broker", "add_writer"): "as aiomqtt does",
+    ("servolink.transports.hid_devices", "sys.platform"): "a library has one module more on Linux",
+    ("servolink.wireshark.plugin_folder", "sys.platform"): "the default of a parameter",
+}
+"""Modules beside `platforms` that differ between systems, and why."""
+
+
 def part_of(module: str) -> str:
     """Return the part of the package that `module` belongs to, `servolink` for the package itself."""
     return module.split(".")[1] if "." in module else module
@@ -132,6 +152,23 @@ def test_modules_of_a_part_import_only_those_of_earlier_steps(part: str) -> None
         if step_of[name] >= step_of[module.split(".")[2]]
     }
     assert found == set()
+
+
+def system_dependent(module: str) -> set[str]:
+    """Return what `module` uses that not every system has, and how it asks which system this is."""
+    found = {source.partition(".")[0] for source, _ in imported(MODULES[module])} & SYSTEM_MODULES
+    found |= {f"{source}.{name}" for source, name in imported(MODULES[module])} & SYSTEM_NAMES
+    for node in ast.walk(tree_of(MODULES[module])):
+        if isinstance(node, ast.Attribute):
+            found |= {ast.unparse(node)} & SYSTEM_NAMES | {node.attr} & LOOP_METHODS
+    return found
+
+
+def test_only_platforms_knows_systems() -> None:
+    found = {
+        (module, used) for module in MODULES if part_of(module) != "platforms" for used in system_dependent(module)
+    }
+    assert found == set(SYSTEM_EXCEPTIONS)
 
 
 def test_every_serving_module_exists() -> None:
