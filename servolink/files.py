@@ -55,7 +55,7 @@ def open_file(path: Path, *, writable: bool = False) -> FileIO:
     """
     _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
     mode: Literal["rb", "r+b"] = "r+b" if writable else "rb"
-    file = open(path, mode, buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
+    file = open(path, mode, buffering=0, opener=open_without_waiting)  # noqa: SIM115 - the caller closes it
     try:
         _refuse_irregular(path, os.fstat(file.fileno()))  # it may be another file by now
     except BaseException:
@@ -124,16 +124,16 @@ def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
             raise OSError(errno.ENOENT, f"{error}; set HOME") from error
 
 
+def open_without_waiting(path: str, flags: int) -> int:
+    """Open a device, or a file that may have become a pipe, whose other end may never come; an `opener` for `open`."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
+
+
 def _refuse_irregular(path: Path, status: os.stat_result) -> None:
     if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if not stat.S_ISREG(status.st_mode):
         raise OSError(errno.EINVAL, "is not a regular file", str(path))
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    """Open a file that may have become a pipe, whose other end may never come."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
 def _create_private(path: str, flags: int) -> int:

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
 if sys.platform == "win32":
     import msvcrt
@@ -41,15 +42,22 @@ async def read_line() -> str:
             return ""
 
 
+def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
+    """Call `typed` with keys as they are pressed, without echo; with an empty text once when the keyboard is gone.
+
+    Return the function that ends this; None if there is no keyboard to read.
+    """
+    if sys.stdin is None or not sys.stdin.isatty():
+        return None
+    if sys.platform == "win32":
+        return _poll_console(typed)
+    else:
+        return _read_terminal(typed)
+
+
 if sys.platform == "win32":
 
-    def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
-        """Call `typed` with keys as they are pressed, without echo; with nothing once when the keyboard is gone.
-
-        Return what ends this; None if there is no keyboard to read.
-        """
-        if sys.stdin is None or not sys.stdin.isatty():
-            return None
+    def _poll_console(typed: Callable[[str], None]) -> Callable[[], None]:
         loop = asyncio.get_running_loop()
         timer: asyncio.TimerHandle
 
@@ -79,23 +87,20 @@ if sys.platform == "win32":
             key = msvcrt.getwch()
             if key in {"\x00", "\xe0"} and msvcrt.kbhit():  # or else it is the letter à
                 key = _ARROWS.get(msvcrt.getwch(), "")
-            elif key == _INTERRUPT:  # pressed in the moment of reading, or it would be a signal
-                signal.raise_signal(signal.SIGINT)
-                key = ""
             keys += key
-        return keys
+        if _INTERRUPT in keys:  # pressed in the moment of reading, or it would be a signal
+            signal.raise_signal(signal.SIGINT)
+        return keys.replace(_INTERRUPT, "")
 
 else:
 
-    def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
-        """Call `typed` with keys as they are pressed, without echo; with nothing once when the keyboard is gone.
-
-        Return what ends this; None if there is no keyboard to read.
-        """
-        terminal = _own_terminal()
-        if terminal is None:
+    def _read_terminal(typed: Callable[[str], None]) -> Callable[[], None] | None:
+        loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
+        try:
+            if os.tcgetpgrp(terminal) != os.getpgrp():  # a background process that reads from a terminal is stopped
+                return None
+        except OSError:  # not the terminal of this process
             return None
-        loop = asyncio.get_running_loop()
 
         def read() -> None:
             try:
@@ -106,29 +111,12 @@ else:
                 loop.remove_reader(terminal)
             typed(data.decode(errors="replace"))
 
-        before = termios.tcgetattr(terminal)
-
         def end() -> None:
-            try:
+            with suppress(termios.error):  # it may be gone
                 termios.tcsetattr(terminal, termios.TCSANOW, before)
-            except termios.error:
-                pass  # it may be gone
-            finally:
-                loop.remove_reader(terminal)
+            loop.remove_reader(terminal)
 
+        before = termios.tcgetattr(terminal)
         tty.setcbreak(terminal)
         loop.add_reader(terminal, read)
         return end
-
-    def _own_terminal() -> int | None:
-        """Return standard input if it is a terminal with this process in its foreground.
-
-        A background process that reads from a terminal is stopped.
-        """
-        if sys.stdin is None:
-            return None
-        try:
-            descriptor = sys.stdin.fileno()
-            return descriptor if os.tcgetpgrp(descriptor) == os.getpgrp() else None
-        except OSError:  # no terminal, or not ours
-            return None

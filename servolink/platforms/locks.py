@@ -8,34 +8,33 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import IO, BinaryIO
 
+from servolink.files import open_without_waiting
+
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _PRIVATE = 0o600
 
 if sys.platform == "win32":
     import msvcrt
-
-    _FAR = 2**30  # a lock keeps others from reading the bytes it covers, so it covers one that is never written
-
-    def lock(file: BinaryIO, *, wait: bool) -> bool:
-        """Lock a file until it is closed, however that happens. Return whether it is locked."""
-        file.seek(_FAR)
-        try:
-            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        finally:
-            file.seek(0)
-        return True
 else:
     import fcntl
 
-    def lock(file: BinaryIO, *, wait: bool) -> bool:
-        """Lock a file until it is closed, however that happens. Return whether it is locked."""
-        try:
+_FAR = 2**30  # a lock of Windows keeps others from reading the bytes it covers, so it covers one that is never written
+
+
+def lock(file: BinaryIO, *, wait: bool) -> bool:
+    """Lock a file until it is closed, however that happens. Return whether it is locked."""
+    try:
+        if sys.platform == "win32":
+            file.seek(_FAR)
+            msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
+        else:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-        except OSError:
-            return False
-        return True
+    except OSError:
+        return False
+    finally:
+        if sys.platform == "win32":
+            file.seek(0)
+    return True
 
 
 def open_locked(path: Path) -> BinaryIO | None:
@@ -79,17 +78,13 @@ def claim_device(path: str) -> AbstractContextManager[object]:
     if sys.platform != "linux":
         return nullcontext()
     else:
-        file = open(path, "r+b", buffering=0, opener=_open_without_waiting)  # noqa: SIM115 - the caller closes it
+        file = open(path, "r+b", buffering=0, opener=open_without_waiting)  # noqa: SIM115 - the caller closes it
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BaseException:
             file.close()
             raise
         return file
-
-
-def _open_without_waiting(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_at(path: Path, file: BinaryIO) -> bool:
