@@ -105,6 +105,7 @@ def in_terminal(
     later: tuple[str, str | signal.Signals] = ("", ""),
     meanwhile: Callable[[], object] = lambda: None,
     env: Mapping[str, str] | None = None,
+    command: Sequence[str] = COMMAND,
 ) -> Said:
     """Run a command in a terminal of 100 columns and 40 lines; what it says on either stream is in `out`.
 
@@ -119,7 +120,7 @@ def in_terminal(
     try:
         fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
         process = start(
-            (*COMMAND, *arguments),
+            (*command, *arguments),
             stdin=theirs,
             stdout=theirs,
             stderr=theirs,

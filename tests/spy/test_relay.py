@@ -17,8 +17,9 @@ from typing import Any
 import pytest
 
 from servolink.recorder.channels import Direction
-from servolink.spy.program_side import on_network, on_terminal
+from servolink.spy.network import NetworkSide, serve_program
 from servolink.spy.relay import Relay
+from servolink.spy.terminal import TerminalSide
 from servolink.transports.serial import SerialTransport
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
@@ -79,7 +80,7 @@ class Stage:
         self.port = SerialTransport("serial://board", os.ttyname(theirs))
         self.passed: dict[Direction, bytearray] = {"sent": bytearray(), "received": bytearray()}
         self.told: list[bool] = []
-        self.relay = Relay(self.port, self._tap, self.told.append)
+        self.relay = Relay(self.port, self._tap)
 
     def _tap(self, seconds: float, direction: Direction, data: bytes) -> None:
         self.passed[direction] += data
@@ -98,21 +99,23 @@ class Stage:
 
 
 @asynccontextmanager
-async def staged() -> AsyncIterator[tuple[Stage, str]]:
+async def staged() -> AsyncIterator[tuple[Stage, TerminalSide]]:
     """Relay between a board's port and a terminal for programs."""
     async with asyncio.timeout(LIMIT):
         stage = Stage()
         await stage.relay.open()
+        terminal = TerminalSide(stage.relay, 115_200, stage.port.set_baudrate, stage.told.append)
+        stage.relay.join(terminal)
         try:
-            with on_terminal(stage.relay, None, 115_200, stage.port.set_baudrate) as url:
-                yield stage, url.removeprefix("serial://")
+            yield stage, terminal
         finally:
+            terminal.close()
             await stage.close()
 
 
-def opened(terminal: str) -> int:
+def opened(terminal: TerminalSide) -> int:
     """Open the terminal as a program does that sets nothing."""
-    return os.open(terminal, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    return os.open(terminal.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
 
 async def until(holds: Callable[[], bool]) -> None:
@@ -271,8 +274,10 @@ async def served() -> AsyncIterator[tuple[Stage, tuple[str, int]]]:
     async with asyncio.timeout(LIMIT):
         stage = Stage()
         await stage.relay.open()
+        side = NetworkSide(stage.relay, stage.told.append)
+        stage.relay.join(side)
         try:
-            async with on_network(stage.relay, "127.0.0.1", 0) as url:
+            async with serve_program(side, "127.0.0.1", 0) as url:
                 host, _, port = url.removeprefix("tcp://").rpartition(":")
                 yield stage, (host, int(port))
         finally:

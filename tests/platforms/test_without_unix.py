@@ -1,0 +1,180 @@
+"""Commands on a system that has nothing of Unix, as far as `without_unix.py` can simulate that."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+
+import servolink
+from tests.cli.programs import Said, environment, finished, in_terminal
+from tests.processes import LIMIT, finish, start
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="takes from Linux what Windows lacks")
+
+ROBOT = Path(servolink.__file__).parent / "studio/demo.servolink.json"
+RUNNER = (sys.executable, "-W", "error", str(Path(__file__).with_name("without_unix.py")))
+LEFT, RIGHT = "\xe0K", "\xe0M"
+"""Arrow keys as a Windows console gives them."""
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user of their own, whose programs write in the old characters of Windows."""
+    for name in ("RUNTIME", "CONFIG", "DATA", "STATE", "CACHE"):
+        folder = tmp_path / name.lower()
+        folder.mkdir(mode=0o700)
+        monkeypatch.setenv(f"XDG_{name}_{'DIR' if name == 'RUNTIME' else 'HOME'}", str(folder))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def output_of(process: subprocess.Popen[str]) -> Said:
+    """Return how a program ended, which nobody ends."""
+    out, err = finish(process)
+    return Said(process.returncode, out, err)
+
+
+def started(*arguments: str) -> subprocess.Popen[str]:
+    """Start a command."""
+    changed = {"PYTHONUTF8": "0", "PYTHONIOENCODING": "cp1252", "PYTHONUNBUFFERED": "1"}
+    return start((*RUNNER, *arguments), env=environment(**changed))
+
+
+def run_all(*commands: str, fails: Mapping[int, int] = MappingProxyType({})) -> list[Said]:
+    """Run commands one after the other in one program; each must end well, or with its code in `fails`."""
+    words = [command.split() for command in commands]
+    said = output_of(started("--all", json.dumps(words)))
+    assert (said.code, said.err) == (0, "")
+    done = [Said(*each) for each in said.json]
+    for number, (command, each) in enumerate(zip(words, done, strict=True)):
+        assert each.code == fails.get(number, 0), (command, each)
+    return done
+
+
+@contextmanager
+def serving(*arguments: str, pattern: str = r"(?:tcp|share|http)://\S+") -> Iterator[str]:
+    """Run a command that serves until it is told to end; yield the first address that it prints."""
+    process = started(*arguments)
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    found = re.search(pattern, line)
+    if found is None:
+        pytest.fail(f"{line}{finish(process, signal.SIGTERM)}")
+    yield found[0]
+    said = finished(process, signal.SIGTERM)
+    assert "Traceback" not in said.err
+    assert said.code in {0, 143}, said
+
+
+@pytest.fixture
+def board(world: Path) -> Iterator[str]:
+    """A virtual board that another program serves."""
+    with serving("virtual", "--tcp", "127.0.0.1:0", "--state", "board.json") as url:
+        yield url
+    assert (world / "board.json").exists()
+    assert list(world.glob(".*lock")) == list((world / "runtime/servolink").iterdir()) == []
+
+
+def test_every_module_can_be_imported() -> None:
+    said = output_of(started("--import"))
+    assert (said.code, said.json) == (0, {}), said.err
+
+
+def test_a_board_is_found_moved_read_and_written(board: str, world: Path) -> None:
+    on = f"--board {board}"
+    said = run_all(
+        "list --json",
+        f"{on} move 1=20 --json",
+        f"{on} stop",
+        f"{on} servo start all",
+        f"{on} servos --json",
+        f"{on} export before.servolink.json",
+        f"{on} plan {ROBOT} --json",
+        f"{on} apply {ROBOT} --yes",
+        f"{on} plan {ROBOT} --json",
+        f"{on} rollback --yes",
+        f"{on} plan before.servolink.json --json",
+        f"{on} record recorded.mcap --seconds 0.2",
+        "convert recorded.mcap --csv -o recorded.csv",
+        f"{on} report -o report.zip --yes --seconds 0.1",
+        f"use rex {board}",
+        "--board rex info --json",
+        "--board rex doctor --json",
+        fails={6: 1},
+    )
+    assert [one["url"] for one in said[0].json["boards"]] == [board]
+    assert said[1].json["servos"][0]["angle"] == 20
+    assert all(one["is_start"] for one in said[4].json["servos"])
+    assert [bool(said[number].json["changes"]) for number in (6, 8, 10)] == [True, False, False]
+    assert said[16].json["response"]["byte_order"] == "little"
+    assert {"recorded.mcap", "report.zip"} <= {path.name for path in world.iterdir()}
+    assert list(world.glob("recorded*.csv"))
+
+
+def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> None:
+    folder = world / "runtime/servolink"
+    with serving("--board", board, "share", "--name", "rex") as url:
+        assert url == "share://rex"
+        assert sorted(path.suffix for path in folder.iterdir()) == [".board", ".door", ".hub"]
+        found, moved, _, shared = run_all(
+            "list --json",
+            f"--board {url} move 1=20 --json",
+            f"--board {url} stop",
+            "share --status --name rex --json",
+        )
+        assert {one["url"] for one in found.json["boards"]} == {board, "share://rex"}
+        assert moved.json["servos"][0]["angle"] == 20
+        assert shared.json["name"] == "rex"
+    assert [path.suffix for path in folder.iterdir()] == [".board"]
+
+
+def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
+    with serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
+        (said,) = run_all(f"--board {url} servos --json")
+        assert len(said.json["servos"]) == 16
+    assert (world / "spied.mcap").stat().st_size > 0
+
+
+def test_the_studio_answers(board: str) -> None:
+    with serving("--board", board, "studio", "--no-browser") as page:
+        assert page.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(page, timeout=LIMIT) as answer:  # noqa: S310 - as was just seen
+            assert (answer.status, b"<html" in answer.read()) == (200, True)
+
+
+def test_the_demo_works(world: Path) -> None:
+    (said,) = run_all("demo --fast")
+    assert "All of it worked" in said.out
+
+
+def test_keys_of_a_console_trim_a_servo(board: str) -> None:
+    keys = RIGHT * 3 + LEFT + "\r"
+    said = in_terminal("--board", board, "trim", "1", later=("Enter: store", keys), command=RUNNER)
+    assert said.code == 0, said.out
+    run_all(f"--board {board} export trimmed.servolink.json")
+    stored = json.loads(Path("trimmed.servolink.json").read_text(encoding="utf-8"))["servo_parameters"]
+    assert [(one["servo_id"], one["adjusted_degree"]) for one in stored] == [(1, 2)]
+
+
+def test_keys_of_a_console_press_buttons(board: str) -> None:
+    run_all(f"--board {board} apply {ROBOT} --yes")
+    said = in_terminal("--board", board, "remote", later=("q or Esc: end", "a q"), command=RUNNER)
+    assert said.code == 0, said.out
+    assert "all servos are stopped and held" in said.out
+
+
+def test_keys_of_a_console_record_poses(board: str) -> None:
+    said = in_terminal("--board", board, "teach", "Wave", "--yes", "--no-play", later=("space", "  q"), command=RUNNER)
+    assert said.code == 0, said.out
+    (said,) = run_all(f"--board {board} macros --json")
+    assert [one["macro_caption"] for one in said.json["macros"]] == ["Wave"]
