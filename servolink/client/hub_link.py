@@ -7,49 +7,21 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import msgspec
-from msgspec import Raw, Struct
+from msgspec import Raw
 
 from servolink.connection.connection import Connection
 from servolink.control.channel import open_channel
 from servolink.control.greeting import Greeting, Welcome
+from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, RefusedNotice
 from servolink.control.roles import Role, needed_role
 from servolink.control.share import ShareTransport
-from servolink.control.status import ConnectionState
+from servolink.control.status import BoardState, HoldStatus, LeaseStatus
 from servolink.errors import ConnectionLost, Rejected
 from servolink.escaping import escape
 from servolink.protocol.packet import Packet, is_motion
 
 _LIMIT = 5.0  # seconds for the hub to answer what it answers at once
 _logger = logging.getLogger(__name__)
-
-
-class _Program(Struct):
-    """A program that holds the lease or the board."""
-
-    session: str
-    who: str = ""
-    reason: str = ""
-
-
-class _State(Struct):
-    """What a notification `lease` or `hold` says, and `board.state` of both."""
-
-    lease: _Program | None = None
-    hold: _Program | None = None
-    event: str = ""
-    by: str | None = None
-
-
-class _Upstream(Struct):
-    """What a notification `connection` says, and `board.state` too."""
-
-    state: ConnectionState = "connected"
-    another: str = ""
-
-
-class _Refused(Struct):
-    packet: str
-    reason: str
 
 
 class HubLink:
@@ -79,8 +51,10 @@ class HubLink:
         except BaseException:
             await self._channel.close()
             raise
-        self._learn(msgspec.json.decode(state, type=_State), lease=True, hold=True)
-        self._learn_upstream(msgspec.json.decode(state, type=_Upstream))
+        board = msgspec.json.decode(state, type=BoardState)
+        self._learn_lease(board.lease)
+        self._learn_hold(board.hold)
+        self._learn_upstream(board)
         for notification in early:
             self._hear(*notification)
         self._channel.on_notification = self._hear
@@ -151,34 +125,30 @@ class HubLink:
     def _hear(self, method: str, params: Raw) -> None:
         """Take a notification."""
         try:
-            if method in {"lease", "hold"}:
-                state = msgspec.json.decode(params, type=_State)
-                self._learn(state, lease=method == "lease", hold=method == "hold")
+            if method == "lease":
+                notice = msgspec.json.decode(params, type=LeaseNotice)
+                self._learn_lease(notice.lease)
+                if notice.event == "asked for" and self._has_lease:
+                    _logger.warning("%s asks for the right to move the servos", escape(notice.by or "another program"))
+            elif method == "hold":
+                self._learn_hold(msgspec.json.decode(params, type=HoldNotice).hold)
             elif method == "connection":
-                self._learn_upstream(msgspec.json.decode(params, type=_Upstream))
+                self._learn_upstream(msgspec.json.decode(params, type=ConnectionNow))
             elif method == "stopped":
                 self._connection.count_stop()  # it ends what waits here or is sent step by step, as our own do
             elif method == "refused":
-                refused = msgspec.json.decode(params, type=_Refused)
+                refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
         except (msgspec.MsgspecError, UnicodeDecodeError) as error:
             _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
 
-    def _learn(self, state: _State, *, lease: bool, hold: bool) -> None:
-        if lease:
-            self._learn_lease(state)
-        if hold:
-            self._learn_hold(state.hold)
+    def _learn_lease(self, lease: LeaseStatus | None) -> None:
+        had_lease = self._has_lease
+        self._has_lease = lease is not None and lease.session == self._welcome.session
+        if had_lease and not self._has_lease and lease is not None:
+            _logger.warning("%s moves the servos from now on, not this program", escape(lease.who))
 
-    def _learn_lease(self, state: _State) -> None:
-        had_lease, own = self._has_lease, self._welcome.session
-        self._has_lease = state.lease is not None and state.lease.session == own
-        if state.event == "asked for" and self._has_lease:
-            _logger.warning("%s asks for the right to move the servos", escape(state.by or "another program"))
-        elif had_lease and not self._has_lease and state.lease is not None:
-            _logger.warning("%s moves the servos from now on, not this program", escape(state.lease.who))
-
-    def _learn_hold(self, hold: _Program | None) -> None:
+    def _learn_hold(self, hold: HoldStatus | None) -> None:
         if hold is None or hold.session == self._welcome.session:
             self._connection.resume()
             return
@@ -186,7 +156,7 @@ class HubLink:
         _logger.warning("waiting: %s", escape(reason))
         self._connection.suspend(reason)
 
-    def _learn_upstream(self, upstream: _Upstream) -> None:
+    def _learn_upstream(self, upstream: BoardState | ConnectionNow) -> None:
         self.has_lost_board = upstream.state == "lost"
         lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
         if upstream.another:

@@ -12,7 +12,10 @@ import msgspec
 from msgspec import UNSET, Raw, Struct, UnsetType
 
 from servolink import errors
+from servolink.control.faults import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
+from servolink.control.notifications import ProgressNotice
+from servolink.control.pending import PendingCalls
 from servolink.control.share import greet
 from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
@@ -20,15 +23,6 @@ from servolink.escaping import escape
 _MOST_BYTES = 64 * 1024 * 1024  # of one message: four times the largest project
 _CLOSING_LIMIT = 1.0  # seconds
 _logger = logging.getLogger(__name__)
-
-
-class _ErrorData(Struct):
-    kind: str = ""
-
-
-class _Error(Struct):
-    message: str
-    data: _ErrorData = msgspec.field(default_factory=_ErrorData)
 
 
 class Reply(Struct):
@@ -44,12 +38,6 @@ class _Message(Reply):
     id: int | None = None
     method: str | None = None
     params: Raw = Raw(b"{}")
-
-
-class _Progress(Struct):
-    """The part of a notification `progress` by which it is passed on."""
-
-    id: int | None = None
 
 
 class RpcChannel(asyncio.Protocol):
@@ -68,8 +56,8 @@ class RpcChannel(asyncio.Protocol):
         self._heard = bytearray()
         self._searched = 0  # bytes of it in which no line ends
         self._number = 0
-        self._calls: dict[int, asyncio.Future[Reply]] = {}
-        self._progress: dict[int, Callable[[Raw], None]] = {}
+        self._calls = PendingCalls[int | None, Reply]()
+        self._progress: dict[int | str | None, Callable[[Raw], None]] = {}
         self._lost = asyncio.get_running_loop().create_future()
 
     async def open(self, greeting: Greeting) -> Welcome:
@@ -91,7 +79,7 @@ class RpcChannel(asyncio.Protocol):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
         if reply.error is not UNSET:
-            told = msgspec.json.decode(reply.error, type=_Error)
+            told = msgspec.json.decode(reply.error, type=ErrorObject)
             raise error_of(told.data.kind, told.message)
         return reply.result
 
@@ -104,15 +92,13 @@ class RpcChannel(asyncio.Protocol):
             raise self._gone()
         self._number += 1
         number = self._number
-        reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
-        self._calls[number] = reply
         if on_progress is not None:
             self._progress[number] = on_progress
         try:
-            self._send({"id": number, "method": method, "params": params})
-            return await reply
+            with self._calls.expect(number) as reply:
+                self._send({"id": number, "method": method, "params": params})
+                return await reply
         finally:
-            self._calls.pop(number, None)
             self._progress.pop(number, None)
 
     def tell(self, method: str, **params: Any) -> None:
@@ -157,9 +143,7 @@ class RpcChannel(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail all calls: the hub is gone."""
         self.ended = self._gone()
-        for reply in self._calls.values():
-            if not reply.done():
-                reply.set_exception(self._gone())
+        self._calls.fail_all(self._gone)
         if not self._lost.done():
             self._lost.set_result(None)
         if self.on_end is not None:
@@ -173,15 +157,13 @@ class RpcChannel(asyncio.Protocol):
             return
         if message.method is not None:
             self._hear(message.method, message.params)
-            return
-        reply = None if message.id is None else self._calls.get(message.id)
-        if reply is not None and not reply.done():
-            reply.set_result(message)
+        else:
+            self._calls.settle(message.id, message)
 
     def _hear(self, method: str, params: Raw) -> None:
         if method == "progress" and self._progress:
             with suppress(msgspec.MsgspecError):  # of a request that is not ours
-                if on_progress := self._progress.get(msgspec.json.decode(params, type=_Progress).id or 0):
+                if on_progress := self._progress.get(msgspec.json.decode(params, type=ProgressNotice).id):
                     on_progress(params)
         if self.on_notification is not None:
             self.on_notification(method, params)

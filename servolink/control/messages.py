@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from msgspec import Meta, Struct, defstruct
 
-from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus
-from servolink.motion.angles import AngleUnit
+from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
 from servolink.project.project_file import file_type
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import RECORD_TYPES
@@ -25,11 +24,6 @@ CREDIT = 2
 
 RecordKind = Literal["action", "macro", "joystick_table"]
 """The types of records."""
-
-
-def about(description: str) -> Meta:
-    """Return what describes a field in the reference and in the schema."""
-    return Meta(description=description)
 
 
 Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
@@ -86,15 +80,6 @@ class HoldNow(Struct, frozen=True):
     """The hold; null if no program has the board alone."""
 
     hold: HoldStatus | None
-
-
-class BoardState(Struct, frozen=True):
-    """The board, without the programs that use it."""
-
-    state: Annotated[ConnectionState, about("the hub's connection to the board")]
-    lease: LeaseStatus | None
-    hold: HoldStatus | None
-    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")]
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------
@@ -174,19 +159,6 @@ class Watching(Struct, frozen=True):
 
     hz: float
     credit: Annotated[int, about("how many notifications may be unacknowledged")] = CREDIT
-
-
-class ServoNow(Struct, frozen=True):
-    """A servo as it reports itself."""
-
-    servo_id: int
-    angle: int
-    angle_unit: AngleUnit | None
-    current_raw: int
-    temperature_raw: int
-    servo_type: int
-    is_start: Annotated[bool, about("whether it may move; a stopped servo ignores movements")]
-    is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]
 
 
 class ServoList(Struct, frozen=True):

@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Struct
 
-from servolink.control.messages import ServoNow, about
-from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus
+from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
 from servolink.project.transfer.results import Phase
 
 

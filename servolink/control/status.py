@@ -1,13 +1,20 @@
-"""Status of a hub, its board and its programs."""
+"""Status of a hub, its board, the servos and its programs."""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from msgspec import Struct
+from msgspec import Meta, Struct
+
+from servolink.motion.angles import AngleUnit
 
 ConnectionState = Literal["connected", "lost", "closed"]
 LeaseEvent = Literal["taken", "taken over", "asked for", "given back", "left", "over", "beats stopped"]
+
+
+def about(description: str) -> Meta:
+    """Return what describes a field in the reference and in the schema."""
+    return Meta(description=description)
 
 
 class LeaseStatus(Struct, frozen=True):
@@ -68,3 +75,25 @@ class HubStatus(Struct, frozen=True):
     """The addresses at which programs reach it."""
     another: str = ""
     """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""
+
+
+class BoardState(Struct, frozen=True):
+    """The board, without the programs that use it."""
+
+    state: Annotated[ConnectionState, about("the hub's connection to the board")]
+    lease: LeaseStatus | None
+    hold: HoldStatus | None
+    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")]
+
+
+class ServoNow(Struct, frozen=True):
+    """A servo as it reports itself."""
+
+    servo_id: int
+    angle: int
+    angle_unit: AngleUnit | None
+    current_raw: int
+    temperature_raw: int
+    servo_type: int
+    is_start: Annotated[bool, about("whether it may move; a stopped servo ignores movements")]
+    is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]

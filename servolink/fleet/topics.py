@@ -16,10 +16,10 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from servolink.control.faults import ErrorObject
-from servolink.control.messages import Done, Ran, Runnable, about
+from servolink.control.messages import Done, Ran, Runnable
 from servolink.control.notifications import ButtonPressed, ServosFrame
 from servolink.control.roles import RoleName
-from servolink.control.status import ConnectionState
+from servolink.control.status import ConnectionState, about
 from servolink.errors import InvalidAddress
 from servolink.escaping import quote
 from servolink.files import ALL, is_name

@@ -9,15 +9,18 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 import msgspec
-from msgspec import Raw, Struct
+from msgspec import Raw
 
 from servolink.client.servos import Servo
 from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting, Welcome
+from servolink.control.messages import Tapping
+from servolink.control.notifications import ServosFrame, TapFrame, TapItem
 from servolink.control.share import this_program
+from servolink.control.status import ServoNow
 from servolink.errors import DecodeError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
-from servolink.motion.angles import AngleUnit, in_unit
+from servolink.motion.angles import in_unit
 from servolink.recorder.channels import Event, ProblemFound, decode
 from servolink.recorder.readings import Readings, Take
 
@@ -26,47 +29,18 @@ _LAST_LIMIT = 10.0  # the same at the end, when it may have much to say yet
 _logger = logging.getLogger(__name__)
 
 
-class _Item(Struct):
-    seconds: float
-    channel: str
+class _Item(TapItem, frozen=True):
     message: Raw
 
 
-class _Frame(Struct):
-    items: list[_Item]
-
-
-class _Servo(Struct):
-    servo_id: int
-    angle: int
-    angle_unit: AngleUnit | None
-    current_raw: int
-    temperature_raw: int
-    servo_type: int
-    is_start: bool
-    is_hold: bool
-
-
-class _Servos(Struct):
-    number: int
-    seconds: float
-    servos: list[_Servo]
-    missed: int = 0
-
-
-class Tapped(Struct):
-    """The line that is tapped."""
-
-    seconds: float
-    byte_order: str
-    caption_encoding: str
-    state: str
+class _Frame(TapFrame, frozen=True):
+    items: tuple[_Item, ...]
 
 
 class HubSource:
     """The tap of a hub, as the recorder hears it."""
 
-    def __init__(self, channel: RpcChannel, welcome: Welcome, tapped: Tapped) -> None:
+    def __init__(self, channel: RpcChannel, welcome: Welcome, tapped: Tapping) -> None:
         """Use `tapping`."""
         self.welcome = welcome
         self.tapped = tapped
@@ -114,7 +88,7 @@ class HubSource:
             if name == "tap":
                 self._hear_tap(self._take, msgspec.json.decode(params, type=_Frame))
             elif name == "servos" and self._readings is not None:
-                frame = msgspec.json.decode(params, type=_Servos)
+                frame = msgspec.json.decode(params, type=ServosFrame)
                 self._channel.tell("servos.ack", number=frame.number)
                 self._readings.read(frame.seconds + self._shift, list(map(_servo, frame.servos)), frame.missed)
         except (msgspec.MsgspecError, UnicodeDecodeError, DecodeError) as error:
@@ -137,12 +111,12 @@ async def tapping(name: str, *, wire_only: bool = False) -> AsyncIterator[HubSou
     channel, welcome = await open_channel(name, Greeting(wants="rpc", who=this_program(), role="watch"))
     try:
         tapped: Any = await channel.call("tap.start", timeout=_LIMIT, wire_only=wire_only)
-        yield HubSource(channel, welcome, msgspec.json.decode(tapped, type=Tapped))
+        yield HubSource(channel, welcome, msgspec.json.decode(tapped, type=Tapping))
     finally:
         await channel.close()
 
 
-def _servo(servo: _Servo) -> Servo:
+def _servo(servo: ServoNow) -> Servo:
     angle = servo.angle if servo.angle_unit is None else in_unit(servo.angle, servo.angle_unit)
     return Servo(
         servo.servo_id,

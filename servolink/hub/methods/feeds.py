@@ -12,8 +12,9 @@ from msgspec import Struct
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
-from servolink.control.messages import CREDIT, ServoNow
+from servolink.control.messages import CREDIT
 from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame
+from servolink.control.status import ServoNow
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.hub.methods.context import OpenBoard
 from servolink.motion.angles import Angle, AngleUnit

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from servolink.client.board import Board
 from servolink.control.messages import (
     Battery,
-    BoardState,
     Done,
     Hold,
     HoldNow,
@@ -33,7 +32,7 @@ from servolink.control.messages import (
 )
 from servolink.control.peer import Methods
 from servolink.control.roles import Role
-from servolink.control.status import HubStatus
+from servolink.control.status import BoardState, HubStatus
 from servolink.escaping import quote
 from servolink.hub.engine.recording import HubRecorder
 from servolink.hub.methods.context import Control
