@@ -18,8 +18,8 @@ from random import Random
 from benchmarks.import_speed import measure
 from benchmarks.measuring import Result, table
 from servolink.client.board import Board
-from servolink.project.transfer.content import Content
-from servolink.project.transfer.writes import writes
+from servolink.project.transfer.read import Content
+from servolink.project.transfer.writing import writes
 from servolink.transports.faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (

@@ -1,8 +1,9 @@
-"""Escape text from a board, a file or the operating system before people see it."""
+"""Escape text from a board, a file or the operating system before people see it, also in the tables of notebooks."""
 
 from __future__ import annotations
 
 import unicodedata
+from collections.abc import Iterable, Sequence
 
 # Controls, format characters (bidi overrides), lone surrogates, private use, unassigned, and the two separators
 # that end a line: a terminal or a log obeys or misreads each of them.
@@ -32,6 +33,18 @@ def quote(value: object) -> str:
     except (ValueError, RecursionError):  # an integer of thousands of digits; lists nested too deeply
         return f"this {type(value).__name__}"
     return text if len(text) <= _LONGEST_QUOTE else text[: _LONGEST_QUOTE - 3] + "..."
+
+
+def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
+    """Return a table in HTML. Its cells may be hostile: they are escaped, and hidden characters are shown."""
+    from html import escape as escape_html  # late: few programs run in notebooks
+
+    def row(cells: Sequence[object], tag: str) -> str:
+        return f"<tr>{''.join(f'<{tag}>{escape_html(escape(str(cell)))}</{tag}>' for cell in cells)}</tr>"
+
+    body = "".join(row(cells, "td") for cells in rows)
+    title = f"<caption>{escape_html(escape(caption))}</caption>" if caption else ""
+    return f"<table>{title}{row(columns, 'th')}{body}</table>"
 
 
 def _escape_character(character: str) -> str:

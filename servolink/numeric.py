@@ -1,9 +1,16 @@
-"""Numbers of other libraries, such as NumPy, as Python's own: for everything that takes a number from a program."""
+"""Checks of the numbers that a program passes; those of other libraries, such as NumPy, become Python's own."""
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from operator import index
-from typing import Any
+from typing import Any, TypeGuard
+
+from servolink.errors import EncodeError
+from servolink.escaping import quote
+
+LEAST_SECONDS, MOST_SECONDS = 0.001, 3600.0
+"""Limits of the time to wait for a response."""
 
 
 def as_number(value: Any) -> Any:
@@ -18,3 +25,36 @@ def as_number(value: Any) -> Any:
         from numbers import Real  # late: most numbers are Python's
 
         return float(value) if isinstance(value, Real) else value
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether `value` is an int or a float; bools do not count as numbers."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def is_integer(value: object) -> TypeGuard[int]:
+    """Return whether `value` is an int; bools do not count as numbers."""
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def check_seconds(name: str, value: object) -> None:
+    """Raise TypeError or ValueError if `value`, of the argument `name`, is not a number of 0.001..3600 seconds."""
+    if not is_number(value):
+        raise TypeError(f"{name} must be a number of seconds, not {quote(value)}")
+    if not LEAST_SECONDS <= value <= MOST_SECONDS:
+        raise ValueError(f"{name} must be {LEAST_SECONDS:g}..{MOST_SECONDS:g} seconds, not {quote(value)}")
+
+
+def checked_flag(name: str, value: object) -> int:
+    """Return 0 or 1 for False or True. Raise EncodeError, which begins with `name`, for anything else."""
+    if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
+        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
+    return int(value == 1)
+
+
+def checked_servo_id(where: str, servo_id: object) -> int:
+    """Return `servo_id`. Raise EncodeError, which begins with `where`, if it is not 0..254."""
+    servo_id = as_number(servo_id)
+    if not is_integer(servo_id) or not 0 <= servo_id <= 0xFE:
+        raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")
+    return servo_id

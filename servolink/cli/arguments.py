@@ -57,7 +57,7 @@ def board_name(text: str) -> str:
 
 def listening(text: str) -> str:
     """Return `text` if it is HOST:PORT."""
-    from servolink.listeners import host_and_port  # late: most commands serve nobody
+    from servolink.listeners.tcp import host_and_port  # late: most commands serve nobody
 
     try:
         host_and_port(text)

@@ -12,7 +12,7 @@ from msgspec.structs import force_setattr
 
 from servolink.client.servos import Servo
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_integer
 
 Quantity: TypeAlias = Literal["current_raw", "temperature_raw"]
 """Raw readings of a servo (3.2.2); the document gives no units for them."""
@@ -51,7 +51,7 @@ class Alarm(Struct, frozen=True):
             raise ValueError(f"the sign of an alarm must be '<' or '>', not {quote(self.sign)}")
         force_setattr(self, "limit", as_number(self.limit))
         force_setattr(self, "seconds", as_number(self.seconds))
-        if not isinstance(self.limit, int) or isinstance(self.limit, bool):
+        if not is_integer(self.limit):
             raise TypeError(f"the limit of an alarm must be an integer, not {quote(self.limit)}")
         if not math.isfinite(self.seconds) or not 0 <= self.seconds <= LONGEST:
             raise ValueError(f"the time of an alarm must be from 0 to {LONGEST:g} s, not {quote(self.seconds)}")

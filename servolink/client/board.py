@@ -13,7 +13,7 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
-from servolink.escaping import escape
+from servolink.escaping import escape, html_table
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT, Speed
@@ -144,8 +144,7 @@ class Board:
         return escape(f"<Board {name}{self.url} {self._session.state}>")
 
     def _repr_html_(self) -> str:
-        from servolink.html_table import html_table
-
+        """Return a table, which notebooks show."""
         name = self.profile.name if self.profile is not None else None
         return html_table(("board", "address", "state"), [(name or "", self.url, self._session.state)])
 

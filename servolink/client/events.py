@@ -11,7 +11,7 @@ from servolink.connection.connection import Connection
 from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_integer
 from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
 
 ButtonEvent = ButtonEventResponse
@@ -121,7 +121,7 @@ class ButtonEvents(SharedIterator[ButtonEvent, Reader[ButtonEvent]]):
     def __init__(self, subscription: ButtonSubscription, limit: int) -> None:
         """Keep up to `limit` unread events."""
         self._limit: int = as_number(limit)
-        if not isinstance(self._limit, int) or isinstance(limit, bool):
+        if not is_integer(self._limit):
             raise TypeError(f"limit must be an integer, not {quote(limit)}")
         if self._limit < 1:
             raise ValueError(f"limit must be at least 1, not {quote(limit)}")

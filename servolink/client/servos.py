@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Hashable, Iterable, Mapping
+from collections.abc import AsyncGenerator, Iterable, Mapping
 
 from msgspec import Struct
 
@@ -15,7 +15,6 @@ from servolink.client.units import AngleUnits
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
-    EncodeError,
     MotionRefused,
     NotFound,
     OutcomeUnknown,
@@ -25,10 +24,11 @@ from servolink.errors import (
     TargetNotReached,
     TransportError,
 )
-from servolink.escaping import quote
+from servolink.escaping import html_table
 from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
+from servolink.numeric import checked_flag
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -83,8 +83,6 @@ class Servos(tuple[Servo, ...]):
             (one.servo_id, _angle_text(one.angle), one.state, one.current, one.temperature, one.servo_type)
             for one in self
         ]
-        from servolink.html_table import html_table
-
         return html_table(columns, rows)
 
 
@@ -133,7 +131,7 @@ class ServoController:
 
     async def set_servo(self, which: int | str, *, start: bool, hold: bool) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
-        is_start, is_hold = _flag("start", start), _flag("hold", hold)
+        is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
         stops = self._session.connection.stops
         servo_id = await id_of_servo(self._session, which)
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
@@ -380,9 +378,3 @@ def _distance(servo_id: int, here: int, goal: int) -> int:
             "so whether it has arrived is unknown; read it again"
         )
     return abs(here - goal)
-
-
-def _flag(name: str, value: object) -> int:
-    if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
-        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
-    return int(value == 1)

@@ -11,11 +11,11 @@ from servolink.client.identity import BoardIdentity
 from servolink.client.reconnect import ConnectionStates, Reconnector
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
-from servolink.connection.options import check_seconds
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import escape, quote
+from servolink.numeric import check_seconds
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.packet import Command, Packet, Request, Response, Result

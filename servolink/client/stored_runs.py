@@ -13,11 +13,11 @@ from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described
-from servolink.connection.options import check_seconds
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, TargetNotReached
 from servolink.motion.angles import Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.numeric import check_seconds
 from servolink.project.model import Project
 from servolink.project.records import name_of
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse

@@ -8,11 +8,11 @@ from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.explain import timed_out
-from servolink.connection.options import check_seconds
 from servolink.errors import EncodeError, Rejected
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.units import ServoUnits, is_accepted, unit_request
+from servolink.numeric import check_seconds
 from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
 
 

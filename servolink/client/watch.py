@@ -15,6 +15,7 @@ from servolink.client.session import Session
 from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.escaping import quote
+from servolink.numeric import is_number
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 MOST_HZ = 1000.0
@@ -255,7 +256,7 @@ class ServoReadings(SharedIterator[ServoReading, _RatedReader]):
 
     def __init__(self, watch: ServoWatch, hz: float | None, alarms: Iterable[Alarm] = ()) -> None:
         """Read `hz` times a second, 0 < hz <= 1000; None: as often as possible."""
-        if hz is not None and (not isinstance(hz, int | float) or isinstance(hz, bool)):
+        if hz is not None and not is_number(hz):
             raise TypeError(f"hz must be a number of readings per second or None, not {quote(hz)}")
         if hz is not None and not 0 < hz <= MOST_HZ:
             raise ValueError(f"hz must be above 0 and at most {MOST_HZ:g}, not {quote(hz)}")

@@ -8,7 +8,7 @@ from msgspec import Struct
 from msgspec.structs import force_setattr
 
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import LEAST_SECONDS, MOST_SECONDS, as_number, check_seconds, is_integer
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
@@ -25,8 +25,6 @@ SLOW_PATIENCE = 30.0
 """Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
 HUB_MARGIN = 1.0
 """Seconds that a hub gets beyond the patience: its own may begin a little later."""
-LEAST_PATIENCE, MOST_PATIENCE = 0.001, 3600.0
-"""Seconds."""
 MOST_DEPTH = 64
 
 
@@ -54,18 +52,10 @@ class ConnectionOptions(Struct, frozen=True):
             force_setattr(self, name, as_number(getattr(self, name)))
         check_seconds("patience", self.patience)
         for name, depth in (("depth", self.depth), ("write_depth", self.write_depth)):
-            if not isinstance(depth, int) or isinstance(depth, bool):
+            if not is_integer(depth):
                 raise TypeError(f"{name} must be an integer, not {quote(depth)}")
             if not 1 <= depth <= MOST_DEPTH:
                 raise ValueError(f"{name} must be 1..{MOST_DEPTH}, not {quote(depth)}")
-
-
-def check_seconds(name: str, value: object) -> None:
-    """Raise TypeError or ValueError if `value`, of the argument `name`, is not a number of 0.001..3600 seconds."""
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a number of seconds, not {quote(value)}")
-    if not LEAST_PATIENCE <= value <= MOST_PATIENCE:
-        raise ValueError(f"{name} must be {LEAST_PATIENCE:g}..{MOST_PATIENCE:g} seconds, not {quote(value)}")
 
 
 def options_in(url: str) -> dict[str, Any]:
@@ -81,7 +71,7 @@ def options_in(url: str) -> dict[str, Any]:
         "byte_order": address.choice("byte_order", default.byte_order, ("little", "big")),
         "caption_encoding": encoding,
         "transmission_mode": 1 if mode == "1" else mode,
-        "patience": address.number("patience", default.patience, LEAST_PATIENCE, MOST_PATIENCE),
+        "patience": address.number("patience", default.patience, LEAST_SECONDS, MOST_SECONDS),
         "depth": address.integer("depth", default.depth, 1, MOST_DEPTH),
         "write_depth": address.integer("write_depth", default.write_depth, 1, MOST_DEPTH),
     }

@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, Self
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_number
 
 AngleUnit = Literal["degree", "adc"]
 
@@ -119,7 +119,7 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
             )
     elif unit == "adc":
         raise EncodeError(f"{where}: {quote(value)} was given, but this servo is set to adc; write Adc({quote(value)})")
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
+    if not is_number(value) or value != value // 1:
         raise EncodeError(
             f"{where}: the angle must be a whole number, not {quote(value)}; the protocol has no fractions"
         )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TypeGuard
 
 from msgspec import Struct, field
 from msgspec.structs import force_setattr, replace
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, checked_servo_id, is_number
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
@@ -157,11 +156,6 @@ def _is_above(limit: float, degrees: float, seconds: float) -> bool:
     return asked > limit and not math.isclose(asked, limit)  # 29 degrees in 0.29 s are 100/s
 
 
-def is_number(value: object) -> TypeGuard[float]:
-    """Return whether `value` is an int or a float; bools do not count as numbers."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
 def _shown(limit: float) -> str:
     return f"{limit:g}" if isinstance(limit, float) else quote(limit)
 
@@ -183,11 +177,3 @@ def _checked_pair(pair: object) -> tuple[float, float]:
     if not low <= high:
         raise EncodeError(f"angle_limits: no angle is within {quote(low)}..{quote(high)}")
     return low, high
-
-
-def checked_servo_id(where: str, servo_id: object) -> int:
-    """Return `servo_id`. Raise EncodeError, which begins with `where`, if it is not 0..254."""
-    servo_id = as_number(servo_id)
-    if isinstance(servo_id, bool) or not isinstance(servo_id, int) or not 0 <= servo_id <= 0xFE:
-        raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")
-    return servo_id

@@ -8,8 +8,8 @@ from collections.abc import Callable, Collection, Mapping
 from servolink.errors import EncodeError, MotionRefused
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import MotionLimits, checked_servo_id, degrees_per_second, is_number
-from servolink.numeric import as_number
+from servolink.motion.limits import MotionLimits, degrees_per_second
+from servolink.numeric import as_number, checked_servo_id, is_number
 
 INTERVAL_UNIT = 0.01
 """Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape, quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_number
 from servolink.project.model import Project
 from servolink.project.records import MAX_INTERVAL, by_servo, by_type, name_of, with_caption, with_records
 from servolink.protocol.record_types import Record, type_of
@@ -28,7 +28,7 @@ def scale_project(
     ProjectError for a factor outside 0 to 1e9, a missing action, and a duration that becomes too long.
     """
     factor = as_number(factor)
-    if isinstance(factor, bool) or not isinstance(factor, (int, float)) or not 0 < factor <= _MAX_FACTOR:
+    if not is_number(factor) or not 0 < factor <= _MAX_FACTOR:
         raise ProjectError(f"the factor must be above 0 and at most {_MAX_FACTOR:,}, not {quote(factor)}")
     if missing := set(action_ids or ()) - {one.action_id for one in project.actions}:
         raise ProjectError(f"there is no action {min(missing)}")

@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.html_table import html_table
+from servolink.escaping import html_table
 from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE, type_of
 from servolink.protocol.records import Action, JoystickTable, Macro, ServoParameter
 

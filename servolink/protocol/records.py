@@ -10,7 +10,7 @@ from msgspec import Meta, Struct
 
 from servolink.errors import EncodeError
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_number
 from servolink.protocol.packet import (
     I16,
     I32,
@@ -154,7 +154,7 @@ def _whole(angle: object) -> Any:
 def _in_units(seconds: float, per_second: int, most: int) -> int:
     """Return a time in units of `1 / per_second` seconds."""
     seconds = as_number(seconds)
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 <= seconds * per_second <= most:
+    if not is_number(seconds) or not 0 <= seconds * per_second <= most:
         raise EncodeError(f"a time must be 0..{most / per_second:g} s, not {quote(seconds)}")
     return round(seconds * per_second)
 

@@ -21,7 +21,7 @@ from servolink.discovery.hubs import hub_of
 from servolink.discovery.names import resolve_board
 from servolink.errors import RecordingError
 from servolink.escaping import quote
-from servolink.numeric import as_number
+from servolink.numeric import as_number, is_number
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
 from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, Wire
@@ -54,7 +54,7 @@ class Wanted(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Check the rate."""
         force_setattr(self, "hz", as_number(self.hz))
-        if not isinstance(self.hz, int | float) or isinstance(self.hz, bool):
+        if not is_number(self.hz):
             raise TypeError(f"hz must be a number of readings per second, not {quote(self.hz)}")
         if not 0 <= self.hz <= MOST_HZ:
             raise ValueError(f"hz must be from 0 to {MOST_HZ:g}, not {quote(self.hz)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from servolink.errors import ConnectionLost
 from servolink.recorder.channels import Direction
@@ -14,42 +14,31 @@ Tap: TypeAlias = Callable[[float, Direction, bytes], None]
 """Is called with each chunk after it was passed on: seconds of the loop's clock, direction and bytes. Must not wait."""
 
 
-class ProgramSide(Protocol):
-    """Where the program connects: a pseudo-terminal or a TCP port. One program at a time."""
-
-    def write(self, data: bytes) -> bool:
-        """Give the program bytes; return whether it took all, or else calls `relay.program_has_room` later.
-
-        Bytes for a program that is not there are dropped, as by a serial port that nobody has open.
-        """
-        ...
-
-    def pause_reading(self) -> None:
-        """Leave what the program writes to the system, so that it waits."""
-
-    def resume_reading(self) -> None:
-        """Read again."""
-
-
 class Relay:
-    """Joins the board's port and the program; it sends nothing of its own."""
+    """Joins the board's port and the conversation with one program at a time; it sends nothing of its own."""
 
-    def __init__(self, board: StreamTransport, tap: Tap) -> None:
-        """Start with a port that is not open yet, and without a program."""
+    waiting = 0
+
+    def __init__(self, board: StreamTransport, tap: Tap, on_program: Callable[[bool], object]) -> None:
+        """Start with a port that is not open yet; call `on_program` with whether a program is connected."""
+        self.sink: Callable[[bytes], object] | None = None
+        """Takes bytes for the program; drops them if none is connected, as a serial port does that nobody has open."""
+        self.has_program = False
+        """Whether a program is connected."""
+        self.is_full = False
+        """Whether the board does not take what the program sends, so that the program must not be read."""
+        self.on_room: Callable[[], None] | None = None
+        """Called when the program may be read again."""
         self._board = board
         self._tap = tap
+        self._on_program = on_program
         self._now = asyncio.get_running_loop().time
-        self._program: ProgramSide | None = None
         self._lost: asyncio.Future[ConnectionLost | None] = asyncio.get_running_loop().create_future()
         board.on_taken = self._board_has_room
 
     async def open(self) -> None:
         """Open the board's port. Raise OpenError."""
         await self._board.open(self)
-
-    def join(self, program: ProgramSide) -> None:
-        """Pass on what comes from the board to `program` from now on."""
-        self._program = program
 
     async def until_lost(self) -> ConnectionLost | None:
         """Return when the board's port has ended, with the cause."""
@@ -63,8 +52,8 @@ class Relay:
 
     def data(self, chunk: bytes, /) -> None:
         """Pass on what the board said (called by the transport)."""
-        if self._program is not None and not self._program.write(chunk):
-            self._board.pause_reading()
+        if self.sink is not None:
+            self.sink(chunk)
         self._tap(self._now(), "received", chunk)
 
     def lost(self, error: Exception | None, /) -> None:
@@ -72,24 +61,41 @@ class Relay:
         if not self._lost.done():
             self._lost.set_result(error if isinstance(error, ConnectionLost) else None)
 
-    def program_has_room(self) -> None:
-        """Read from the board again (called by the program's side)."""
-        self._board.resume_reading()
+    def _board_has_room(self) -> None:
+        self.is_full = False
+        if self.on_room is not None:
+            self.on_room()
 
     # --- from the program ---------------------------------------------------------------------------------------
 
-    def heard(self, chunk: bytes) -> None:
-        """Pass on what the program said (called by its side)."""
+    def join(self, sink: Callable[[bytes], object]) -> Relay:
+        """Begin the conversation with a program, to which `sink` sends; return this object."""
+        self.sink = sink
+        self.has_program = True
+        self._on_program(True)  # noqa: FBT003 - it is there
+        return self
+
+    def receive(self, data: bytes, /) -> None:
+        """Pass on what the program said."""
         now = self._now()
         try:
-            has_room = self._board.pass_on(chunk)
+            self.is_full = not self._board.pass_on(data)
         except ConnectionLost as error:
             self.lost(error)
             return
-        if not has_room and self._program is not None:
-            self._program.pause_reading()
-        self._tap(now, "sent", chunk)
+        self._tap(now, "sent", data)
 
-    def _board_has_room(self) -> None:
-        if self._program is not None:
-            self._program.resume_reading()
+    def pause(self) -> None:
+        """Leave what the board says to the system, which may slow it down: the program does not read."""
+        self._board.pause_reading()
+
+    def resume(self) -> None:
+        """Read from the board again."""
+        self._board.resume_reading()
+
+    def leave(self) -> None:
+        """End the conversation: the program is gone."""
+        self.on_room = None
+        self.has_program = False
+        self._board.resume_reading()
+        self._on_program(False)  # noqa: FBT003 - it is gone

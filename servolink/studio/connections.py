@@ -11,8 +11,6 @@ from socket import socket
 
 from aiohttp.web import RequestHandler
 
-from servolink.tasks import Tasks
-
 HEAD_LIMIT = 10.0
 """Seconds in which the first request must have come; browsers also connect in advance."""
 MOST_SILENT = 32
@@ -25,11 +23,18 @@ class Connections:
     def __init__(self) -> None:
         """Start without any."""
         self._silent: dict[RequestHandler, asyncio.TimerHandle] = {}  # the oldest first
-        self._tasks = Tasks()
 
-    def add(self, serve: Callable[[], RequestHandler], connection: socket) -> None:
-        """Let a handler that `serve` makes serve a connection."""
-        self._tasks.begin(self._add(serve, connection))
+    async def serve(self, make: Callable[[], RequestHandler], accepted: socket) -> None:
+        """Let a handler that `make` returns serve a connection."""
+        loop = asyncio.get_running_loop()
+        try:
+            _, handler = await loop.connect_accepted_socket(make, accepted)
+        except OSError:
+            accepted.close()  # the browser is gone already
+            return
+        self._silent[handler] = loop.call_later(HEAD_LIMIT, self._drop, handler)
+        while len(self._silent) > MOST_SILENT:
+            self._drop(next(iter(self._silent)))
 
     def heard(self, handler: RequestHandler) -> None:
         """Keep a connection: a request has come."""
@@ -40,17 +45,6 @@ class Connections:
         """Forget all of them."""
         for handler in list(self._silent):
             self.heard(handler)
-
-    async def _add(self, serve: Callable[[], RequestHandler], connection: socket) -> None:
-        loop = asyncio.get_running_loop()
-        try:
-            _, handler = await loop.connect_accepted_socket(serve, connection)
-        except OSError:
-            connection.close()  # who connected is gone already
-            return
-        self._silent[handler] = loop.call_later(HEAD_LIMIT, self._drop, handler)
-        while len(self._silent) > MOST_SILENT:
-            self._drop(next(iter(self._silent)))
 
     def _drop(self, handler: RequestHandler) -> None:
         self.heard(handler)

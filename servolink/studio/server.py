@@ -13,7 +13,8 @@ from typing import Any
 from aiohttp import web
 
 from servolink.errors import OpenError
-from servolink.listeners import accepting, listening_sockets
+from servolink.listeners.accept import accepting
+from servolink.listeners.tcp import listening_sockets
 from servolink.studio.connections import Connections
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.files import PageFile, page_files
@@ -64,7 +65,7 @@ async def serve_studio(
     try:
         await runner.setup()
         assert runner.server is not None  # noqa: S101 - narrows the type
-        async with accepting(listening, partial(connections.add, runner.server)), _beside(follow_drafts(studio)):
+        async with accepting(listening, partial(connections.serve, runner.server)), _beside(follow_drafts(studio)):
             yield gate, used
     finally:
         connections.close()

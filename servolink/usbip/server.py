@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from typing import TypeAlias
 
 from servolink.errors import DecodeError
-from servolink.listeners import listen
+from servolink.listeners.bridge import listen
 from servolink.usbip import messages
 from servolink.usbip.descriptors import HID_IN
 from servolink.usbip.device import UsbDevice
@@ -126,7 +126,6 @@ class UsbIpServer:
         finally:
             if self._host is writer:
                 self._host = None
-            writer.transport.abort()
 
     async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Respond to the first request of a host: for the list, or for the device, which it then has."""

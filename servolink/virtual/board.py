@@ -6,12 +6,14 @@ Hosts are attached as sessions: bytes go in, bytes come out.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import Frame, encode_frame
+from servolink.protocol.frame import OVERHEAD, Frame, encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
@@ -19,7 +21,6 @@ from servolink.virtual.handlers import HANDLERS, RequestContext
 from servolink.virtual.hardware import NEW_PROTOCOL, Hardware
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.storage import Contents, partial_write
-from servolink.virtual.work import Received, WorkQueue
 
 _SILENCE = 0.25  # seconds after which half a frame is given up
 
@@ -231,3 +232,65 @@ class Session:
                 self._take(self._parser.feed(data[at : at + self._room]), now)
                 return
             self._take(self._parser.feed(data[at : at + 1]), now)
+
+
+class Received(NamedTuple):
+    """A request as it was received."""
+
+    host: Session
+    packet_id: int
+    content: bytes
+
+    @property
+    def size(self) -> int:
+        """The bytes of its frame."""
+        return len(self.content) + OVERHEAD
+
+
+class WorkQueue:
+    """The request that a board works on, and at most `most` that wait."""
+
+    def __init__(self, most: int) -> None:
+        """Start without work."""
+        self._most = most
+        self._waiting: deque[Received] = deque()
+        self._response: tuple[Session, bytes] | None = None
+        self.received = 0
+        """How many requests were received, also those that were lost."""
+        self.due: float | None = None
+        """When the work on a request ends; None if there is none."""
+
+    def take(self, request: Received, now: float) -> None:
+        """Work on a request, now or when those before it are finished; it is lost if too many wait."""
+        self.received += 1
+        if self.due is None and not self._waiting:  # a host may ask again at once, while others still wait
+            self._begin(request, now)
+        elif len(self._waiting) < self._most:
+            self._waiting.append(request)
+            request.host.waiting += request.size
+
+    def end(self, now: float) -> None:
+        """End the work on a request, and begin that on the next."""
+        response, self._response, self.due = self._response, None, None
+        if response is not None:
+            host, frame = response
+            host.finish(frame)
+        while self._waiting and self.due is None:
+            request = self._waiting.popleft()
+            request.host.waiting -= request.size
+            self._begin(request, now)
+
+    def clear(self) -> None:
+        """Forget everything: the work has no response, and nothing waits."""
+        for request in self._waiting:
+            request.host.waiting = 0
+        self._waiting.clear()
+        self._response = self.due = None
+
+    def _begin(self, request: Received, now: float) -> None:
+        frame, seconds = request.host.respond(request.packet_id, request.content, now)
+        if seconds:
+            self.due = now + seconds
+            self._response = None if frame is None else (request.host, frame)
+        elif frame is not None:
+            request.host.finish(frame)

@@ -7,7 +7,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
 from itertools import count
 
-from servolink.listeners import host_and_port, serve_network, serve_terminal
+from servolink.listeners.bridge import serve_network, serve_terminal
+from servolink.listeners.tcp import host_and_port
 from servolink.protocol.frame import MAGIC
 from servolink.transports.base import Transport
 from servolink.transports.faults import Faults

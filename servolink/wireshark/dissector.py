@@ -1,14 +1,18 @@
-"""The Lua text of the dissector: tables made from the packet declarations, and behind them the code that reads them."""
+"""Dissector for Wireshark: Lua tables made from the packet declarations, the code behind them, and its installation."""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from msgspec import Meta
 
+from servolink.errors import ServolinkError
+from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import ByteOrder
 from servolink.protocol.layout import layout
@@ -168,3 +172,32 @@ def _lua(found: Any) -> str:
             return "{ " + ", ".join(f"{keys[key]} = {_lua(each)}" for key, each in found.items()) + " }"
         case _:
             return "{ " + ", ".join(map(_lua, found)) + " }"
+
+
+FILE_NAME = "servolink.lua"
+
+
+def plugin_folder(platform: str = sys.platform, environment: Mapping[str, str] = os.environ) -> Path:
+    """Return the folder of personal Lua plugins that the User's Guide of Wireshark names, whether it exists or not.
+
+    Raise ServolinkError for a user without a home.
+    """
+    variable, folders = (
+        ("APPDATA", "Wireshark/plugins") if platform == "win32" else ("HOME", ".local/lib/wireshark/plugins")
+    )
+    if not (home := environment.get(variable)):
+        raise ServolinkError(f"{variable} is not set, so Wireshark has no personal plugins; set it, or print the text")
+    return Path(home, folders)
+
+
+def install(text: str) -> Path:
+    """Write the dissector into the folder of personal plugins and return its path. Replace only an older one."""
+    path = plugin_folder() / FILE_NAME
+    try:
+        if path.exists() and not read_file(path, MIB).startswith(FIRST_LINE.encode()):
+            raise ServolinkError(f"{path} was not written by servolink; remove it, or print the text and keep both")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, text.encode())
+    except (OSError, ValueError) as error:
+        raise ServolinkError(f"{path} cannot be written: {reason(error)}") from error
+    return path

@@ -11,7 +11,7 @@ from servolink.discovery.names import Alias, aliases_path, load_aliases, save_al
 from servolink.errors import OpenError, ProfileError, ProjectError, ServolinkError, TransportUnavailable
 from servolink.escaping import escape
 from servolink.files import is_name
-from servolink.listeners import host_and_port
+from servolink.listeners.tcp import host_and_port
 from servolink.profiles.store import load_profile, profile_path, save_profile
 from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ServolinkError
-from servolink.listeners import host_and_port
+from servolink.listeners.tcp import host_and_port
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, parse_project, save_project
 from servolink.project.records import find

@@ -14,7 +14,7 @@ from servolink.discovery.hubs import claim_hub
 from servolink.files import user_folder
 from servolink.hub.doors.socket_door import OpenChannel, socket_door
 from servolink.hub.hub import Hub, share
-from servolink.listeners import host_and_port
+from servolink.listeners.tcp import host_and_port
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport

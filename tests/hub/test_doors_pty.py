@@ -13,10 +13,10 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import OpenError
-from servolink.hub.doors import terminal
 from servolink.hub.doors.terminal import pty_door
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
+from servolink.listeners import pty
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
 from servolink.protocol.records import Step
@@ -169,7 +169,7 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed() -> None:
 def test_what_has_no_room_is_dropped_in_whole_frames(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(terminal, "MOST_UNREAD", 10_000)
+    monkeypatch.setattr(pty, "MOST_UNREAD", 10_000)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with pty_door(hub) as url, pty_door(hub) as other, connect(other) as board:
@@ -243,4 +243,4 @@ def test_a_link_replaces_nothing_of_others(tmp_path: Path) -> None:
 
 
 def test_nobody_is_looked_for_often() -> None:
-    assert terminal._LOOK >= 0.05
+    assert pty.LOOK >= 0.05

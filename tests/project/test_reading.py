@@ -16,10 +16,10 @@ from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.apply import apply_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.content import Content, Listed
 from servolink.project.transfer.plan import compare, plan_project
+from servolink.project.transfer.read import Content, Listed
 from servolink.project.transfer.results import Change, Progress, ignore_progress
-from servolink.project.transfer.writes import writes
+from servolink.project.transfer.writing import writes
 from servolink.protocol.editing import (
     QueryActionRequest,
     QueryActionResponse,

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from servolink.recorder.channels import Event, encode
-from servolink.recorder.mcap_reader import LARGEST, McapReader
-from servolink.recorder.mcap_search import find_record
+from servolink.recorder.mcap_reader import LARGEST, McapReader, find_record
 from servolink.recorder.mcap_stream import MAGIC, McapStream
 from servolink.recorder.reading import Entry, Recording
 from servolink.recorder.repair import repair

@@ -17,8 +17,7 @@ from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen,
 from servolink.recorder.clock import Clock
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Recorder, Wanted
-from servolink.recorder.ring import AFTER, RingWriter, trigger
-from servolink.recorder.segments import Segments
+from servolink.recorder.ring import AFTER, RingWriter, Segments, trigger
 from servolink.recorder.writer import CHUNK_BYTES, Saved
 from tests.client.fake_board import FakeBoard, opened
 from tests.virtual_time import run

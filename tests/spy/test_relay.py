@@ -17,9 +17,8 @@ from typing import Any
 import pytest
 
 from servolink.recorder.channels import Direction
-from servolink.spy.network import NetworkSide, serve_program
+from servolink.spy.program_side import on_network, on_terminal
 from servolink.spy.relay import Relay
-from servolink.spy.terminal import TerminalSide
 from servolink.transports.serial import SerialTransport
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
@@ -80,7 +79,7 @@ class Stage:
         self.port = SerialTransport("serial://board", os.ttyname(theirs))
         self.passed: dict[Direction, bytearray] = {"sent": bytearray(), "received": bytearray()}
         self.told: list[bool] = []
-        self.relay = Relay(self.port, self._tap)
+        self.relay = Relay(self.port, self._tap, self.told.append)
 
     def _tap(self, seconds: float, direction: Direction, data: bytes) -> None:
         self.passed[direction] += data
@@ -99,23 +98,21 @@ class Stage:
 
 
 @asynccontextmanager
-async def staged() -> AsyncIterator[tuple[Stage, TerminalSide]]:
+async def staged() -> AsyncIterator[tuple[Stage, str]]:
     """Relay between a board's port and a terminal for programs."""
     async with asyncio.timeout(LIMIT):
         stage = Stage()
         await stage.relay.open()
-        terminal = TerminalSide(stage.relay, 115_200, stage.port.set_baudrate, stage.told.append)
-        stage.relay.join(terminal)
         try:
-            yield stage, terminal
+            with on_terminal(stage.relay, None, 115_200, stage.port.set_baudrate) as url:
+                yield stage, url.removeprefix("serial://")
         finally:
-            terminal.close()
             await stage.close()
 
 
-def opened(terminal: TerminalSide) -> int:
+def opened(terminal: str) -> int:
     """Open the terminal as a program does that sets nothing."""
-    return os.open(terminal.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    return os.open(terminal, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
 
 
 async def until(holds: Callable[[], bool]) -> None:
@@ -274,10 +271,8 @@ async def served() -> AsyncIterator[tuple[Stage, tuple[str, int]]]:
     async with asyncio.timeout(LIMIT):
         stage = Stage()
         await stage.relay.open()
-        side = NetworkSide(stage.relay, stage.told.append)
-        stage.relay.join(side)
         try:
-            async with serve_program(side, "127.0.0.1", 0) as url:
+            async with on_network(stage.relay, "127.0.0.1", 0) as url:
                 host, _, port = url.removeprefix("tcp://").rpartition(":")
                 yield stage, (host, int(port))
         finally:

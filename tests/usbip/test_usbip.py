@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from servolink.listeners import host_and_port
+from servolink.listeners.tcp import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest

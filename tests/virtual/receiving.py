@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.listeners import host_and_port
+from servolink.listeners.tcp import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser

@@ -10,9 +10,10 @@ from contextlib import ExitStack
 
 import pytest
 
-from servolink import listeners
 from servolink.errors import OpenError
-from servolink.listeners import host_and_port
+from servolink.listeners import bridge as bridging
+from servolink.listeners.bridge import Connect, serve_network
+from servolink.listeners.tcp import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
@@ -84,7 +85,7 @@ def test_a_pseudo_terminal_is_raw_for_hosts_that_set_nothing() -> None:
 
 @on_unix
 def test_a_pseudo_terminal_that_nobody_reads_loses_what_has_no_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listeners, "MAX_WAITING", 20_000)
+    monkeypatch.setattr(bridging, "MAX_WAITING", 20_000)
 
     async def main() -> None:
         board = VirtualBoard(servos=3)
@@ -162,7 +163,7 @@ def test_a_host_that_asks_a_lot_at_once_and_reads_slowly_gets_it_all(monkeypatch
 
 
 def test_a_host_that_never_reads_is_left_behind_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(listeners, "MAX_WAITING", 20_000)
+    monkeypatch.setattr(bridging, "MAX_WAITING", 20_000)
 
     async def main() -> None:
         board = VirtualBoard(servos=3)
@@ -195,10 +196,10 @@ ONE_PIECE = 10 * 65_536  # the responses to the requests that are passed on at o
 def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
     """400 queries for 60 kB each, all in a few reads: 24 MB for each of 100 hosts, had they all been answered."""
     writers: list[asyncio.StreamWriter] = []
-    bridge = listeners.bridge
+    bridge = bridging.bridge
 
     async def watched(
-        reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: listeners.Connect, *, begin: bytes
+        reader: asyncio.StreamReader, writer: asyncio.StreamWriter, connect: Connect, *, begin: bytes
     ) -> None:
         writers.append(writer)
         await bridge(reader, writer, connect, begin=begin)
@@ -226,9 +227,9 @@ def test_hosts_that_ask_a_lot_and_never_read_cost_little_and_others_are_served(m
                     await asyncio.sleep(0)
                     most += waiting()
             await transport.close()
-        assert max(most) <= listeners.MAX_WAITING
+        assert max(most) <= bridging.MAX_WAITING
 
-    monkeypatch.setattr(listeners, "bridge", watched)
+    monkeypatch.setattr(bridging, "bridge", watched)
     asyncio.run(main())
 
 
@@ -245,7 +246,7 @@ def test_responses_that_are_late_cost_little() -> None:
         clean = VirtualTransport(board)
         await clean.open(heard := Heard())
         await ask(clean, heard, BIG_ACTION)
-        async with listeners.serve_network(connect, "127.0.0.1", 0) as url:
+        async with serve_network(connect, "127.0.0.1", 0) as url:
             with socket.create_connection(host_and_port(url.removeprefix("tcp://"))) as host:
                 host.sendall(BIG_QUERIES)
                 async with asyncio.timeout(GUARD):
@@ -253,7 +254,7 @@ def test_responses_that_are_late_cost_little() -> None:
                         await asyncio.sleep(0)
                 for _ in range(1000):
                     await asyncio.sleep(0)
-                assert lines[0].late_bytes <= MAX_LATE + ONE_PIECE < listeners.MAX_WAITING
+                assert lines[0].late_bytes <= MAX_LATE + ONE_PIECE < bridging.MAX_WAITING
         await clean.close()
 
     asyncio.run(main())

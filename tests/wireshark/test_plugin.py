@@ -10,8 +10,7 @@ import pytest
 
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import PACKETS
-from servolink.wireshark.dissector import FIRST_LINE, dissector
-from servolink.wireshark.plugin_folder import plugin_folder
+from servolink.wireshark.dissector import FIRST_LINE, dissector, plugin_folder
 from tests.cli.programs import call
 from tests.processes import run
 from tests.wireshark.tshark import TSHARK

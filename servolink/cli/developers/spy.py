@@ -8,8 +8,7 @@ import shutil
 import sys
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from ipaddress import ip_address
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import listening, new_file, not_empty, whole_number
@@ -90,7 +89,10 @@ async def _spy(args: argparse.Namespace) -> int:
             recording.take(seconds, direction, data)
         watcher.take(seconds, direction, data)
 
-    relay = Relay(board, tap)
+    def told(is_there: bool) -> None:  # noqa: FBT001 - a callback
+        print_error(f"servolink: a program has {'connected' if is_there else 'gone'}")
+
+    relay = Relay(board, tap, told)
     is_open, error = False, None
     with handled(stop.set, again=lambda: end_process(OK)):
         try:
@@ -130,30 +132,16 @@ async def _board(args: argparse.Namespace) -> StreamTransport:
 @asynccontextmanager
 async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTransport) -> AsyncIterator[str]:
     """Make the place where the program connects; yield its URL."""
-    from servolink.listeners import host_and_port, linked_terminal
-    from servolink.spy.network import NetworkSide, serve_program
-
-    def told(is_there: bool) -> None:  # noqa: FBT001 - a callback
-        print_error(f"servolink: a program has {'connected' if is_there else 'gone'}")
+    from servolink.listeners.tcp import host_and_port
+    from servolink.spy.program_side import on_network, on_terminal
 
     if args.tcp:
-        network = NetworkSide(relay, told)
-        relay.join(network)
-        async with serve_program(network, *host_and_port(args.tcp)) as url:
+        async with on_network(relay, *host_and_port(args.tcp)) as url:
             yield url
-        return
-    from servolink.spy.terminal import TerminalSide
-
-    terminal = TerminalSide(relay, board.baudrate or 115_200, lambda baudrate: _follow(args, board, baudrate), told)
-    relay.join(terminal)
-    try:
-        if args.pty:
-            with linked_terminal(Path.cwd() / args.pty, terminal.name) as link:
-                yield f"serial://{link}"
-        else:
-            yield f"serial://{terminal.name}"
-    finally:
-        terminal.close()
+    else:
+        follow = partial(_follow, args, board)
+        with on_terminal(relay, args.pty or None, board.baudrate or 115_200, follow) as url:
+            yield url
 
 
 def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> None:
@@ -219,9 +207,9 @@ def _print_place(url: str, *, as_json: bool) -> None:
     else:
         print_text(f"listening {url}")
     if url.startswith("tcp://"):
-        host = url.removeprefix("tcp://").rpartition(":")[0].strip("[]")
-        who = "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
-        print_error(f"servolink: {url} is open to {who}")
+        from servolink.listeners.tcp import reached_by
+
+        print_error(f"servolink: {url} is open to {reached_by(url)}")
 
 
 _WHO = {"sent": "program", "received": "board"}

@@ -21,8 +21,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print or install the dissector."""
-    from servolink.wireshark.dissector import dissector
-    from servolink.wireshark.plugin_folder import install
+    from servolink.wireshark.dissector import dissector, install
 
     try:
         text = dissector(args.byte_order, args.caption_encoding or "utf-8")

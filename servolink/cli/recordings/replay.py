@@ -18,7 +18,8 @@ from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrappe
 from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.escaping import escape
-from servolink.listeners import host_and_port, serve_network, serve_terminal
+from servolink.listeners.bridge import serve_network, serve_terminal
+from servolink.listeners.tcp import host_and_port
 from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.frame import MAGIC, encode_frame

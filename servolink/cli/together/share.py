@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import AsyncExitStack
-from ipaddress import ip_address
 
 from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.main import OK, usage_error
@@ -117,6 +116,8 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
 
 def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
     """Print the addresses, and who can use those over TCP; programs at `watch_url` may only read."""
+    from servolink.listeners.tcp import reached_by
+
     for url in urls:
         if as_json:
             print_json({"listening": url})
@@ -124,7 +125,5 @@ def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
             print_text(f"listening {url}")
     for url in urls:
         if url.startswith("tcp://"):
-            host = url.removeprefix("tcp://").rpartition(":")[0].strip("[]")
-            who = "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
             what = ", but only for reading" if url == watch_url else ""
-            print_error(f"servolink: {url} is open to {who}{what}")
+            print_error(f"servolink: {url} is open to {reached_by(url)}{what}")

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from functools import partial
 
 from servolink.control.roles import Role
 from servolink.escaping import quote
-from servolink.hub.doors.lines import Line, serve_lines
+from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
-from servolink.listeners import RareWarning, host_and_port, listening_sockets, most_connections, place_of
+from servolink.listeners.accept import RareWarning, most_connections
+from servolink.listeners.conversation import AcceptedConnection, serve_connections
+from servolink.listeners.tcp import host_and_port, joined, listening_sockets, place_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
-from servolink.transports.stream import keep_alive
 
 _SHOWN = 16  # bytes of what something else began with
 
@@ -29,42 +30,28 @@ async def tcp_door(
     Everybody who can connect there may do what `role` allows. A connection that does not begin with a frame is closed
     before anything in it is used. Raise TransportUnavailable or OpenError if the place is wrong or cannot be had.
     """
-    door = "watch-tcp" if role is Role.WATCH else "tcp"
+    join = partial(hub.join, door="watch-tcp" if role is Role.WATCH else "tcp", role=role, codec=codec, unit=unit)
     warning = RareWarning()
-
-    def make() -> TcpLine:
-        return TcpLine(hub, door, role, codec, unit, warning)
-
     listening = await listening_sockets(*host_and_port(place))
     url = f"tcp://{place_of(listening)}"
-    async with serve_lines(listening, make, most=most_connections()):
+    async with serve_connections(listening, lambda: TcpConnection(join, warning), most=most_connections()):
         yield url
 
 
-class TcpLine(Line):
+class TcpConnection(AcceptedConnection):
     """A TCP connection, which becomes a program with its first frame."""
 
-    def __init__(
-        self, hub: Hub, door: str, role: Role, codec: Codec | None, unit: AngleUnit, warning: RareWarning
-    ) -> None:
-        """Join `hub` once the connection has begun as this protocol does, else log `warning`."""
+    def __init__(self, join: Callable[..., Program], warning: RareWarning) -> None:
+        """Call `join`, which is `Hub.join`, once the connection has begun as this protocol does, else log `warning`."""
         super().__init__()
-        self._hub = hub
-        self._door, self._role, self._codec = door, role, codec
-        self._unit: AngleUnit = unit
+        self._join_hub = join
         self._warning = warning
         self._first = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Make the system notice a program that is silently gone."""
+        """Call the program by its address."""
         super().connection_made(transport)
-        connection: socket.socket = transport.get_extra_info("socket")
-        keep_alive(connection, idle=60, interval=15, count=4)
-
-    @property
-    def _who(self) -> str:
-        host, port = (self._pipe.get_extra_info("peername") or ("", ""))[:2] if self._pipe is not None else ("", "")
-        return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        self.who = joined(*(transport.get_extra_info("peername") or ("", ""))[:2])
 
     def _begin(self, data: bytes) -> None:
         # A web page can make the browser connect to any port of this machine. What it sends behind its line of HTTP
@@ -72,11 +59,10 @@ class TcpLine(Line):
         self._first += data
         if not MAGIC.startswith(self._first[: len(MAGIC)]):
             shown = quote(self._first[:_SHOWN])
-            self._warning.log("%s was disconnected: it began with %s, not as this protocol does", self._who, shown)
-            self.abort("")
+            self._warning.log("%s was disconnected: it began with %s, not as this protocol does", self.who, shown)
+            self.abort()
         elif len(self._first) >= len(MAGIC):
-            program = self._hub.join(
-                self.send, who=self._who, door=self._door, role=self._role, codec=self._codec, unit=self._unit
-            )
-            self._joined(program)
+            program = self._join_hub(self.send, who=self.who)
+            program.on_end = self.end
+            self._join(program)
             self._receive(self._first)

@@ -20,8 +20,8 @@ from servolink.control.roles import Role
 from servolink.discovery.hubs import HubClaim
 from servolink.errors import OpenError
 from servolink.files import reason
-from servolink.hub.doors.lines import Line, serve_lines
 from servolink.hub.hub import Hub
+from servolink.listeners.conversation import AcceptedConnection, serve_connections
 from servolink.platforms import local_sockets
 from servolink.protocol.codec import Codec
 
@@ -57,15 +57,15 @@ async def socket_door(hub: Hub, claim: HubClaim, open_channel: OpenChannel | Non
     except OSError as error:
         raise OpenError(f"{claim.url}: no program could connect: {reason(error)}") from error
     try:
-        async with serve_lines([door.listening], lambda: SocketLine(hub, open_channel, door.token)):
+        async with serve_connections([door.listening], lambda: ShareConnection(hub, open_channel, door.token)):
             yield claim.url
     finally:
         with suppress(OSError):
             door.path.unlink()
 
 
-class SocketLine(Line):
-    """A connection that begins with a greeting, and then carries frames or JSON-RPC."""
+class ShareConnection(AcceptedConnection):
+    """Connection that begins with a greeting, and then carries frames or JSON-RPC."""
 
     def __init__(self, hub: Hub, open_channel: OpenChannel | None, token: str) -> None:
         """Admit a program whose greeting is right and has the `token`."""
@@ -74,22 +74,14 @@ class SocketLine(Line):
         self._open_channel = open_channel
         self._token = token
         self._text = bytearray()
-        self._channel: Channel | None = None
-        self._closing: asyncio.Task[None] | None = None
         self._limit = self._loop.call_later(GREETING_LIMIT, self._refuse, f"no greeting within {GREETING_LIMIT:g} s")
-
-    # --- greeting -----------------------------------------------------------------------------------------------
 
     def _begin(self, data: bytes) -> None:
         self._text += data
-        if self._channel is not None:
-            self._pass_messages(self._channel, is_whole=b"\n" in data)
-            return
         line, end, rest = bytes(self._text).partition(b"\n")
         if not end and len(line) <= MOST_GREETING:
             return
         self._limit.cancel()
-        self._text.clear()
         try:
             greeting = _read_greeting(line, self._token)
             self._welcome(greeting)
@@ -102,6 +94,7 @@ class SocketLine(Line):
     def _welcome(self, greeting: Greeting) -> None:
         """Admit the program. Raise ValueError if that is impossible."""
         role = Role.parse(greeting.role)
+        self.who = greeting.who
         if greeting.wants == "frames":
             if greeting.session is not None:
                 raise ValueError("a session begins with its frames; they have no session yet")
@@ -111,7 +104,8 @@ class SocketLine(Line):
             program = self._hub.join(
                 self.send, who=greeting.who, door="share", role=role, codec=codec, unit=greeting.angle_unit
             )
-            self._joined(program)
+            program.on_end = self.end
+            self._join(program)
             self._say(self._introduction(program.session_id, greeting))
             return
         if self._open_channel is None:
@@ -120,7 +114,8 @@ class SocketLine(Line):
         if greeting.session is not None and greeting.session not in self._hub.programs:
             raise ValueError("there is no such session; perhaps it has ended")
         self._say(self._introduction(session, greeting))
-        self._channel = self._open_channel(self._hub, greeting, session, self._send_message, self.abort)
+        channel = self._open_channel(self._hub, greeting, session, self._send_message, self.abort)
+        self._join(Messages(channel, self.abort), must_read=False)  # the channel counts messages that are not read
 
     def _introduction(self, session: str, greeting: Greeting) -> Welcome:
         board = self._hub.board
@@ -145,40 +140,13 @@ class SocketLine(Line):
             self._pipe.close()
 
     def _say(self, line: Welcome | Refusal) -> None:
-        if self._pipe is not None:
-            self._pipe.write(msgspec.json.encode(line) + b"\n")
-
-    # --- JSON-RPC -----------------------------------------------------------------------------------------------
-
-    def _pass_messages(self, channel: Channel, *, is_whole: bool) -> None:
-        if is_whole:
-            *messages, rest = self._text.split(b"\n")
-            self._text = rest
-            for message in messages:
-                channel.receive(bytes(message))
-        elif len(self._text) > MOST_MESSAGE:
-            self.abort(f"its message is longer than {MOST_MESSAGE >> 20} MiB")
+        self._send_message(msgspec.json.encode(line))
 
     def _send_message(self, message: bytes) -> None:
-        if self._pipe is not None and not self._pipe.is_closing():
-            self._pipe.write(message + b"\n")
-
-    # --- called by asyncio --------------------------------------------------------------------------------------
-
-    def pause_writing(self) -> None:
-        """Say that the program does not read."""
-        super().pause_writing()
-        if self._channel is not None:
-            self._channel.pause()
-
-    def resume_writing(self) -> None:
-        """Say that it reads again."""
-        super().resume_writing()
-        if self._channel is not None:
-            self._channel.resume()
+        self._write(message + b"\n")
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Disconnect another user, who cannot have come through the folder: it belongs to this one alone."""
+        """Disconnect another user, who cannot have come through the folder: only this user can open it."""
         super().connection_made(transport)
         if not local_sockets.is_allowed(transport.get_extra_info("socket")):
             self.abort("it belongs to another user")
@@ -187,8 +155,36 @@ class SocketLine(Line):
         """End the session, or all that it has asked for."""
         self._limit.cancel()
         super().connection_lost(exc)
-        if self._channel is not None:
-            self._closing = self._loop.create_task(self._channel.close())
+
+
+class Messages:
+    """Conversation in JSON-RPC, one message in each line."""
+
+    is_full = False
+    waiting = 0
+
+    def __init__(self, channel: Channel, abort: Callable[[str], None]) -> None:
+        """Pass messages to `channel`; call `abort` with the reason if one is too long."""
+        self.on_room: Callable[[], None] | None = None
+        self.pause, self.resume = channel.pause, channel.resume
+        self._channel = channel
+        self._abort = abort
+        self._text = bytearray()
+        self._closing: asyncio.Task[None] | None = None
+
+    def receive(self, data: bytes, /) -> None:
+        """Take bytes, and pass on all messages that are whole."""
+        self._text += data
+        if b"\n" in data:
+            *messages, self._text = self._text.split(b"\n")
+            for message in messages:
+                self._channel.receive(bytes(message))
+        elif len(self._text) > MOST_MESSAGE:
+            self._abort(f"its message is longer than {MOST_MESSAGE >> 20} MiB")
+
+    def leave(self) -> None:
+        """End all that the program has asked for."""
+        self._closing = asyncio.get_running_loop().create_task(self._channel.close())
 
 
 def _read_greeting(line: bytes, token: str) -> Greeting:

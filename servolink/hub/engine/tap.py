@@ -13,7 +13,7 @@ from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNoti
 from servolink.control.status import HoldStatus
 from servolink.protocol.packet import Packet
 from servolink.recorder.channels import Event, Message, ProblemFound, Wire
-from servolink.recorder.commands import command_done
+from servolink.recorder.packets import command_done
 from servolink.recorder.readings import Take
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.content import Content
 from servolink.project.transfer.import_run import ImportRun
 from servolink.project.transfer.journal import (
     Digests,
@@ -27,9 +26,9 @@ from servolink.project.transfer.journal import (
 from servolink.project.transfer.marker import ProjectIDBits, is_same_id
 from servolink.project.transfer.pinned import BoardConnection
 from servolink.project.transfer.plan import memory_after
-from servolink.project.transfer.read import BoardReader, read_project_id
+from servolink.project.transfer.read import BoardReader, Content, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
-from servolink.project.transfer.writes import check_writable, writes
+from servolink.project.transfer.writing import check_writable, writes
 
 _logger = logging.getLogger(__name__)
 

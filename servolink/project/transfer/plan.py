@@ -10,12 +10,11 @@ from msgspec import Struct
 
 from servolink.errors import RequestTimeout
 from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.content import Content
 from servolink.project.transfer.marker import ProjectIDBits, is_same_id
 from servolink.project.transfer.pinned import BoardConnection
-from servolink.project.transfer.read import BoardReader
+from servolink.project.transfer.read import BoardReader, Content
 from servolink.project.transfer.results import Change, Memory, Plan, ProgressCallback
-from servolink.project.transfer.writes import Write, check_writable, sound_ids, stages
+from servolink.project.transfer.writing import Write, check_writable, sound_ids, stages
 from servolink.protocol.codec import Codec, response_class
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest, WriteProjectIDRequest
 from servolink.protocol.frame import OVERHEAD

@@ -1,21 +1,23 @@
-"""PacketStream: the packets in the bytes that passed, found by parsers of its own."""
+"""Messages about packets: those found in the bytes that passed, and commands with their outcome."""
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
-from servolink.errors import DecodeError
+from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import OVERHEAD, Frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.json_form import packet_to_json
-from servolink.protocol.packet import Packet
+from servolink.protocol.packet import Packet, Query, Result
 from servolink.protocol.parser import PADDING, FrameParser
-from servolink.recorder.channels import Direction, Event, PacketSeen, Wire
+from servolink.recorder.channels import CommandDone, Direction, Event, Outcome, PacketSeen, Wire
 
 _SILENCE = 1.0
 """Seconds after which the rest of half a frame is not expected any more."""
 _MOST_NOISE = 64  # bytes of it that are shown; all of it is in /wire
+_LONGEST_REASON = 300  # characters
 
 
 class PacketStream:
@@ -66,3 +68,46 @@ class PacketStream:
 def fields_of(packet: Packet) -> Any:
     """Return what is encoded as the fields of a packet: the packet itself, as that costs nothing now, if it can be."""
     return packet if "data" not in packet.__struct_fields__ else packet_to_json(packet)["fields"]
+
+
+def command_done(
+    packet: Packet, outcome: object, seconds: float, *, who: str = "", session: str = "", lease: str = ""
+) -> CommandDone:
+    """Return the message about a request that is over.
+
+    `outcome` is its response, True if it was sent and boards do not answer it, False if it was not sent, a text that
+    says why not, or an error.
+    """
+    word = outcome_of(packet, outcome)
+    reason = str(outcome)[:_LONGEST_REASON] if isinstance(outcome, Exception | str) else ""
+    return CommandDone(
+        type(packet).__name__,
+        fields_of(packet),
+        word,
+        max(seconds, 0.0),
+        who=who,
+        session=session,
+        lease=lease,
+        reason=reason,
+    )
+
+
+def outcome_of(packet: Packet, outcome: object) -> Outcome:
+    """Return in a word what became of a request."""
+    match outcome:
+        case Result():
+            return "answered" if outcome.result else "rejected"
+        case Packet():
+            return "answered"
+        case True:
+            return "sent"
+        case ConnectionLost():
+            return "failed"
+        case OutcomeUnknown():
+            return "unknown"
+        case RequestTimeout() | DecodeError():
+            return "unanswered" if isinstance(packet, Query) else "unknown"
+        case asyncio.CancelledError():
+            return "unanswered" if isinstance(packet, Query) else "unknown"
+        case _:
+            return "refused"

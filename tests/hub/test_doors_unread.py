@@ -1,4 +1,4 @@
-"""A line to a program that is slow, stuck or gone."""
+"""Programs at a door that are slow, stuck or gone."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
-from servolink.hub.doors import lines
-from servolink.hub.doors.lines import LONGEST_PAUSE, Line
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
+from servolink.listeners import accept, conversation
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.records import Step
 from servolink.virtual.board import VirtualBoard
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, raw_tcp, sharing, until
-from tests.virtual_time import run
 
 
 @pytest.fixture(autouse=True)
@@ -27,82 +25,9 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
 
 
-class Pipe(asyncio.Transport):
-    """A connection on which a test says how much is not read yet."""
-
-    unread = 0
-    is_closed = False
-
-    def set_write_buffer_limits(self, high: int | None = None, low: int | None = None) -> None:
-        """Do nothing: the test pauses and resumes."""
-
-    def get_write_buffer_size(self) -> int:
-        return self.unread
-
-    def is_closing(self) -> bool:
-        return self.is_closed
-
-    def write(self, data: Any) -> None:
-        self.unread += len(data)
-
-    def abort(self) -> None:
-        self.is_closed = True
-
-
-class SilentLine(Line):
-    """A line on which no session begins by itself."""
-
-    def _begin(self, data: bytes) -> None:
-        """Do nothing."""
-
-
-class Program:
-    """A session that counts how often it is paused and resumed."""
-
-    who = "a program"
-    waiting = 0
-    pauses = resumes = 0
-
-    def pause(self) -> None:
-        self.pauses += 1
-
-    def resume(self) -> None:
-        self.resumes += 1
-
-    def leave(self) -> None:
-        """Do nothing."""
-
-
-def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
-    async def main() -> None:
-        line, pipe, program = SilentLine(), Pipe(), Program()
-        line.connection_made(pipe)
-        line._joined(program)  # type: ignore[arg-type]
-        line.send(bytes(200_000))
-        line.pause_writing()
-        for _ in range(5):
-            await asyncio.sleep(LONGEST_PAUSE - 1)
-            pipe.unread -= 1
-        assert not pipe.is_closing()
-        pipe.unread = 0
-        line.resume_writing()
-        await asyncio.sleep(3 * LONGEST_PAUSE)
-        assert not pipe.is_closing()
-        assert (program.pauses, program.resumes) == (1, 1)
-        line.send(bytes(200_000))
-        line.pause_writing()
-        await asyncio.sleep(LONGEST_PAUSE + 1)
-        assert pipe.is_closing()
-        line.send(b"more")
-        line.connection_lost(None)
-        assert pipe.unread == 200_000
-
-    run(main())
-
-
 def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lines, "MOST_UNREAD", 10_000)
-    monkeypatch.setattr(lines, "_SEND_BUFFER", 4096)
+    monkeypatch.setattr(conversation, "MOST_UNREAD", 10_000)
+    monkeypatch.setattr(accept, "_SEND_BUFFER", 4096)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, connect(url) as board:
@@ -116,7 +41,7 @@ def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("is_tcp", [False, True])
 def test_the_end_of_a_program_that_has_read_nothing_is_noticed(is_tcp: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has asked for so much that it is not even listened to any more."""
-    monkeypatch.setattr(lines, "LONGEST_PAUSE", 1e6)
+    monkeypatch.setattr(conversation, "LONGEST_PAUSE", 1e6)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, tcp_door(hub, "127.0.0.1:0") as tcp, connect(url) as board:

@@ -1,0 +1,1 @@
+"""Accept, bridge and hold back: TCP, local sockets and pseudo-terminals for whatever serves programs."""

@@ -1,0 +1,97 @@
+"""Accepting connections: prepared alike, and kept until their conversations have ended."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, TypeAlias
+
+from servolink.escaping import escape
+from servolink.platforms.process import most_open_files
+from servolink.tasks import Tasks
+from servolink.transports.stream import keep_alive
+
+Serve: TypeAlias = Callable[[socket.socket], Coroutine[Any, Any, None]]
+"""Serves one connection and sees that it is closed; raises OSError if the client is gone already."""
+
+_ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
+_WARNING_PAUSE = 60.0  # seconds between two warnings of the same
+_MOST_CONNECTIONS = 4096  # to one address, where the system has no limit or a high one
+_SEND_BUFFER = 64 * 1024  # in the system, which by itself would give MiB to each client that does not read
+_logger = logging.getLogger(__name__)
+
+
+@asynccontextmanager
+async def accepting(listening: Sequence[socket.socket], serve: Serve, *, linger: float = 0.0) -> AsyncIterator[None]:
+    """Run `serve` with each connection to these sockets within this context, which closes the sockets.
+
+    At the end, conversations that do not end within `linger` seconds are cancelled.
+    """
+    conversations = Tasks()
+
+    def start(connection: socket.socket) -> None:
+        task = conversations.begin(_serve(connection, serve))
+        task.add_done_callback(lambda _: connection.close() if task.cancelled() else None)  # perhaps before it began
+
+    tasks = [asyncio.ensure_future(_accept(each, start)) for each in listening]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        for each in listening:
+            each.close()
+        await conversations.close(linger=linger)
+        await asyncio.sleep(0)  # in which asyncio closes what was aborted
+
+
+async def _accept(listening: socket.socket, start: Callable[[socket.socket], None]) -> None:
+    loop, warning = asyncio.get_running_loop(), RareWarning()
+    while True:
+        try:
+            connection, _ = await loop.sock_accept(listening)
+        except OSError as error:  # out of descriptors or memory: clients wait in the system until others have gone
+            warning.log("no connection can be accepted, trying again each second: %s", escape(str(error)))
+            await asyncio.sleep(_ACCEPT_PAUSE)
+        else:
+            start(connection)
+
+
+async def _serve(connection: socket.socket, serve: Serve) -> None:
+    try:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+        if connection.family in {socket.AF_INET, socket.AF_INET6}:
+            keep_alive(connection, idle=60, interval=15, count=4)
+            # Not by asyncio, which looks at a number that accepted sockets do not have.
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        await serve(connection)
+    except OSError:
+        connection.close()
+
+
+def most_connections() -> int:
+    """Return how many connections strangers may have to one address: a quarter of the files this process may open.
+
+    Whoever may connect could take all of them otherwise, and nobody could stop the board any more.
+    """
+    files = most_open_files()
+    return _MOST_CONNECTIONS if files is None else min(max(files // 4, 1), _MOST_CONNECTIONS)
+
+
+class RareWarning:
+    """Warning that is logged at most once a minute, whatever others do."""
+
+    def __init__(self) -> None:
+        """Log the first one."""
+        self._now = asyncio.get_running_loop().time
+        self._logged_at = -_WARNING_PAUSE
+
+    def log(self, text: str, *args: object) -> None:
+        """Log `text % args`, unless the last one was a short time ago."""
+        if self._now() - self._logged_at >= _WARNING_PAUSE:
+            self._logged_at = self._now()
+            _logger.warning(text, *args)

@@ -1,0 +1,204 @@
+"""Bridges: hosts that talk to a transport, such as a virtual board, over TCP and pseudo-terminals."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import ExitStack, asynccontextmanager, suppress
+from io import FileIO
+from typing import Any, TypeAlias
+
+from servolink.errors import TransportError
+from servolink.escaping import quote
+from servolink.listeners.accept import RareWarning, accepting
+from servolink.listeners.tcp import listening_sockets, place_of
+from servolink.platforms.pseudo_terminals import open_pair
+from servolink.transports.base import Transport
+
+MAX_WAITING = 1024 * 1024
+"""Bytes that may wait in this program for a host to read them."""
+
+Connect: TypeAlias = Callable[[], Transport]
+"""Makes a new connection to the board that is served."""
+Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
+"""Serves one connection, and returns when it has ended."""
+
+_CHUNK = 4096
+_PIECE = 96  # enough for a move of 16 servos
+_LINGER = 1.0  # seconds for a host to read what it was sent before it closed
+_logger = logging.getLogger(__name__)
+
+
+async def bridge(
+    reader: asyncio.StreamReader,
+    writer: asyncio.StreamWriter,
+    connect: Connect,
+    *,
+    begin: bytes = b"",
+    patient: bool = False,
+) -> None:
+    """Carry bytes both ways until stream or transport ends, then close the transport. `begin` was read before.
+
+    While a host does not read, its requests are not read either; if more than MAX_WAITING waits for it, it is
+    disconnected. A `patient` bridge, for lines that do not show whether a host is present, always reads, and drops the
+    bytes that have no room.
+    """
+    receiver = _StreamReceiver(writer, patient=patient)
+    transport = connect()
+    try:
+        await transport.open(receiver)
+        reading = asyncio.ensure_future(_pass_requests(reader, writer, transport, begin, patient=patient))
+        try:
+            await asyncio.wait((reading, receiver.ended), return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            reading.cancel()
+            await asyncio.wait((reading,))
+        if not patient:
+            await _flush(writer)
+    except TransportError as error:
+        _logger.warning("a host was disconnected: %s", error)
+    finally:
+        await transport.close()
+
+
+class _StreamReceiver:
+    """Writes what the transport receives to the stream."""
+
+    def __init__(self, writer: asyncio.StreamWriter, *, patient: bool) -> None:
+        self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._writer = writer
+        self._patient = patient
+
+    def data(self, chunk: bytes) -> None:
+        if self._writer.transport.get_write_buffer_size() <= MAX_WAITING:
+            self._writer.write(chunk)
+        elif not self._patient:
+            self._writer.transport.abort()
+            self.lost(None)
+
+    def lost(self, error: Exception | None) -> None:
+        if not self.ended.done():
+            self.ended.set_result(None)
+
+
+async def _pass_requests(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, transport: Transport, begin: bytes, *, patient: bool
+) -> None:
+    try:
+        chunk = begin or await reader.read(_CHUNK)
+        while chunk:
+            # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. The responses to one piece, of ten
+            # requests at most, stay below MAX_WAITING; the next piece waits until the host has read most of them.
+            for at in range(0, len(chunk), _PIECE):
+                await transport.send(chunk[at : at + _PIECE])
+                await asyncio.sleep(0)  # the transport delivers responses in the next turn; other hosts get theirs
+                if not patient:
+                    await writer.drain()
+                # A slow line has taken this piece, and a board knows that its host was not silent in the meantime.
+                await transport.send(b"")
+            chunk = await reader.read(_CHUNK)
+    except (TransportError, OSError):
+        return  # one end is gone: the usual end of a conversation
+
+
+async def _flush(writer: asyncio.StreamWriter) -> None:
+    writer.close()
+    try:
+        async with asyncio.timeout(_LINGER):
+            await writer.wait_closed()
+    except OSError:  # TimeoutError is one
+        return
+    finally:
+        writer.transport.abort()
+
+
+def _abort(pipe: asyncio.WriteTransport) -> None:
+    """Close at once; unwritten bytes are lost. asyncio's pipes fail when they are aborted twice."""
+    if not pipe.is_closing():
+        pipe.abort()
+
+
+@asynccontextmanager
+async def serve_network(connect: Connect, host: str, port: int, *, begins_with: bytes = b"") -> AsyncIterator[str]:
+    """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL.
+
+    A host whose first bytes are not `begins_with` is disconnected before any of them is used: a web page can make the
+    browser connect to any port of this machine, and send what it likes behind a line of HTTP.
+    """
+    warning = RareWarning()
+
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        begin = await _beginning(reader, begins_with)
+        if begin.startswith(begins_with):
+            await bridge(reader, writer, connect, begin=begin)
+        elif begin:
+            warning.log("a host was disconnected: it began with %s, not as this protocol does", quote(begin[:16]))
+
+    async with listen(converse, host, port) as place:
+        yield f"tcp://{place}"
+
+
+async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
+    """Return the first bytes: `wanted` and perhaps more, or what else the host began with before it paused or left."""
+    begin = b""
+    with suppress(OSError):
+        while len(begin) < len(wanted) and wanted.startswith(begin) and (chunk := await reader.read(_CHUNK)):
+            begin += chunk
+    return begin
+
+
+@asynccontextmanager
+async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
+    """Run `converse` for each host that connects to `host` and `port`; yield the place as HOST:PORT.
+
+    `*` is every address of this machine, all with the same port. Raise OpenError if the place cannot be had.
+    """
+
+    async def serve(connection: socket.socket) -> None:
+        reader, writer = await asyncio.open_connection(sock=connection)
+        try:
+            await converse(reader, writer)
+        finally:
+            writer.transport.abort()
+
+    listening = await listening_sockets(host, port)
+    async with accepting(listening, serve):
+        yield place_of(listening)
+
+
+@asynccontextmanager
+async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
+    """Serve one conversation over a new pseudo-terminal; yield its URL.
+
+    Like a board on a serial line it does not notice when hosts come and go. Raise TransportUnavailable on Windows.
+    """
+    ours, theirs, name = open_pair()
+    with ExitStack() as line:
+        # Their end is held open as long as ours: without it the line goes down, and is no longer raw, when a host
+        # closes it.
+        line.callback(os.close, theirs)
+        source = line.enter_context(open(ours, "rb", buffering=0))
+        sink = line.enter_context(open(os.dup(ours), "wb", buffering=0))
+        reader, writer = await _streams(source, sink, line)
+        serving = asyncio.ensure_future(bridge(reader, writer, connect, patient=True))
+        serving.add_done_callback(lambda _: line.close())
+        try:
+            yield f"serial://{name}"
+        finally:
+            serving.cancel()
+            await asyncio.wait((serving,))
+
+
+async def _streams(source: FileIO, sink: FileIO, line: ExitStack) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+    """Return streams on two files; closing `line` ends them."""
+    loop = asyncio.get_running_loop()
+    reader = asyncio.StreamReader()
+    upward, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), source)
+    line.callback(upward.close)
+    unread = asyncio.StreamReader()
+    downward, protocol = await loop.connect_write_pipe(lambda: asyncio.StreamReaderProtocol(unread), sink)
+    line.callback(_abort, downward)
+    return reader, asyncio.StreamWriter(downward, protocol, None, loop)
