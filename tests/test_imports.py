@@ -131,6 +131,17 @@ def test_parts_import_only_what_lies_below_them() -> None:
     assert found == VIOLATIONS
 
 
+def test_nobody_imports_the_inside_of_the_hub() -> None:
+    found = {
+        (module, source)
+        for module in MODULES
+        if part_of(module) != "hub"
+        for source in own_modules(module)
+        if source.startswith("servolink.hub.")
+    }
+    assert found == set()
+
+
 def test_no_import_circle() -> None:
     graph = {module: own_modules(module) - {module, "servolink"} for module in MODULES}
     try:

@@ -33,7 +33,7 @@ from servolink.fleet.pulse import Fence, PulseLink
 from servolink.fleet.stop_desk import StopDesk
 from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
-from servolink.hub.methods.session import METHODS
+from servolink.hub import METHODS
 from servolink.json_text import read_json
 from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks

@@ -266,7 +266,7 @@ def _unsent(board: str, method: str, error: ConnectionLost) -> ServolinkError:
 
 def _only_reads(method: str) -> bool:
     from servolink.control.roles import Role
-    from servolink.hub.methods.session import METHODS
+    from servolink.hub import METHODS
 
     return method in METHODS and METHODS[method].role == Role.WATCH
 

@@ -25,7 +25,7 @@ from servolink.fleet.policy import FleetFile
 from servolink.fleet.pulse import INTERVAL, SLACK
 from servolink.fleet.topics import ONLINE, UNREADABLE, BoardNow, Topics
 from servolink.fleet.urgent import Urgent
-from servolink.hub.serving import serve_board
+from servolink.hub import serve_board
 
 OnLine: TypeAlias = Callable[[Level, str], None]
 

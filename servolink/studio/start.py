@@ -19,7 +19,7 @@ from servolink.discovery import hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
 from servolink.files import user_folder
-from servolink.hub.serving import serve_board
+from servolink.hub import serve_board
 from servolink.project.project_file import parse_project
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.studio.methods import Studio

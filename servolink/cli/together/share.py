@@ -81,7 +81,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
     from servolink.cli.screen.live import can_draw
     from servolink.cli.together.share_view import in_the_log, on_terminal
-    from servolink.hub.serving import serve_board
+    from servolink.hub import serve_board
 
     served = serve_board(
         args.url,
