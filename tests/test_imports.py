@@ -80,7 +80,7 @@ SYSTEM_EXCEPTIONS = {
     ("servolink.doctor.system", "sys.platform"): "a fact like others, which tests replace",
     ("servolink.fleet.broker", "add_writer"): "as aiomqtt does",
     ("servolink.transports.hid_devices", "sys.platform"): "a library has one module more on Linux",
-    ("servolink.wireshark.plugin_folder", "sys.platform"): "the default of a parameter",
+    ("servolink.wireshark.dissector", "sys.platform"): "the default of a parameter",
 }
 """Modules beside `platforms` that differ between systems, and why."""
 
