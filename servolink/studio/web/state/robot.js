@@ -28,6 +28,8 @@ export const problem = signal("");
 export const programs = signal(/** @type {Program[]} */ ([]));
 /** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */
 export const servos = signal(/** @type {Map<number, Servo>} */ (new Map()));
+/** Whether the servos were read since the page was connected to the studio, and the studio to the board. */
+export const isRead = signal(false);
 /** When the latest reading came, milliseconds of `performance.now()`. */
 export const readAt = signal(0);
 /** Percent; null where the board does not know it. */
@@ -43,6 +45,8 @@ export const servoIds = signal(/** @type {number[]} */ ([]));
 export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
 export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected");
+/** Whether the latest reading says how the robot is now. */
+export const isFresh = computed(() => isLive.value && isRead.value);
 /** Whether this page may move the robot at all. */
 export const mayMove = computed(() => ["move", "edit"].includes(welcome.value?.role ?? "watch"));
 
@@ -61,6 +65,7 @@ export function follow(link, onLease) {
   link.on("connection", (now) => {
     batch(() => {
       boardState.value = now.state;
+      isRead.value = false; // somebody may have turned the servos, or changed the board
       another.value = now.another;
     });
     if (now.state === "connected") watchBattery(link); // it could not be asked meanwhile
@@ -83,6 +88,7 @@ export function follow(link, onLease) {
  */
 async function begin(link, first) {
   welcome.value = first;
+  isRead.value = false;
   problem.value = "";
   forgetButtons();
   await refresh(link);
@@ -134,6 +140,7 @@ function take(frame) {
   const ids = frame.servos.map((servo) => servo.servo_id).sort((a, b) => a - b);
   batch(() => {
     readAt.value = performance.now();
+    isRead.value = true;
     servos.value = new Map(frame.servos.map((servo) => [servo.servo_id, servo]));
     if (ids.join() !== servoIds.value.join()) servoIds.value = ids;
   });

@@ -149,6 +149,7 @@ export const en = {
   "live.temperature_title": "Temperature",
   "live.last_seconds": "last {seconds} s",
   "live.now": "now",
+  "live.unread": "not read yet",
   "live.held": "held",
   "live.stopped": "stopped",
   "live.limp": "limp",

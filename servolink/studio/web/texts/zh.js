@@ -149,6 +149,7 @@ export const zh = {
   "live.temperature_title": "温度",
   "live.last_seconds": "最近 {seconds} 秒",
   "live.now": "现在",
+  "live.unread": "尚未读取",
   "live.held": "保持",
   "live.stopped": "已停止",
   "live.limp": "松开",

@@ -2,7 +2,7 @@
 
 import { html, signal } from "../../html.js";
 import { limbName, limbs } from "../../state/figure.js";
-import { isLive, servoIds } from "../../state/robot.js";
+import { isFresh, isLive, servoIds } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { Icon } from "../../parts/icon.js";
 import { Inspector } from "./inspector.js";
@@ -25,7 +25,7 @@ export function LiveScreen(tools) {
   const cards = (some) =>
     some.map((each) => html`<${LimbCard} key=${each.limb} ...${each} ...${tools} isShown=${each.limb === shown} />`);
   return html`<h1 class="sr">${t("screen.live")}</h1>
-    <div class=${isLive.value ? "live" : "live stale"}>
+    <div class=${isFresh.value ? "live" : "live stale"}>
       <div class="limbs lc">${cards(left)}</div>
       <${StageCard} ...${tools} />
       <div class="limbtabs seg only-n" role="group" aria-label=${t("live.figure")}>

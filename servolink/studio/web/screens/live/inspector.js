@@ -3,7 +3,7 @@
 import { html, useRef, useSignalEffect } from "../../html.js";
 import { toast } from "../../parts/toasts.js";
 import { limbOf, nameOf } from "../../state/figure.js";
-import { isLive, isOthers, mayMove, servoIds, servos } from "../../state/robot.js";
+import { isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
 import { chosen } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 
@@ -23,13 +23,13 @@ export function Inspector({ link }) {
     const servo = servos.value.get(chosen.value ?? servoIds.value[0]);
     if (card.current === null || servo === undefined) return;
     for (const [name] of ROWS) {
-      const text = name === "angle" ? degrees(servo.angle) : String(servo[name]);
+      const text = !isRead.value ? "\u2013" : name === "angle" ? degrees(servo.angle) : String(servo[name]);
       /** @type {HTMLElement} */ (card.current.querySelector(`[data-part=${name}]`)).textContent = text;
     }
-    const state = servo.is_hold ? (servo.is_start ? "held" : "stopped") : "limp";
+    const state = !isRead.value ? "unread" : servo.is_hold ? (servo.is_start ? "held" : "stopped") : "limp";
     const chip = /** @type {HTMLElement} */ (card.current.querySelector("[data-part=state]"));
     chip.textContent = t(`live.${state}`);
-    chip.className = `chip ${{ held: "ok", stopped: "warn", limp: "limp" }[state]}`;
+    chip.className = `chip ${{ unread: "", held: "ok", stopped: "warn", limp: "limp" }[state]}`;
     card.current.dataset.state = state;
   });
   if (id === undefined) return null;

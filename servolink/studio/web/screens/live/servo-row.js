@@ -1,10 +1,10 @@
 // One servo: where it is, where it is to go, current and temperature. It is drawn up to 50 times a second, so what
 // changes then is written into the page directly.
 
-import { html, useRef, useSignalEffect } from "../../html.js";
+import { effect, html, useComputed, useLayoutEffect, useRef } from "../../html.js";
 import { limitsOf, nameOf } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
-import { isLive, isOthers, mayMove, servos } from "../../state/robot.js";
+import { isFresh, isOthers, isRead, mayMove, servos } from "../../state/robot.js";
 import { chosen, draft, mode } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 
@@ -19,12 +19,12 @@ export function ServoRow({ id, motion }) {
   const row = useRef(/** @type {HTMLElement | null} */ (null));
   const isDragged = useRef(false);
   const [low, high] = limitsOf(id);
-  useSignalEffect(() => {
-    if (row.current !== null) show(row.current, id, isDragged.current);
-  });
+  const isKnown = useComputed(() => knows(id));
+  const isOff = !isFresh.value || !isKnown.value || !mayMove.value || (isOthers.value && mode.value === "robot");
   /** @param {Event} event */
   const input = (event) => drag(id, Number(/** @type {HTMLInputElement} */ (event.currentTarget).value), motion);
   const begin = () => {
+    if (isOff) return; // a slider that is disabled is still told of presses
     isDragged.current = true;
     chosen.value = id;
     if (mode.value === "robot") motion.begin();
@@ -33,7 +33,15 @@ export function ServoRow({ id, motion }) {
     isDragged.current = false;
     if (mode.value === "robot") motion.end();
   };
-  const isOff = !isLive.value || !mayMove.value || (isOthers.value && mode.value === "robot");
+  // Before the browser paints, which would show a slider in the middle.
+  useLayoutEffect(
+    () =>
+      effect(() => {
+        if (!isKnown.value && isDragged.current) end();
+        if (row.current !== null) show(row.current, id, isDragged.current);
+      }),
+    [id],
+  );
   return html`<li ref=${row} class=${chosen.value === id ? "sv sel" : "sv"}>
     <span class="sid">${id}</span>
     <button class="nm ell" aria-pressed=${String(chosen.value === id)} onClick=${() => (chosen.value = id)}>${nameOf(id)}</button>
@@ -54,12 +62,19 @@ export function ServoRow({ id, motion }) {
 }
 
 /**
- * Draft an angle, or move the servo there.
+ * Return whether a servo was read, so that its angle is known.
+ * @param {number} id
+ */
+const knows = (id) => isRead.value && servos.value.has(id);
+
+/**
+ * Draft an angle, or move the servo there; do neither before the servo was read.
  * @param {number} id
  * @param {number} angle
  * @param {import("../../state/motion.js").Motion} motion
  */
 export function drag(id, angle, motion) {
+  if (!knows(id)) return;
   if (mode.value === "robot") motion.towards({ [id]: angle });
   else draft.value = { ...draft.value, [id]: angle };
 }
@@ -71,12 +86,22 @@ export function drag(id, angle, motion) {
  * @param {boolean} isDragged
  */
 function show(row, id, isDragged) {
-  const servo = servos.value.get(id),
+  const servo = isRead.value ? servos.value.get(id) : undefined,
     [low, high] = limitsOf(id);
   const wanted = (mode.value === "robot" ? targets.value : draft.value)[id];
-  if (servo === undefined) return;
   /** @param {string} name */
   const part = (name) => /** @type {HTMLElement} */ (row.querySelector(`[data-part=${name}]`));
+  const slider = /** @type {HTMLInputElement} */ (part("slider"));
+  if (servo === undefined) {
+    row.dataset.state = "unread"; // the style sheet hides everything that looks like an angle
+    part("angle").textContent = "\u2013";
+    part("target").textContent = "";
+    part("meters").title = t("live.unread");
+    part("meters").setAttribute("aria-label", t("live.unread"));
+    slider.setAttribute("aria-valuetext", t("live.unread"));
+    return;
+  }
+  slider.removeAttribute("aria-valuetext");
   const at = share(servo.angle, low, high),
     zero = share(0, low, high);
   part("angle").textContent = degrees(servo.angle);
@@ -91,7 +116,6 @@ function show(row, id, isDragged) {
   part("meters").title = meters;
   part("meters").setAttribute("aria-label", meters);
   row.dataset.state = servo.is_hold ? (servo.is_start ? "ready" : "stopped") : "limp";
-  const slider = /** @type {HTMLInputElement} */ (part("slider"));
   if (!isDragged) slider.value = String(wanted ?? servo.angle);
 }
 

@@ -8,7 +8,7 @@ import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
-import { actualPose, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
+import { actualPose, isFresh, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
 import { chosen, draft, mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { drag } from "./servo-row.js";
@@ -33,7 +33,7 @@ export function StageCard({ motion }) {
       <span><i></i>${t("live.robot")}</span><span><i class="g"></i>${t("live.target")}</span>
     </span></div>
     <div class="bar">
-      ${isLive.value ? null : html`<${AsSeen} />`}
+      ${isFresh.value ? null : html`<${AsSeen} />`}
       <${Segments} label=${t("live.robot_mode")} value=${mode.value} onChoose=${choose}
         choices=${[
           { value: "preview", label: t("live.preview"), icon: "eye" },
@@ -52,7 +52,7 @@ function HoldToMove({ motion }) {
     if (await motion.begin()) motion.towards(draft.value);
   };
   const end = () => motion.end();
-  return html`<${Hold} label=${label} hint=${t("live.hold_hint")} disabled=${none || !isLive.value || isOthers.value} onBegin=${begin} onEnd=${end} />`;
+  return html`<${Hold} label=${label} hint=${t("live.hold_hint")} disabled=${none || !isFresh.value || isOthers.value} onBegin=${begin} onEnd=${end} />`;
 }
 
 function Draft() {
@@ -83,7 +83,7 @@ function choose(chosenMode) {
  */
 function scene(motion) {
   const wanted = () => (mode.value === "robot" ? targets.value : draft.value);
-  const canDrag = isLive.value && mayMove.value && !(isOthers.value && mode.value === "robot");
+  const canDrag = isFresh.value && mayMove.value && !(isOthers.value && mode.value === "robot");
   return {
     pose: actualPose,
     dragPose: () => ({ ...actualPose(), ...wanted() }),
