@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 _PAUSE = 1.0  # seconds until a board that does not report its servos is asked again
 
 
-class BoardTap(Tap):
-    """Turns what passes into messages."""
+class WireTap(Tap):
+    """Turns the bytes that pass into messages."""
 
     def __init__(self, take: Take) -> None:
         """Pass messages on to `take`."""
@@ -37,6 +37,10 @@ class BoardTap(Tap):
         """Pass on bytes from the board."""
         now = self._now()
         self._take(now, Wire("received", data, now))
+
+
+class BoardTap(WireTap):
+    """Turns bytes and the outcome of requests into messages."""
 
     def ended(self, packet: Packet, outcome: object, seconds: float) -> None:
         """Pass on what became of a request."""

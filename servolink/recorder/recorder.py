@@ -25,7 +25,7 @@ from servolink.numeric import as_number, is_number
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
 from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, Wire
-from servolink.recorder.child_writer import ChildWriter
+from servolink.recorder.child import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
 from servolink.recorder.readings import Readings, Take

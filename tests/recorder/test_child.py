@@ -12,8 +12,7 @@ import pytest
 
 from servolink.errors import RecordingError
 from servolink.recorder.channels import Event, Recorded, Wire
-from servolink.recorder.child import LENGTH, Order
-from servolink.recorder.child_writer import ChildWriter
+from servolink.recorder.child import LENGTH, ChildWriter, Order
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import MAGIC
 from servolink.recorder.reading import Recording

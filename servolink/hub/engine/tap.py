@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from servolink.connection.taps import Tap
 from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, ProblemNotice, ProgramNotice
 from servolink.control.status import HoldStatus
 from servolink.protocol.packet import Packet
-from servolink.recorder.channels import Event, Message, ProblemFound, Wire
+from servolink.recorder.board_source import WireTap
+from servolink.recorder.channels import Event, Message, ProblemFound
 from servolink.recorder.packets import command_done
 from servolink.recorder.readings import Take
 
@@ -20,14 +19,13 @@ if TYPE_CHECKING:
     from servolink.hub.hub import Hub
 
 
-class HubTap(Tap):
+class HubTap(WireTap):
     """Bytes of the line, what became of requests and who asked, and notices; until it is closed."""
 
     def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
         """Pass messages of `hub` on to `take` from now on."""
+        super().__init__(take)
         self._hub = hub
-        self._take = take
-        self._now = asyncio.get_running_loop().time
         ends: list[Callable[[], None]] = [hub.board.connection.taps.add(self)]
         if not wire_only:
             ends += [hub.listen(self._hear), hub.follow_requests(self._over)]
@@ -37,16 +35,6 @@ class HubTap(Tap):
         """Pass on nothing more; may be called again."""
         for end in self._ends:
             end()
-
-    def sent(self, data: bytes) -> None:
-        """Pass on bytes to the board."""
-        now = self._now()
-        self._take(now, Wire("sent", data, now))
-
-    def received(self, data: bytes) -> None:
-        """Pass on bytes from the board."""
-        now = self._now()
-        self._take(now, Wire("received", data, now))
 
     def _over(self, packet: Packet, outcome: object, asked_at: float, who: str, session: str) -> None:
         """Pass on what became of a request of a program."""
