@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Iterable
+from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,6 +18,7 @@ from servolink.escaping import escape, html_table
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT, Speed
+from servolink.motion.ticket import Ticket
 from servolink.motion.units import ServoUnits
 from servolink.numeric import as_number
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
@@ -100,6 +102,7 @@ class Board:
         self._limits = limits
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._interval_unit = interval_unit
+        self._ticket: Ticket | None = None  # of its motions; None if they are asked for when their methods are called
         self._packets = RawPackets(session, self._servos, lambda: self._runs, limits)
 
     @cached_property
@@ -195,7 +198,7 @@ class Board:
         in captions, to give back what was read from it. With limits, an ExecuteMacroRequest is treated as by
         `run_macro`; `timeout` then counts from when it is sent.
         """
-        return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked)
+        return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked, ticket=self._ticket)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice.
@@ -203,7 +206,7 @@ class Board:
         With limits, an ExecuteActionRequest beyond one is refused with MotionRefused, not changed; its angles are in
         the unit that is set for each servo. An ExecuteActionExRequest is treated as by `run_action`.
         """
-        await self._packets.send(packet)
+        await self._packets.send(packet, ticket=self._ticket)
 
     async def took_effect(self, request: Packet) -> bool | None:
         """Return whether the board is now as `request` would have made it, to follow up on OutcomeUnknown.
@@ -295,11 +298,11 @@ class Board:
 
         A stopped servo ignores movements; a released one is limp. Raise Rejected if the board reports another state.
         """
-        await self._servos.set_servo(servo_id, start=start, hold=hold)
+        await self._servos.set_servo(servo_id, start=start, hold=hold, ticket=self._ticket)
 
     async def release(self, servo_id: int | str = ALL_SERVOS) -> None:
         """Stop and release a servo, or all (3.2.3). It goes limp, and a raised limb falls."""
-        await self._servos.set_servo(servo_id, start=False, hold=False)
+        await self._servos.set_servo(servo_id, start=False, hold=False, ticket=self._ticket)
 
     async def stop(self) -> None:
         """Stop all servos where they are and hold them, ahead of every other request (3.2.3).
@@ -347,7 +350,9 @@ class Board:
         servo turns only as far as it can. With `wait`, returns when all have arrived, and raises TargetNotReached for
         one that is not within 2 degrees of its target a second after the planned end.
         """
-        return await self._servos.move(targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run)
+        return await self._servos.move(
+            targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run, ticket=self._ticket
+        )
 
     def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
@@ -368,7 +373,7 @@ class Board:
         degrees of them a second later, and RequestError if `stop` ends the run. A cancelled wait stops nothing.
         Raise MotionRefused, with nothing moved, for a step beyond a limit (see `Board`).
         """
-        return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run)
+        return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
 
     async def play(
         self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
@@ -440,7 +445,7 @@ class Board:
         missing, MotionRefused also for a macro that runs itself. Without limits, `wait` and `dry_run`, only the list of
         macros is read.
         """
-        await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run)
+        await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
 
     async def servo_parameters(self) -> tuple[ServoParameter, ...]:
         """Return caption and angle correction of each servo (3.3.10); empty also after an error on the board."""
@@ -560,3 +565,10 @@ class Board:
         `folder` (by default the user's data folder) say so, for this address.
         """
         return await self._projects.has_unfinished_import(folder)
+
+
+def with_ticket(board: Board, ticket: Ticket) -> Board:
+    """Return `board` for a motion that was asked for when `ticket` was issued, and not when its method is called."""
+    one = copy(board)
+    one._ticket = ticket  # noqa: SLF001 - a board that only this function makes
+    return one

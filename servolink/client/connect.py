@@ -305,7 +305,8 @@ def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuar
     from servolink.client.identity_guard import IdentityGuard
 
     guard = IdentityGuard(connection, profile)
-    connection.guard = guard.pass_packet
+    connection.preparations += (guard.prepare,)
+    connection.gates = connection.gates._replace(identity=guard.refusal)
     return guard
 
 

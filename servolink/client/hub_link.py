@@ -16,8 +16,9 @@ from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNoti
 from servolink.control.roles import Role, needed_role
 from servolink.control.share import ShareTransport
 from servolink.control.status import BoardState, HoldStatus, LeaseStatus
-from servolink.errors import ConnectionLost, Rejected
+from servolink.errors import ConnectionLost, MotionRefused, Rejected
 from servolink.escaping import escape
+from servolink.motion.ticket import Ticket
 from servolink.protocol.packet import Packet, is_motion
 
 _LIMIT = 5.0  # seconds for the hub to answer what it answers at once
@@ -32,8 +33,8 @@ class HubLink:
         self._connection = connection
         self._welcome = welcome
         self._has_lease = False
+        self._mover: str | None = None  # another program that holds the lease
         self._holds = 0  # how many of this program's transfers are under way
-        self._inner = connection.guard
         self.has_lost_board = False
         """Whether the hub has lost the board, and tries to get it back."""
         self.on_board: Callable[[bool], None] = lambda has_lost_board: None
@@ -58,7 +59,8 @@ class HubLink:
         for notification in early:
             self._hear(*notification)
         self._channel.on_notification = self._hear
-        self._connection.guard = self._pass_packet
+        self._connection.preparations += (self._take_lease_for,)
+        self._connection.gates = self._connection.gates._replace(role=self._refuse_role, lease=self._refuse_lease)
 
     async def close(self) -> None:
         """Disconnect: the hub frees the lease and the board."""
@@ -67,7 +69,7 @@ class HubLink:
     async def take_lease(self, *, force: bool = False) -> None:
         """Take the lease, with `force` from another program too. Raise MotionRefused, which says who has it."""
         await self._channel.call("lease.take", timeout=_LIMIT, force=force)
-        self._has_lease = True
+        self._has_lease, self._mover = True, None
 
     async def stop(self) -> None:
         """Stop all servos, and return when the hub has read that they are stopped. Raise OutcomeUnknown if not."""
@@ -92,7 +94,8 @@ class HubLink:
 
         Raise MotionRefused, which names the holder, if another program has it, and Rejected without the role.
         """
-        self._require(Role.EDIT, "changing what is stored")
+        if lacking := self._lacking(Role.EDIT, "changing what is stored"):
+            raise lacking
         had_lease = self._has_lease
         if not had_lease:
             await self.take_lease()
@@ -102,25 +105,34 @@ class HubLink:
             if not had_lease:
                 self._channel.tell("lease.give")
 
-    async def _pass_packet(self, packet: Packet) -> None:
-        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has.
-
-        Raise Rejected for a packet that needs a higher role: the hub would not send it, and could not always say so.
-        """
-        self._require(needed_role(packet), type(packet).__name__)
-        if self._inner is not None:
-            await self._inner(packet)
+    async def _take_lease_for(self, packet: Packet, ticket: Ticket) -> None:
+        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has."""
         if not self._has_lease and is_motion(packet):
             await self.take_lease()
 
-    def _require(self, needed: Role, what: str) -> None:
-        """Raise Rejected if `what` needs a higher role than this program has."""
+    def _refuse_role(self, packet: Packet, ticket: Ticket) -> Rejected | None:
+        """Refuse what needs a higher role: the hub would not send it, and could not always say so."""
+        return self._lacking(needed_role(packet), type(packet).__name__)
+
+    def _refuse_lease(self, packet: Packet, ticket: Ticket) -> MotionRefused | None:
+        """Refuse a motion while another program holds the lease; a free one is taken by the hub."""
+        if self._mover is None or not is_motion(packet):
+            return None
+        name = escape(self._welcome.name)
+        return MotionRefused(
+            f"the servos of {name} are moved by {escape(self._mover)}: wait until it is free, or take it over with "
+            f"`servolink share --take {name}`"
+        )
+
+    def _lacking(self, needed: Role, what: str) -> Rejected | None:
+        """Return the error if `what` needs a higher role than this program has."""
         name, role = escape(self._welcome.name), self._welcome.role
-        if Role.parse(role) < needed:
-            raise Rejected(
-                f"nothing was sent: {what} needs the role {needed}, and this program has the role {role}; "
-                f"connect to share://{name}?role={needed}"
-            )
+        if Role.parse(role) >= needed:
+            return None
+        return Rejected(
+            f"nothing was sent: {what} needs the role {needed}, and this program has the role {role}; "
+            f"connect to share://{name}?role={needed}"
+        )
 
     def _hear(self, method: str, params: Raw) -> None:
         """Take a notification."""
@@ -135,7 +147,7 @@ class HubLink:
             elif method == "connection":
                 self._learn_upstream(msgspec.json.decode(params, type=ConnectionNow))
             elif method == "stopped":
-                self._connection.count_stop()  # it ends what waits here or is sent step by step, as our own do
+                self._connection.stops.stop()  # it ends what waits here or is sent step by step, as our own do
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
@@ -145,6 +157,7 @@ class HubLink:
     def _learn_lease(self, lease: LeaseStatus | None) -> None:
         had_lease = self._has_lease
         self._has_lease = lease is not None and lease.session == self._welcome.session
+        self._mover = None if lease is None or self._has_lease else lease.who or "another program"
         if had_lease and not self._has_lease and lease is not None:
             _logger.warning("%s moves the servos from now on, not this program", escape(lease.who))
 

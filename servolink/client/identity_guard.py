@@ -9,6 +9,7 @@ from contextlib import suppress
 from servolink.connection.connection import Connection
 from servolink.errors import DecodeError, RequestTimeout, WrongBoard
 from servolink.escaping import escape
+from servolink.motion.ticket import Ticket
 from servolink.profiles.profile import BoardIdentityRecord, ProfileInUse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Effect, Packet, Query
@@ -28,7 +29,7 @@ _logger = logging.getLogger(__name__)
 
 
 class IdentityGuard:
-    """Refuses what moves or changes a board on a connection, if the board there is not the one of the profile."""
+    """Gate that refuses what moves or changes a board, if it is not the one of the profile."""
 
     def __init__(self, connection: Connection, profile: ProfileInUse) -> None:
         """Guard `connection`, whose board must be the one of `profile`."""
@@ -38,12 +39,16 @@ class IdentityGuard:
         self._is_right = False
         self._checking = asyncio.Lock()
 
-    async def pass_packet(self, packet: Packet) -> None:
-        """Return if `packet` may be sent: a stop and a release always. Raise WrongBoard if the board is another one."""
-        if self._is_right or packet.effect in {Effect.STOPS, Effect.GOES_LIMP} or isinstance(packet, _HARMLESS):
-            return
-        if difference := await self._check():
+    async def prepare(self, packet: Packet, ticket: Ticket) -> None:
+        """Check the board before `packet` is sent. Raise WrongBoard if it is another one."""
+        if self.refusal(packet, ticket) and (difference := await self._check()):
             raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)
+
+    def refusal(self, packet: Packet, ticket: Ticket) -> WrongBoard | None:
+        """Refuse what moves or changes a board that was not found to be the right one; a release never."""
+        if self._is_right or packet.effect is Effect.GOES_LIMP or isinstance(packet, _HARMLESS):
+            return None
+        return WrongBoard(f"whether this is {self._name} is not known: {type(packet).__name__} was not sent", packet)
 
     async def refuse_another(self) -> None:
         """Raise WrongBoard if the board is another one."""

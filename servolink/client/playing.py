@@ -12,9 +12,11 @@ from servolink.client.collect import collect
 from servolink.client.projects import check_project
 from servolink.client.servos import ServoController
 from servolink.client.session import Session
-from servolink.client.stored_runs import Asked, StoredRuns
+from servolink.client.stored_runs import StoredRuns
+from servolink.connection.gates import UnitsChanged
 from servolink.errors import ConnectionLost, EncodeError, NotFound, RequestError
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.ticket import Ticket
 from servolink.project.model import Project
 from servolink.protocol.macro_playing import MacroPlaying
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
@@ -69,7 +71,7 @@ class Playing:
         from servolink.project.records import by_type, find
 
         check_project(project)
-        asked = self._runs.asked()
+        ticket = self._session.ticket()
         by_type(project)  # refuses an id that is used twice: either record could be meant
         record = find(project, str(name), (ACTION, MACRO))
         stored = await collect(_reader(project), type_of(record), type_of(record).id_of(record))
@@ -77,15 +79,15 @@ class Playing:
         async def read() -> Run:
             return await self._playable(stored, record)
 
-        run, units_sent = await self._runs.prepare(read, asked, wait=True, dry_run=dry_run)
+        run, ticket = await self._runs.prepare(read, ticket, wait=True, dry_run=dry_run)
         if dry_run:
             return run.seconds()
         playback = playback or Playback()
         playback.total_seconds = run.seconds()
-        player = _Player(self._session, self._runs, run, self._interval_unit, asked, units_sent, playback)
+        player = _Player(self._session, run, self._interval_unit, ticket, playback)
         try:
             await player.play()
-            await self._runs.until_at_rest(run, asked)
+            await self._runs.until_at_rest(run, player.latest, ticket)
         except ConnectionLost as error:
             raise player.lost(error) from error
         return run.seconds()
@@ -135,31 +137,30 @@ class _Player:
     def __init__(  # all of them are needed for each step
         self,
         session: Session,
-        runs: StoredRuns,
         run: Run,
         interval_unit: float,
-        asked: Asked,
-        units_sent: int,
+        ticket: Ticket,
         playback: Playback,
     ) -> None:
         self._session = session
-        self._runs = runs
         self._run = run
         self._unit = interval_unit
-        self._asked = asked
-        self._units_sent = units_sent
+        self._connection = session.connection
+        self._ticket = ticket
         self._playback = playback
         self._waiting: list[ExecuteActionRequest] = []
         """Movements that are to begin now."""
         self._due = asyncio.get_running_loop().time()
         """When what comes next begins, seconds of the event loop's clock."""
+        self.latest = ExecuteActionRequest()
+        """The movement that was sent last."""
         self._has_begun = False
 
     def lost(self, error: ConnectionLost) -> ConnectionLost:
         """Return the error of a run whose connection was lost: what became of it, and the first cause."""
         from servolink.project.records import name_of
 
-        cause = self._asked.connection.ended or error
+        cause = self._connection.ended or error
         if self._has_begun:
             lost = "the connection was lost before it was over"
             return ConnectionLost(f"{name_of(self._run.record)} was started, and {lost}: {cause}")
@@ -192,16 +193,15 @@ class _Player:
     async def _send(self, movement: ExecuteActionRequest) -> None:
         """Send a movement, once. Raise RequestError after a stop or a change of a unit, ConnectionLost after a loss."""
         self._check()
-        self._has_begun = True
-        sent = await self._asked.connection.send(
-            movement, unless_stopped_since=self._asked.stops, unless_units_since=self._units_sent
-        )
-        if not sent:
+        self._has_begun, self.latest = True, movement
+        try:
+            await self._connection.send(movement, ticket=self._ticket)
+        except UnitsChanged:
             from servolink.project.records import name_of
 
             raise RequestError(
                 f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played", movement
-            )
+            ) from None
         # A step that is sent late is not cut short: the next one would turn faster than was checked.
         self._due = max(self._due, asyncio.get_running_loop().time())
 
@@ -226,7 +226,9 @@ class _Player:
             self._due = max(self._due, loop.time())
 
     def _check(self) -> None:
-        self._runs.check_goes_on(self._run.record, self._asked)
+        from servolink.project.records import name_of
+
+        self._session.check_goes_on(name_of(self._run.record), self.latest, self._ticket)
 
 
 def _movement(steps: tuple[Step, ...], speed: float) -> ExecuteActionRequest:

@@ -9,6 +9,7 @@ from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Command, Request, Response
 from servolink.protocol.servos import (
@@ -36,30 +37,33 @@ class RawPackets:
         self._runs = runs
         self._limits = limits
 
-    def request(self, packet: Request[R], *, timeout: float | None, unchecked: bool) -> Coroutine[Any, Any, R]:
+    def request(
+        self, packet: Request[R], *, timeout: float | None, unchecked: bool, ticket: Ticket | None
+    ) -> Coroutine[Any, Any, R]:
         """Return what sends a packet that the board answers, when it is awaited (see `Board.request`)."""
-        request: Any = self._session.request
         if isinstance(packet, SetAngleUnitRequest):
-            request = self._servos.units.request
-        elif isinstance(packet, SetServoParameterRequest):
+            setting: Any = self._servos.units.request(packet, timeout=timeout, unchecked=unchecked)
+            return setting  # type: ignore[no-any-return]
+        request: Any = self._session.request
+        if isinstance(packet, SetServoParameterRequest):
             request = self._servos.request
         elif self._limits and isinstance(packet, ExecuteMacroRequest):
             request = self._runs().request
-        asked: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked)
+        asked: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
         return asked
 
-    async def send(self, packet: Command) -> None:
+    async def send(self, packet: Command, *, ticket: Ticket | None) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""
         if isinstance(packet, ExecuteActionRequest):
             _check_each_once(packet)
         if not self._limits or not isinstance(packet, ExecuteActionRequest | ExecuteActionExRequest):
-            await self._session.send(packet)
+            await self._session.send(packet, ticket=ticket)
             return
         self._session.codec.encode(packet)  # refuses values that cannot be sent, before they are compared
         if isinstance(packet, ExecuteActionRequest):
-            await self._servos.send(packet)
+            await self._servos.send(packet, ticket=ticket)
         else:
-            await self._runs().run_action(packet.action_id)
+            await self._runs().run_action(packet.action_id, ticket=ticket)
 
 
 def _check_each_once(packet: ExecuteActionRequest) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Iterable, Mapping
+from contextlib import suppress
 
 from msgspec import Struct
 
@@ -12,6 +13,7 @@ from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
 from servolink.client.units import AngleUnits
+from servolink.connection.gates import UnitsChanged
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
@@ -19,7 +21,6 @@ from servolink.errors import (
     NotFound,
     OutcomeUnknown,
     Rejected,
-    RequestError,
     RequestTimeout,
     TargetNotReached,
     TransportError,
@@ -28,6 +29,7 @@ from servolink.escaping import html_table
 from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
+from servolink.motion.ticket import Ticket
 from servolink.numeric import checked_flag
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
@@ -129,15 +131,13 @@ class ServoController:
                 return servo
         raise NotFound(f"the board has no servo {servo_id}", request)
 
-    async def set_servo(self, which: int | str, *, start: bool, hold: bool) -> None:
+    async def set_servo(self, which: int | str, *, start: bool, hold: bool, ticket: Ticket | None = None) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
         is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
-        stops = self._session.connection.stops
+        ticket = ticket or self._session.ticket()
         servo_id = await id_of_servo(self._session, which)
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
-        if is_start and stops != self._session.connection.stops:
-            raise RequestError(f"servo {servo_id} was not started: a stop came first", request)
-        response = await self.request(request)
+        response = await self.request(request, ticket=ticket)
         if (response.servo_id, response.is_start, response.is_hold) != (servo_id, request.is_start, request.is_hold):
             raise Rejected(
                 f"servo {servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board answered "
@@ -146,11 +146,16 @@ class ServoController:
             )
 
     async def request(
-        self, packet: SetServoParameterRequest, *, timeout: float | None = None, unchecked: bool = False
+        self,
+        packet: SetServoParameterRequest,
+        *,
+        timeout: float | None = None,
+        unchecked: bool = False,
+        ticket: Ticket | None = None,
     ) -> SetServoParameterResponse:
         """Send a packet that starts, stops, holds or releases, and return the response, whatever it says."""
         try:
-            return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+            return await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
         finally:
             self.soft_start.forget(packet)  # whether or not it was answered: it may have been done
 
@@ -162,10 +167,11 @@ class ServoController:
         speed: Speed | None = None,
         wait: bool = False,
         dry_run: bool = False,
+        ticket: Ticket | None = None,
     ) -> float:
         """Move servos together (see `Board.move`)."""
         connection = self._session.connection
-        stops = connection.stops
+        ticket = ticket or connection.stops.ticket()
         check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
         angles = checked_targets(await servo_targets(self._session, targets))  # a copy, as the caller may change them
         if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
@@ -178,14 +184,15 @@ class ServoController:
             if dry_run:
                 return longest
             # The movement may wait for its turn. If a unit is sent meanwhile, its numbers mean other angles.
-            units_sent = connection.units_sent
-            if await connection.send(request, unless_stopped_since=stops, unless_units_since=units_sent):
+            with suppress(UnitsChanged):
+                await connection.send(request, ticket=ticket.checked(connection.units_sent))
                 break
-        self.soft_start.moved(moving, longest, (connection, stops))
+        self.soft_start.moved(moving, longest, ticket)
         if wait:
             await asyncio.sleep(longest)
             async for _ in self.until_arrived(goals, 0.0):
-                pass
+                if refusal := connection.gates.lease(request, ticket):
+                    raise MotionRefused(f"the motion was sent, and then interrupted: {refusal}")
         return longest
 
     async def follow(
@@ -228,10 +235,10 @@ class ServoController:
             before = here
             await asyncio.sleep(_PAUSE)
 
-    async def send(self, packet: ExecuteActionRequest) -> None:
+    async def send(self, packet: ExecuteActionRequest, *, ticket: Ticket | None = None) -> None:
         """Send a movement as it is. Raise MotionRefused if it exceeds the limits (see `Board.send`)."""
         connection = self._session.connection
-        stops = connection.stops
+        ticket = ticket or connection.stops.ticket()
         angles = {step.servo_id: step.degree for step in packet.steps}
         while True:
             await self.units.ensure()
@@ -241,10 +248,11 @@ class ServoController:
             first = self.soft_start.first_moves(moving)
             for step in packet.steps if here else ():
                 self._check_speed(step, abs(step.degree - here[step.servo_id]), is_first=step.servo_id in first)
-            if await connection.send(packet, unless_stopped_since=stops, unless_units_since=units_sent):
+            with suppress(UnitsChanged):
+                await connection.send(packet, ticket=ticket.checked(units_sent))
                 break
         longest = max((step.interval for step in packet.steps), default=0) * self._interval_unit
-        self.soft_start.moved(moving, longest, (connection, stops))
+        self.soft_start.moved(moving, longest, ticket)
 
     async def stop(self) -> None:
         """Stop and hold all servos, ahead of everything that waits to be sent (see `Board.stop`)."""

@@ -13,8 +13,9 @@ from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
-from servolink.errors import ConnectionLost, Rejected, ServolinkError
+from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, ServolinkError
 from servolink.escaping import escape, quote
+from servolink.motion.ticket import Ticket
 from servolink.numeric import check_seconds
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
@@ -92,23 +93,47 @@ class Session:
         if self._ended is not None:
             end(self._ended)
 
+    # --- motions ------------------------------------------------------------------------------------------------
+
+    def ticket(self) -> Ticket:
+        """Return the ticket of a motion that is asked for now: a later stop or a loss of the connection ends it."""
+        return self.connection.stops.ticket()
+
+    def check_goes_on(self, name: str, packet: Packet, ticket: Ticket) -> None:
+        """Raise the error that ends a motion which has begun with `packet`: a loss, a stop, or another program.
+
+        `name` says what is moving, such as `action 3`.
+        """
+        stops = self.connection.stops
+        if not stops.issued(ticket) or self.state != "connected":
+            raise ConnectionLost(f"{name} was started, and the connection was lost before it was over")
+        if not stops.holds(ticket):
+            raise RequestError(f"{name} was started, and then ended by a stop", packet)
+        if refusal := self.connection.gates.lease(packet, ticket):
+            raise MotionRefused(f"{name} was started, and then interrupted: {refusal}")
+
     # --- requests -----------------------------------------------------------------------------------------------
 
     def request(
-        self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False
+        self,
+        packet: Request[R],
+        *,
+        timeout: float | None = None,
+        unchecked: bool = False,
+        ticket: Ticket | None = None,
     ) -> Coroutine[Any, Any, R]:
         """Return what sends `packet`, when it is awaited, and returns its response (see `Board.request`)."""
         if not isinstance(packet, Request):
             raise _wrong_packet(packet)
         if timeout is not None:
             check_seconds("timeout", timeout)
-        return self.connection.request(packet, timeout=timeout, unchecked=unchecked)
+        return self.connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
-    async def send(self, packet: Command) -> None:
+    async def send(self, packet: Command, *, ticket: Ticket | None = None) -> None:
         """Send a packet that the board does not answer (see `Board.send`)."""
         if not isinstance(packet, Command):
             raise _wrong_packet(packet)
-        await self.connection.send(packet)
+        await self.connection.send(packet, ticket=ticket)
 
     async def command(self, packet: Request[Result], likely_cause: str) -> None:
         """Send a command that is answered with success or failure. Raise Rejected with `likely_cause` on failure."""

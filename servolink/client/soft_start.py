@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable
 
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
 from servolink.motion.limits import MotionLimits
+from servolink.motion.ticket import Ticket
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 
@@ -37,14 +37,13 @@ class SoftStart:
             if self._limits.soft_speed_of(servo_id) is not None and now < self._known_at.get(servo_id, math.inf)
         }
 
-    def moved(self, servo_ids: Iterable[int], seconds: float, since: tuple[Connection, int]) -> None:
+    def moved(self, servo_ids: Iterable[int], seconds: float, ticket: Ticket) -> None:
         """Count a movement that was just sent and takes `seconds` as the first one of servos that had none.
 
-        But not if all servos were stopped `since` it was asked for on a connection with so many stops: a stop overtakes
-        a movement that waits for room on the line.
+        But not if `ticket` does not hold any more: a stop overtakes a movement that waits for room on the line.
         """
         self._forget_old()
-        if since != self._epoch:
+        if not self._session.connection.stops.holds(ticket):
             return
         end = asyncio.get_running_loop().time() + seconds
         for servo_id in servo_ids:
@@ -65,5 +64,5 @@ class SoftStart:
             self._epoch = epoch
             self._known_at.clear()
 
-    def _now(self) -> tuple[Connection, int]:
-        return self._session.connection, self._session.connection.stops
+    def _now(self) -> int:
+        return self._session.connection.stops.epoch

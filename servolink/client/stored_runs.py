@@ -5,37 +5,31 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import aclosing
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from servolink.client.collect import check_can_wait, collect
 from servolink.client.records import RecordStore
 from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
 from servolink.connection.explain import described
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, TargetNotReached
 from servolink.motion.angles import Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.ticket import Ticket
 from servolink.numeric import check_seconds
 from servolink.project.model import Project
 from servolink.project.records import name_of
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
+from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
-from servolink.protocol.servos import ExecuteActionExRequest
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 
 if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
     from servolink.project.speed import Run
 
 _LOOK_EVERY = 0.1  # seconds
-
-
-class Asked(NamedTuple):
-    """When a run was asked for: a later stop ends it, as does the loss of the connection."""
-
-    connection: Connection
-    stops: int
 
 
 class StoredRuns:
@@ -56,64 +50,63 @@ class StoredRuns:
         self._limits = limits
         self._interval_unit = interval_unit
 
-    async def run_action(self, action: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
+    async def run_action(
+        self, action: int | str, *, wait: bool = False, dry_run: bool = False, ticket: Ticket | None = None
+    ) -> float:
         """Run a stored action and return its duration in seconds (see `Board.run_action`)."""
-        asked = self.asked()
+        connection = self._session.connection
+        ticket = ticket or connection.stops.ticket()
         action_id = await self._records.id_of(ACTION, action)
         if self._limits:
-            run, units_sent = await self._prepare(ACTION, action_id, asked, wait=wait, dry_run=dry_run)
+            run, ticket = await self._prepare(ACTION, action_id, ticket, wait=wait, dry_run=dry_run)
         else:  # read all the same: the board does not answer the command itself, and ignores unknown ids
-            run, units_sent = await self._read(ACTION, action_id, wait=wait), None
+            run = await self._read(ACTION, action_id, wait=wait)
         request = ExecuteActionExRequest(action_id)
         if dry_run:
             return run.seconds()
-        if not await asked.connection.send(request, unless_stopped_since=asked.stops, unless_units_since=units_sent):
-            raise RequestError(
-                f"{name_of(run.record)} was not run: an angle unit was set while it was checked", request
-            )
+        await connection.send(request, ticket=ticket)
         if wait:
-            await self._until_over(run, asked)
+            await self._until_over(run, request, ticket)
         return run.seconds()
 
-    async def run_macro(self, macro: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
+    async def run_macro(
+        self, macro: int | str, *, wait: bool = False, dry_run: bool = False, ticket: Ticket | None = None
+    ) -> None:
         """Start a stored macro (see `Board.run_macro`)."""
-        asked = self.asked()
+        connection = self._session.connection
+        ticket = ticket or connection.stops.ticket()
         macro_id = await self._records.id_of(MACRO, macro, must_exist=not (self._limits or wait))
-        run, units_sent = None, None
+        run = None
         if self._limits:
-            run, units_sent = await self._prepare(MACRO, macro_id, asked, wait=wait, dry_run=dry_run)
+            run, ticket = await self._prepare(MACRO, macro_id, ticket, wait=wait, dry_run=dry_run)
         elif wait or dry_run:
             run = await self._read(MACRO, macro_id, wait=wait)
         if dry_run:
             return
-        self._check_is_wanted(f"macro {macro_id}", asked)  # after a later stop the connection does not send it
         request = ExecuteMacroRequest(macro_id)
-        response = await asked.connection.request(request, unless_units_since=units_sent)
+        response = await connection.request(request, ticket=ticket)
         if not response.result:
             cause = "the macro may run itself, or something that is not stored"
             raise Rejected(f"{self._session.url} refused {described(request)}: {cause}", request)
         if wait and run is not None:
-            await self._until_over(run, asked)
+            await self._until_over(run, request, ticket)
 
     async def request(
-        self, packet: ExecuteMacroRequest, *, timeout: float | None = None, unchecked: bool = False
+        self,
+        packet: ExecuteMacroRequest,
+        *,
+        timeout: float | None = None,
+        unchecked: bool = False,
+        ticket: Ticket | None = None,
     ) -> ExecuteMacroResponse:
         """Start a stored macro and return the response, whatever it says. Raise MotionRefused beyond limits."""
         if not self._limits:
-            return await self._session.request(packet, timeout=timeout, unchecked=unchecked)
+            return await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
         if timeout is not None:
             check_seconds("timeout", timeout)
-        asked = self.asked()
-        _, units_sent = await self._prepare(MACRO, packet.macro_id, asked)
-        # Nothing was awaited since `_prepare` looked for a stop, and after a later one the connection does not send it.
-        return await asked.connection.request(
-            packet, timeout=timeout, unchecked=unchecked, unless_units_since=units_sent
-        )
-
-    def asked(self) -> Asked:
-        """Return the present connection and its stops: a later stop ends what is asked for now."""
         connection = self._session.connection
-        return Asked(connection, connection.stops)
+        _, ticket = await self._prepare(MACRO, packet.macro_id, ticket or connection.stops.ticket())
+        return await connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
         """Read what runs when a record is run. Raise RequestError if its end shall be waited for and cannot be."""
@@ -126,15 +119,15 @@ class StoredRuns:
         return run
 
     async def _prepare(
-        self, kind: RecordType[Any], record_id: int, asked: Asked, *, wait: bool = False, dry_run: bool = False
-    ) -> tuple[Run, int]:
+        self, kind: RecordType[Any], record_id: int, ticket: Ticket, *, wait: bool = False, dry_run: bool = False
+    ) -> tuple[Run, Ticket]:
         """Read a record and all that it runs, and prepare its run (see `prepare`)."""
-        return await self.prepare(lambda: self._read(kind, record_id, wait=False), asked, wait=wait, dry_run=dry_run)
+        return await self.prepare(lambda: self._read(kind, record_id, wait=False), ticket, wait=wait, dry_run=dry_run)
 
     async def prepare(
-        self, read: Callable[[], Awaitable[Run]], asked: Asked, *, wait: bool = False, dry_run: bool = False
-    ) -> tuple[Run, int]:
-        """Return the run that `read` returns and may begin now, and how many angle units had been sent at its check.
+        self, read: Callable[[], Awaitable[Run]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
+    ) -> tuple[Run, Ticket]:
+        """Return the run that `read` returns and may begin now, with its ticket as of this check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
@@ -145,7 +138,7 @@ class StoredRuns:
             run = await read()
             stored, record = run.stored, run.record
             servos = {servo.servo_id: servo for servo in await self._servos.servos()}
-            units_sent = asked.connection.units_sent
+            units_sent = self._session.connection.units_sent
             _refuse(record, next(uncheckable(stored), ""))
             pose = run.first_pose()
             self._check_servos(record, stored, servos)
@@ -156,53 +149,50 @@ class StoredRuns:
             _refuse(record, next(preflight_run(run, stored, self._limits, start), ""))
             if wait:
                 check_can_wait(run, servos.values())
-            self._check_is_wanted(name_of(record), asked)
+            self._check_is_wanted(name_of(record), ticket)
             if dry_run or not first:
-                return run, units_sent
-            await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, asked)
+                return run, ticket.checked(units_sent)
+            await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, ticket)
+            ticket = ticket.begun()
 
-    async def _until_over(self, run: Run, asked: Asked) -> None:
+    async def _until_over(self, run: Run, packet: Packet, ticket: Ticket) -> None:
         """Wait until a run is over and its servos rest where it leaves them (see `Board.run_action`)."""
         loop = asyncio.get_running_loop()
         end = loop.time() + run.seconds()
         # The line is left free meanwhile, so a stop and a loss are looked for here.
         while (left := end - loop.time()) > 0:
             await asyncio.sleep(min(left, _LOOK_EVERY))
-            self.check_goes_on(run.record, asked)
-        await self.until_at_rest(run, asked)
+            self._session.check_goes_on(name_of(run.record), packet, ticket)
+        await self.until_at_rest(run, packet, ticket)
 
-    async def until_at_rest(self, run: Run, asked: Asked) -> None:
+    async def until_at_rest(self, run: Run, packet: Packet, ticket: Ticket) -> None:
         """Wait until the servos of a run rest where it leaves them. Raise TargetNotReached for those that do not."""
         async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
             async for _ in readings:
-                self.check_goes_on(run.record, asked)
+                self._session.check_goes_on(name_of(run.record), packet, ticket)
 
-    def check_goes_on(self, record: Action | Macro, asked: Asked) -> None:
-        """Raise RequestError if a stop has ended a run, ConnectionLost if the connection it was asked for is gone."""
-        if asked.connection is not self._session.connection or self._session.state != "connected":
-            raise ConnectionLost(f"{name_of(record)} was started, and the connection was lost before it was over")
-        if asked.connection.stops != asked.stops:
-            raise RequestError(f"{name_of(record)} was started, and then ended by a stop")
-
-    async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], asked: Asked) -> None:
+    async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], ticket: Ticket) -> None:
         """Move servos to the first pose of a record and wait until they have arrived. A stop ends it."""
         softest = min(speed for servo_id in pose if (speed := self._limits.soft_speed_of(servo_id)) is not None)
-        seconds = await self._servos.move(pose, speed=softest)
+        seconds = await self._servos.move(pose, speed=softest, ticket=ticket)
         goals = {servo_id: Degrees(angle) for servo_id, angle in pose.items()}
         try:
             async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
                 async for _ in readings:
-                    self._check_is_wanted(name_of(record), asked)
+                    self._check_is_wanted(name_of(record), ticket)
         except TargetNotReached as error:
             text = f"{name_of(record)} was not run, as servos have not reached its first pose: {error}"
             raise TargetNotReached(text, error.late) from None
 
-    def _check_is_wanted(self, name: str, asked: Asked) -> None:
-        """Raise RequestError if there was a stop since a run was asked for, ConnectionLost if the connection is new."""
-        if asked.connection is not self._session.connection:
+    def _check_is_wanted(self, name: str, ticket: Ticket) -> None:
+        """Raise the error that keeps a run from beginning: a loss, a stop, or another program that moves the servos."""
+        connection = self._session.connection
+        if not connection.stops.issued(ticket):
             raise ConnectionLost(f"{name} was not run: the connection was lost while it was checked")
-        if asked.connection.stops != asked.stops:
+        if not connection.stops.holds(ticket):
             raise RequestError(f"{name} was not run: a stop came first")
+        if refusal := connection.gates.lease(ExecuteActionRequest(), ticket):
+            raise MotionRefused(f"{name} was not run: {refusal}")
 
     def _check_servos(self, record: Action | Macro, stored: Project, servos: Mapping[int, Servo]) -> None:
         """Raise MotionRefused for a servo whose limits cannot be applied."""

@@ -105,11 +105,7 @@ class Call(Struct, eq=False):
     packet: Request[Any] | Command
     patience: float
     """Seconds until it is given up, from the moment when no older slot delays its response."""
-    stops: int
-    """How many stops there had been when it was made; a movement is not sent after a later one."""
     begun_at: float
-    units: int | None = None
-    """How many angle units had been sent when its movement was checked; it is not sent after a further one."""
     response: Response | None = None
     fault: DecodeError | None = None
     """Why the response could not be read."""

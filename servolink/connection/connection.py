@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Awaitable, Callable, Collection, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
 from random import Random
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, other_loop, timed_out
+from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
 from servolink.connection.hub_link import HubLink
 from servolink.connection.opening import FENCES, Opening
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE
@@ -25,6 +26,7 @@ from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.connection.window import Window
 from servolink.errors import ConnectionLost, ServolinkError
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.servos import SetServoParameterRequest
@@ -72,8 +74,10 @@ class Connection:
         """Counters of everything seen."""
         self.taps = taps or Taps()
         """Who hears what passes."""
-        self.guard: Callable[[Packet], Awaitable[None]] | None = None
-        """Awaited before each packet except queries; it raises for one that must not reach this board."""
+        self.stops = StopCounter()
+        """Stops of all servos; a motion asked for before one is not sent after it."""
+        self.preparations: tuple[Preparation, ...] = ()
+        """Awaited in turn before a packet waits to be sent, unless no gate is asked about it."""
         self.hub: HubLink | None = None
         """What ties the connection to the hub of a shared board; None for a board that is not shared."""
         self.on_another: Callable[[str], None] = lambda text: None
@@ -106,6 +110,8 @@ class Connection:
         self._sender = RequestSender(
             transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
         )
+        self.gates = Gates(ticket=ticket_gate(self.stops, self._loop.time), limits=limits_gate(lambda: self.units_sent))
+        """Asked about each packet right before it is sent, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
         self._asker = QueryAsker(self._sender, self.answers)
 
@@ -123,11 +129,6 @@ class Connection:
     def is_suspended(self) -> bool:
         """Whether another program has exclusive use of a shared board."""
         return self.lifecycle.state is State.SUSPENDED
-
-    @property
-    def stops(self) -> int:
-        """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
-        return self._sender.stops
 
     @property
     def units_sent(self) -> int:
@@ -281,7 +282,7 @@ class Connection:
         timeout: float | None = None,
         first: bool = False,
         unchecked: bool = False,
-        unless_units_since: int | None = None,
+        ticket: Ticket | None = None,
         begun_at: float | None = None,
     ) -> Coroutine[Any, Any, R]:
         """Return what sends `packet`, when it is awaited, and returns its response.
@@ -289,10 +290,10 @@ class Connection:
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
         otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included, and counts
         from `begun_at` (loop time) if the caller has waited already. `first` goes before all who wait; `unchecked`
-        sends back what was read from a board (see Codec.encode). If `units_sent` is no longer `unless_units_since`,
-        RequestError is raised and nothing sent, as for a movement after a stop.
+        sends back what was read from a board (see Codec.encode). `ticket` says when a motion was asked for: now, unless
+        given. What a gate refuses (see `gates`) raises its error, and is not sent.
         """
-        asking = self._request(packet, timeout, first, unchecked, unless_units_since, begun_at)
+        asking = self._request(packet, timeout, first, unchecked, ticket, begun_at)
         return self.taps.follow(packet, asking) if self.taps.heard_by else asking
 
     async def _request(
@@ -301,7 +302,7 @@ class Connection:
         timeout: float | None,
         first: bool,  # noqa: FBT001 - passed on by `request`, on the way of every request
         unchecked: bool,  # noqa: FBT001 - likewise
-        unless_units_since: int | None,
+        ticket: Ticket | None,
         begun_at: float | None,
     ) -> R:
         if asyncio.get_running_loop() is not self._loop:
@@ -310,16 +311,17 @@ class Connection:
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
         call = self._call(packet, timeout)
-        call.units = unless_units_since
+        ticket = ticket or self.stops.ticket()
         if begun_at is not None:
             call.begun_at = begun_at
         deadline = None if timeout is None else call.begun_at + timeout
-        if self.guard is not None and not isinstance(packet, Query):
-            await self._pass_guard(self.guard(packet), call, deadline)
+        if self.preparations and passes_gates(packet):
+            await self._prepare(call, ticket, deadline)
         if not self._may_send_at_once(packet):
             await self._acquire(call, deadline, first=first)
         limit = None if deadline is None else self._limit(call, deadline)
         try:
+            self._raise_refusal(packet, ticket)
             return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # the lane's id vouches for it
         finally:
             if limit is not None:
@@ -342,30 +344,25 @@ class Connection:
         self._asker.ask(self._call(packet, None), packet, frame, done)
         return True
 
-    def send(
-        self, packet: Command, *, unless_stopped_since: int | None = None, unless_units_since: int | None = None
-    ) -> Coroutine[Any, Any, bool]:
-        """Return what sends a packet that is never answered; it returns when that is sent, or False if it must not be.
+    def send(self, packet: Command, *, ticket: Ticket | None = None) -> Coroutine[Any, Any, bool]:
+        """Return what sends a packet that is never answered; it returns True when that is sent.
 
-        That is when `units_sent` is no longer `unless_units_since`. After a stop movements raise RequestError.
+        `ticket` is as for `request`.
         """
-        sending = self._send(packet, unless_stopped_since, unless_units_since)
+        sending = self._send(packet, ticket)
         return self.taps.follow(packet, sending) if self.taps.heard_by else sending
 
-    async def _send(self, packet: Command, unless_stopped_since: int | None, unless_units_since: int | None) -> bool:
+    async def _send(self, packet: Command, ticket: Ticket | None) -> bool:
         self._check_loop()
         frame = self.codec.encode(packet)
         call = self._call(packet, None)
-        if unless_stopped_since is not None:
-            call.stops = unless_stopped_since
-        if self.guard is not None:
-            await self.guard(packet)
+        ticket = ticket or self.stops.ticket()
+        if self.preparations:
+            await self.prepare(packet, ticket)
         if not self._may_send_at_once(packet):
             await self._acquire(call, None)
         try:
-            self._sender.refuse_if_stopped(call)
-            if unless_units_since not in {None, self.units_sent}:
-                return False
+            self._raise_refusal(packet, ticket)
             await self._sender.write(frame)
             await self._sender.check_keeping_up(call)
         finally:
@@ -380,21 +377,24 @@ class Connection:
     async def _send_stop(self, packet: SetServoParameterRequest) -> bool:
         self._check_loop()
         self._sender.raise_if_ended()
-        self._sender.stops += 1
+        self.stops.stop()
         lane = self._slots.lanes[packet.packet_id + 1]
         self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
         await self._sender.write(self.codec.encode(packet))
         return True
 
-    def count_stop(self) -> None:
-        """Send no movement that was asked for before now: a stop has been sent in another way."""
-        self._sender.stops += 1
+    async def prepare(self, packet: Packet, ticket: Ticket) -> None:
+        """Do what must come before `packet` is sent. Raise the error of what prevents it, also that of its role."""
+        if refusal := self.gates.role(packet, ticket):
+            raise refusal
+        for prepare in self.preparations:
+            await prepare(packet, ticket)
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
         patience = self.patience + self._margin if timeout is None else timeout
         if timeout is None and isinstance(packet, ClearAllDataRequest):
             patience = max(patience, SLOW_PATIENCE + self._margin)
-        return Call(packet, patience, self._sender.stops, self._loop.time())
+        return Call(packet, patience, self._loop.time())
 
     def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing at all stands in the way of `packet`, the usual case."""
@@ -404,10 +404,15 @@ class Connection:
                 self._begin_opening(Event.HANDSHAKE_BEGUN)
         return self._scheduler.acquire_at_once(packet)
 
-    async def _pass_guard(self, passing: Awaitable[None], call: Call, deadline: float | None) -> None:
+    def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
+        """Raise the error of the first gate that refuses `packet`. Nothing is awaited between this and sending."""
+        if refusal := self.gates.refusal(packet, ticket):
+            raise refusal
+
+    async def _prepare(self, call: Call, ticket: Ticket, deadline: float | None) -> None:
         try:
             async with asyncio.timeout_at(deadline):
-                await passing
+                await self.prepare(call.packet, ticket)
         except TimeoutError as error:
             if isinstance(error, ServolinkError):
                 raise

@@ -15,9 +15,9 @@ from servolink.connection.opening import FENCES
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.connection.state import Lifecycle
-from servolink.errors import ConnectionLost, RequestError, ServolinkError
+from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Effect, Packet, Query, Request, Response, is_motion
+from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
 from servolink.transports.base import Transport
 
@@ -45,8 +45,6 @@ class RequestSender:
         repeats: bool = True,
     ) -> None:
         """Send on `transport`, and get what comes back from `answers`. Repeat what is not answered, if `repeats`."""
-        self.stops = 0
-        """How many times everything was stopped; a movement asked for before a stop is not sent after it."""
         self.units_sent = 0
         """How many times an angle unit was sent; an angle from before one means something else after it."""
         self.fences = FENCES
@@ -79,7 +77,6 @@ class RequestSender:
 
         Nothing may stand in the way of the first sending (see `clear_way`).
         """
-        self.refuse_if_stopped(call)
         woken, data = self._open_next(call, packet, frame) if call.tries else (self.open_request(call, packet), frame)
         while True:
             if call.queued:
@@ -381,18 +378,6 @@ class RequestSender:
             through_hub=not self._repeats,
             held=self._lifecycle.excuse,
         )
-
-    def refuse_if_stopped(self, call: Call) -> None:
-        """Raise RequestError for a movement that was asked for before a stop, or checked before a unit was sent."""
-        if call.units is not None and call.units != self.units_sent:
-            raise RequestError(
-                f"{type(call.packet).__name__} was not sent: an angle unit was set while it was checked", call.packet
-            )
-        if call.stops == self.stops:
-            return
-        packet = call.packet
-        if is_motion(packet) and packet.effect is not Effect.GOES_LIMP:
-            raise RequestError(f"{type(packet).__name__} was not sent: a stop came first", packet)
 
     def raise_if_ended(self) -> None:
         """Raise what ended the connection, if it has ended."""

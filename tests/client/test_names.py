@@ -206,7 +206,7 @@ def test_a_stop_while_a_name_is_looked_up_comes_first(use: Use) -> None:
             answer = fake._answer
 
             def stop_meanwhile() -> None:
-                board.connection._sender.stops += 1
+                board.connection.stops.stop()
                 answer()
 
             fake._answer = stop_meanwhile  # type: ignore[method-assign]

@@ -15,6 +15,7 @@ from msgspec import Raw
 from servolink.client import hub_link
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.connection.gates import Gates
 from servolink.control import channel
 from servolink.control.channel import error_of, open_channel
 from servolink.control.greeting import Greeting
@@ -89,6 +90,42 @@ def test_a_refused_movement_is_an_error_that_names_the_holder() -> None:
                 await one.move({1: 60}, duration=0.05)
             hub.give_lease(hub.lease.session if hub.lease else "")
             await one.move({1: 60}, duration=0.05)
+
+    with_hub(main)
+
+
+async def _move(board: Board) -> None:
+    await board.move({1: 80}, duration=1.0, wait=True)
+
+
+async def _run_action(board: Board) -> None:
+    await board.run_action(1, wait=True)
+
+
+async def _run_macro(board: Board) -> None:
+    await board.run_macro(1, wait=True)
+
+
+async def _play(board: Board) -> None:
+    slow = Action.pose("Slow", {1: 80}, seconds=1.0, action_id=1)
+    await board.play(Project(actions=(slow,)), "Slow")
+
+
+@pytest.mark.parametrize("use", [_move, _run_action, _run_macro, _play])
+def test_a_motion_whose_lease_is_taken_away_is_refused_with_the_reason(use: Callable[[Board], Awaitable[None]]) -> None:
+    async def main(hub: Hub) -> None:
+        async with connect("share://rex") as one, connect("share://rex") as other:
+            slow = Action.pose("Slow", {1: 80}, seconds=1.0, action_id=1)
+            await one.add_action(slow)
+            await one.add_macro(Macro(1, "All", (MacroCommand.of(slow),)))
+            await one.set_servo("all", start=True, hold=True)
+            moving = asyncio.ensure_future(use(one))
+            while (await other.servo(1)).angle < 5:
+                assert not moving.done()
+            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
+            await other.move({1: 0}, duration=0.05)
+            with pytest.raises(MotionRefused, match=r"interrupted: the servos of rex are moved by .* --take rex"):
+                await moving
 
     with_hub(main)
 
@@ -409,7 +446,7 @@ def test_what_the_role_does_not_allow_is_an_error_before_anything_is_sent(
 def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex?role=watch") as board:
-            board.connection.guard = None  # which refuses it itself
+            board.connection.preparations, board.connection.gates = (), Gates()  # which refuse it themselves
             with pytest.raises(Rejected):
                 await board.add_action(WAVE)
             await until(lambda: "AddActionRequest was not sent to the board: AddActionRequest needs" in caplog.text)

@@ -9,6 +9,7 @@ import pytest
 
 from servolink.connection.slots import FENCES_ONLY
 from servolink.errors import DecodeError, OutcomeUnknown, RequestTimeout
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionRequest,
@@ -173,15 +174,15 @@ def test_a_timeout_counts_on_when_the_request_has_its_turn() -> None:
     run(main())
 
 
-def test_a_timeout_counts_while_a_guard_looks_and_then_while_the_request_waits_for_others() -> None:
-    async def guard(packet: Packet) -> None:
+def test_a_timeout_counts_while_a_board_is_checked_and_then_while_the_request_waits_for_others() -> None:
+    async def check(packet: Packet, ticket: Ticket) -> None:
         await asyncio.sleep(0.9)
 
     async def main() -> None:
         board = FakeBoard()
         board.plan(QueryServoListRequest, late(2))
         async with connected(board) as connection:
-            connection.guard = guard
+            connection.preparations = (check,)
             listing = asyncio.create_task(connection.request(LIST))
             await asyncio.sleep(0)
             begun = now()

@@ -7,7 +7,9 @@ from typing import Any
 
 import pytest
 
+from servolink.connection.gates import UnitsChanged
 from servolink.errors import EncodeError, RequestTimeout
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionListRequest,
@@ -166,12 +168,13 @@ def test_a_packet_can_be_made_to_depend_on_the_angle_units_sent_since_another_mo
     async def main() -> None:
         board = FakeBoard()
         async with connected(board) as connection:
-            units = connection.units_sent
+            checked = connection.stops.ticket().checked(connection.units_sent)
             move = ExecuteActionRequest((Step(1, 0, 1),))
-            assert await connection.send(move, unless_units_since=units)
+            assert await connection.send(move, ticket=checked)
             await connection.request(SetAngleUnitRequest(1, 1))
-            assert not await connection.send(move, unless_units_since=units)
-            assert await connection.send(move, unless_units_since=connection.units_sent)
+            with pytest.raises(UnitsChanged, match="an angle unit was set while it was checked"):
+                await connection.send(move, ticket=checked)
+            assert await connection.send(move, ticket=checked.checked(connection.units_sent))
             assert len(board.executed_of(ExecuteActionRequest)) == 2
 
     run(main())
@@ -202,15 +205,15 @@ def test_what_does_not_fit_is_refused_before_anything_is_sent(packet: Request[An
     run(main())
 
 
-def test_what_a_guard_raises_reaches_the_caller_and_nothing_is_sent() -> None:
+def test_what_a_preparation_raises_reaches_the_caller_and_nothing_is_sent() -> None:
     async def main() -> None:
         board = FakeBoard()
 
-        async def guard(packet: Packet) -> None:
+        async def prepare(packet: Packet, ticket: Ticket) -> None:
             raise RequestTimeout("which board it is could not be asked", packet)
 
         async with connected(board) as connection:
-            connection.guard = guard
+            connection.preparations = (prepare,)
             with pytest.raises(RequestTimeout, match="which board it is"):
                 await connection.request(WriteProjectIDRequest(5), timeout=1)
             assert not board.executed_of(WriteProjectIDRequest)

@@ -226,7 +226,7 @@ def test_with_many_overdue_slots_only_fences_are_sent(trace: Trace) -> None:
 
 
 def caller(request: Request[Any] = TELEMETRY, *, is_over: bool = False) -> Call:
-    return Call(request, 3.0, 0, 0.0, is_over=is_over)
+    return Call(request, 3.0, 0.0, is_over=is_over)
 
 
 def opened(slots: Slots, owner: Call | None, request: Request[Any] = TELEMETRY, *, is_fence: bool = False) -> Slot:

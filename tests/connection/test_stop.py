@@ -172,12 +172,12 @@ def test_a_movement_can_be_made_to_depend_on_the_stops_since_another_moment() ->
     async def main() -> None:
         board = FakeBoard()
         async with connected(board) as connection:
-            stops = connection.stops
-            assert await connection.send(MOVE, unless_stopped_since=stops)
+            ticket = connection.stops.ticket()
+            assert await connection.send(MOVE, ticket=ticket)
             await connection.send_stop(STOP)
             with pytest.raises(RequestError, match="a stop came first"):
-                await connection.send(MOVE, unless_stopped_since=stops)
-            assert await connection.send(MOVE, unless_stopped_since=connection.stops)
+                await connection.send(MOVE, ticket=ticket)
+            assert await connection.send(MOVE, ticket=connection.stops.ticket())
 
     run(main())
 
@@ -276,7 +276,7 @@ def test_many_stops_are_settled_together() -> None:
         async with connected(board) as connection:
             for _ in range(50):
                 await connection.send_stop(STOP)
-            assert connection.stops == 50
+            assert connection.stops.count == 50
             assert (await connection.request(START)).is_start == 1
             assert connection._slots.overdue == 0
 

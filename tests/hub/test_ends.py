@@ -12,6 +12,7 @@ from servolink.control.notifications import HoldNotice, RefusedNotice
 from servolink.errors import OpenError, WrongBoard
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import Hub, share
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import (
     QueryActionListRequest,
     QueryActionListResponse,
@@ -169,10 +170,10 @@ def test_another_board_than_that_of_the_profile_is_not_changed() -> None:
         program, notices = RawProgram(hub), list[Struct]()
         hub.listen(lambda notice, session: notices.append(notice))
 
-        async def guard(packet: Packet) -> None:
+        async def refuse(packet: Packet, ticket: Ticket) -> None:
             raise WrongBoard("another board is here", packet)
 
-        hub.board.connection.guard = guard
+        hub.board.connection.preparations = (refuse,)
         assert await program.ask(WriteProjectIDRequest(3)) == WriteProjectIDResponse(0)
         assert await program.ask(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
         assert [notice.reason for notice in notices if isinstance(notice, RefusedNotice)] == ["another board is here"]

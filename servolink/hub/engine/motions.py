@@ -21,6 +21,7 @@ from servolink.errors import (
 )
 from servolink.hub.rules.motion_gate import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
@@ -135,19 +136,19 @@ class Motions:
         """Ask about the motion that is being sent whenever a packet of it is sent on `connection`."""
         if connection is self._guarded:
             return
-        self._guarded, inner = connection, connection.guard
+        self._guarded = connection
 
-        async def pass_packet(packet: Packet) -> None:
-            if inner is not None:
-                await inner(packet)
-            if (sending := _SENDING.get()) is None:
-                return
-            if reason := sending.why_not():
-                raise MotionRefused(reason)
-            if packet != sending.packet:
+        def refusal(packet: Packet, ticket: Ticket) -> MotionRefused | None:
+            if (sending := _SENDING.get()) is not None and (reason := sending.why_not()):
+                return MotionRefused(reason)
+            return None
+
+        async def keep_units(packet: Packet, ticket: Ticket) -> None:
+            if (sending := _SENDING.get()) is not None and packet != sending.packet:
                 sending.on_soft_start()
 
-        connection.guard = pass_packet
+        connection.gates = connection.gates._replace(lease=refusal)
+        connection.preparations += (keep_units,)
 
     @property
     def _interval_unit(self) -> float:

@@ -138,7 +138,7 @@ class PacketSender:
 
     async def _why_not(self, exchange: Exchange) -> str:
         """Return why a packet must not be sent, empty if it may."""
-        packet, guard = exchange.packet, self._board.connection.guard
+        packet, connection = exchange.packet, self._board.connection
         if isinstance(packet, Query):
             return ""
         if exchange.program.has_left:
@@ -146,8 +146,7 @@ class PacketSender:
         if reason := self._keeper.admit(exchange):
             return reason
         try:
-            if guard is not None:
-                await guard(packet)
+            await connection.prepare(packet, connection.stops.ticket())
         except WrongBoard as error:
             return str(error)
         return ""

@@ -28,6 +28,7 @@ from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Bounds
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
 from servolink.protocol.packet import Packet, is_motion
 from servolink.protocol.servos import ExecuteActionExRequest
@@ -187,7 +188,7 @@ class Control:
         self._moves_ended += 1
         self._changed.set()
         if self._board is not None:
-            self._board.connection.count_stop()
+            self._board.connection.stops.stop()
         await self.hub.end_move(self.session, servo_ids)
 
     def _check_bounds(self, bounds: Bounds) -> None:
@@ -307,7 +308,7 @@ class Control:
     def _guard(self, board: Board) -> None:
         """Check each motion once more and take the lease before it, so that a refused one is an error with a reason."""
 
-        async def pass_packet(packet: Packet) -> None:
+        async def pass_packet(packet: Packet, ticket: Ticket) -> None:
             if not is_motion(packet):
                 return
             is_import = isinstance(packet, AddServoParameterRequest)  # which goes on: half of one helps nobody
@@ -322,7 +323,7 @@ class Control:
                 self._transport.program.bounds = bounds
             self.take_lease()
 
-        board.connection.guard = pass_packet
+        board.connection.preparations += (pass_packet,)
 
 
 def _late() -> MotionOver:

@@ -1,0 +1,87 @@
+"""Gates: the row of checks that a packet passes right before it is sent."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from typing import NamedTuple, TypeAlias
+
+from servolink.errors import ConnectionLost, RequestError, ServolinkError
+from servolink.motion.ticket import StopCounter, Ticket
+from servolink.protocol.packet import Effect, Packet, Query, is_motion
+
+Gate: TypeAlias = Callable[[Packet, Ticket], "ServolinkError | None"]
+"""Returns why a packet must not be sent, None if it may. It neither waits nor changes anything."""
+Preparation: TypeAlias = Callable[[Packet, Ticket], Awaitable[None]]
+"""Does what must come before a packet passes the gates, such as taking the lease; it raises if that fails."""
+
+
+def open_gate(packet: Packet, ticket: Ticket) -> None:
+    """Refuse nothing."""
+
+
+class Gates(NamedTuple):
+    """Gates in the order in which they are asked; the first refusal counts (docs/design/motion.md)."""
+
+    identity: Gate = open_gate
+    """Refuses another board than that of the profile."""
+    role: Gate = open_gate
+    """Refuses what the role of the program does not allow. Roles never change."""
+    exclusive_use: Gate = open_gate
+    """Refuses while another program uses the board exclusively."""
+    lease: Gate = open_gate
+    """Refuses a motion while another program moves the board."""
+    ticket: Gate = open_gate
+    """Refuses a motion after a stop, or too late."""
+    limits: Gate = open_gate
+    """Refuses a motion whose angles were checked in other units than those now set."""
+
+    def refusal(self, packet: Packet, ticket: Ticket) -> ServolinkError | None:
+        """Return the first refusal, None if `packet` may be sent now. Stops and queries pass without being asked."""
+        if not passes_gates(packet):
+            return None
+        for gate in self:
+            if (refusal := gate(packet, ticket)) is not None:
+                return refusal
+        return None
+
+
+def passes_gates(packet: Packet) -> bool:
+    """Return whether gates are asked about `packet`: not about what changes nothing, nor about a stop."""
+    return not (isinstance(packet, Query) or packet.effect is Effect.STOPS)
+
+
+class UnitsChanged(RequestError):
+    """A motion was not sent, because an angle unit was set after its angles were checked."""
+
+
+def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
+    """Return the gate that refuses motions whose ticket `stops` does not hold any more, or that are too late.
+
+    A servo is released after a stop all the same.
+    """
+
+    def refusal(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+        if not is_motion(packet):
+            return None
+        name = type(packet).__name__
+        if packet.effect is not Effect.GOES_LIMP:
+            if not stops.issued(ticket):
+                return ConnectionLost(f"{name} was not sent: the connection was lost after it was asked for")
+            if not stops.holds(ticket):
+                return RequestError(f"{name} was not sent: a stop came first", packet)
+        if now() > ticket.until:
+            return RequestError(f"{name} was not sent: the time by which it was to begin has passed", packet)
+        return None
+
+    return refusal
+
+
+def limits_gate(units_sent: Callable[[], int]) -> Gate:
+    """Return the gate that refuses motions whose angles were checked before the latest unit was sent."""
+
+    def refusal(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+        if ticket.units_sent in {None, units_sent()}:
+            return None
+        return UnitsChanged(f"{type(packet).__name__} was not sent: an angle unit was set while it was checked", packet)
+
+    return refusal

@@ -1,0 +1,65 @@
+"""Ticket: when and by whom a motion was asked for, so that nothing moves after a stop that came later."""
+
+from __future__ import annotations
+
+import math
+from itertools import count
+from typing import NamedTuple
+
+_FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coincide
+
+
+class Ticket(NamedTuple):
+    """Permission of a motion to begin, as of the moment at which it was asked for.
+
+    A ticket belongs to the counter that issued it. Whoever passes a motion on, as a hub does, exchanges the ticket for
+    one of the next counter.
+    """
+
+    epoch: int
+    """Stops until then, as `StopCounter.epoch` counts them; a later stop ends the motion."""
+    until: float = math.inf
+    """Time by which the motion must have begun, on the clock of the event loop; infinite for any time."""
+    who: str = ""
+    """Session that asked, where several programs share a board; else empty."""
+    units_sent: int | None = None
+    """Angle units sent when its angles were checked (`Connection.units_sent`); None if that does not matter."""
+
+    def begun(self) -> Ticket:
+        """Return the ticket of what follows in a motion that has begun: only a stop ends it."""
+        return self._replace(until=math.inf)
+
+    def checked(self, units_sent: int) -> Ticket:
+        """Return the ticket of a motion whose angles were checked when so many angle units had been sent."""
+        return self._replace(units_sent=units_sent)
+
+
+class StopCounter:
+    """Counter of stops on one connection, in one hub or of one bridge of a fleet."""
+
+    def __init__(self) -> None:
+        """Start without stops."""
+        self._first = self.epoch = next(_FIRST_EPOCHS)
+        self._ticket = Ticket(self.epoch)
+
+    @property
+    def count(self) -> int:
+        """Number of stops so far."""
+        return self.epoch - self._first
+
+    def stop(self) -> None:
+        """Count a stop: no ticket that was issued before it holds any more."""
+        self.epoch += 1
+        self._ticket = Ticket(self.epoch)
+
+    def ticket(self, *, until: float = math.inf, who: str = "") -> Ticket:
+        """Return the ticket of a motion that is asked for now."""
+        return self._ticket if until == math.inf and not who else Ticket(self.epoch, until, who)
+
+    def holds(self, ticket: Ticket) -> bool:
+        """Return whether no stop came since `ticket` was issued, here and not by another counter."""
+        return ticket.epoch == self.epoch
+
+    def issued(self, ticket: Ticket) -> bool:
+        """Return whether `ticket` was issued here, and not on a connection that was replaced."""
+        return self._first <= ticket.epoch <= self.epoch
