@@ -11,6 +11,7 @@ from servolink.control.faults import Code, RpcError
 from servolink.control.messages import NoParams
 from servolink.control.roles import Role
 from servolink.discovery.search import boards, search
+from servolink.doctor import Finding
 from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.system import SystemFacts
 from servolink.errors import InvalidAddress
@@ -36,20 +37,10 @@ class FoundBoards(Struct, frozen=True):
     boards: tuple[FoundBoard, ...]
 
 
-class DoctorFinding(Struct, frozen=True):
-    """One reason why a board does not work, or works badly."""
-
-    check: str
-    observation: str
-    meaning: str
-    remedy: str
-    """Commands to type or things to do, one step a line."""
-
-
 class DoctorReport(Struct, frozen=True):
     """What is wrong, in the order in which to deal with it."""
 
-    findings: tuple[DoctorFinding, ...]
+    findings: tuple[Finding, ...]
 
 
 class DoctorAsk(Struct, forbid_unknown_fields=True):
@@ -92,7 +83,7 @@ async def doctor(caller: Caller, params: DoctorAsk) -> DoctorReport:
         found = []
     # While the hub has the board, the program that has it open is the hub.
     shown = [one for one in found if not (params.is_connected and one.check == _OF_THE_HUB)]
-    return DoctorReport(tuple(DoctorFinding(one.check, one.observation, one.meaning, one.remedy) for one in shown))
+    return DoctorReport(tuple(shown))
 
 
 @METHODS.add("studio.links", Role.EDIT)

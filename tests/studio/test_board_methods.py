@@ -12,8 +12,7 @@ from aiohttp import WSMsgType
 from servolink.doctor import Finding
 from servolink.studio import board_methods
 from servolink.studio.gate import Gate
-from servolink.studio.links import Links
-from servolink.studio.qr import qr_code
+from servolink.studio.links import Links, qr_code
 from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")

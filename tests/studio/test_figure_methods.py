@@ -9,7 +9,7 @@ import pytest
 
 from servolink.files import user_folder
 from servolink.project.figure import figure_from_json
-from servolink.studio.figures import read_figure, write_figure
+from servolink.studio.figure_methods import read_figure, write_figure
 from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
