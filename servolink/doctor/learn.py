@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from servolink.doctor.learn_captions import captions_in, encoding_finding
+from servolink.doctor.learn_captions import encoding_finding, listed_captions
 from servolink.doctor.learn_contact import Contact, byte_order_finding, mode_findings
 from servolink.doctor.learn_line import Line, Quality, SharedTransport, measure_quality
 from servolink.doctor.learn_profile import Measured
@@ -80,7 +80,7 @@ async def learn_by_asking(
         learnt.measured += [
             byte_order_finding(contact, quality),
             *mode_findings(contact, quality, power_cycled=power_cycled),
-            encoding_finding(captions_in(survey, contact.byte_order)),
+            encoding_finding(listed_captions(survey)),
             unsupported_finding(survey, quality),
         ]
         on_step("querying ids that the board does not list")

@@ -1,9 +1,12 @@
-"""In which encoding captions are stored, from the bytes of those on the board."""
+"""Encoding in which captions are stored, found from the bytes of those on the board."""
 
 from __future__ import annotations
 
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
+from struct import calcsize
+from typing import NamedTuple, get_type_hints
 
 from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import Survey
@@ -11,24 +14,18 @@ from servolink.escaping import quote
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import response_class
 from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.layout import layout
+from servolink.protocol.packet import Packet, Value, bare, counted, group, value
 from servolink.protocol.record_types import RECORD_TYPES
 
 _SURE = 4  # characters outside ASCII that leave no doubt
 _EXAMPLES = 3
 
 
-def captions_in(survey: Survey, byte_order: ByteOrder) -> list[bytes]:
+def listed_captions(survey: Survey) -> list[bytes]:
     """Return the bytes of all captions in the lists of the board, each with its padding."""
-    captions = []
-    for query in (*(each.list_request for each in RECORD_TYPES), QueryServoParameterRequest()):
-        if query in survey.frames:
-            _, content = survey.frames[query]
-            rule = layout(response_class(query), byte_order).rule
-            ends = range(rule.base + rule.unit, len(content) + 1, rule.unit)
-            captions += [content[end - CAPTION_SIZE : end] for end in ends]  # of each entry it is the end
-    return captions
+    lists = (*(each.list_request for each in RECORD_TYPES), QueryServoParameterRequest())
+    found = ((response_class(query), survey.frames[query]) for query in lists if query in survey.frames)
+    return [caption for declared, (_, content) in found for caption in captions_in(declared, content)]
 
 
 def encoding_finding(captions: Iterable[bytes]) -> Measured:
@@ -80,6 +77,54 @@ def _unpadded(raw: bytes, width: int) -> bytes | None:
     """Return a caption up to its terminator, `width` zeros; None if anything but zeros follows."""
     end = next((at for at in range(0, len(raw), width) if not any(raw[at : at + width])), len(raw))
     return None if any(raw[end:]) else raw[:end]
+
+
+# --- where captions are in a packet ----------------------------------------------------------------------------------
+
+
+class _Places(NamedTuple):
+    """Where captions begin in the content of a packet."""
+
+    head: list[int]
+    base: int
+    """Where the first record of the group begins."""
+    unit: int
+    """Bytes of a record; 0 without a group."""
+    record: list[int]
+    """In each record."""
+
+
+def captions_in(declared: type[Packet], content: bytes) -> list[bytes]:
+    """Return the 32 bytes of each caption in `content`, whatever its byte order."""
+    head, base, unit, record = _places(declared)
+    starts = list(head)
+    if record:
+        starts += [at + place for at in range(base, len(content) - unit + 1, unit) for place in record]
+    return [content[at : at + CAPTION_SIZE] for at in starts]
+
+
+@cache
+def _places(declared: type[Packet]) -> _Places:
+    hints = get_type_hints(declared, include_extras=True)
+    fixed, count, records = list[Value](), "", list[Value]()
+    for name in declared.__struct_fields__:
+        if (how := counted(hints[name])) is not None:
+            count, records = how.count, group(hints[name])[1]
+        elif bare(hints[name]) is not bytes:
+            fixed.append(value(name, hints[name]))
+    head, end = _captions(fixed)
+    record, unit = _captions(records)
+    return _Places(head, end + calcsize(f"<{count}"), unit, record)
+
+
+def _captions(values: list[Value]) -> tuple[list[int], int]:
+    """Return where captions begin among `values`, and where the values end."""
+    found, at = list[int](), 0
+    for each in values:
+        if each.is_caption:
+            found.append(at)
+        at += calcsize(f"<{each.code}")
+    return found, at
 
 
 # --- which characters people write: the bytes of one encoding can be rare characters of another -------------------

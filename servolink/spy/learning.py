@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple
 
+from servolink.doctor.learn_captions import captions_in
 from servolink.errors import DecodeError
 from servolink.protocol.codec import PACKETS, Codec, in_range
 from servolink.protocol.frame import ByteOrder
@@ -21,7 +22,6 @@ from servolink.protocol.settings import (
 )
 from servolink.recorder.channels import Direction
 from servolink.recorder.round_trips import Times
-from servolink.spy.captions import captions_in
 from servolink.spy.scanner import Scanner, Seen
 
 PATIENCE = 3.0
