@@ -18,13 +18,15 @@ else:
 _LOOK = 0.02  # seconds between looks at the keys of a Windows console, for which no event loop can wait
 _MOST_KEYS = 64  # at one look
 _ARROWS = {"H": "\x1b[A", "P": "\x1b[B", "M": "\x1b[C", "K": "\x1b[D", "t": "\x1b[1;2C", "s": "\x1b[1;2D"}
-"""Second halves of arrow keys in a Windows console, as a terminal types them. Ctrl with an arrow stands for Shift with
-it, of which the console says nothing."""
+"""Escape sequences for the second half of an arrow key in a Windows console.
+
+Ctrl with an arrow becomes Shift with it, which the console does not report.
+"""
 _INTERRUPT = "\x03"
 
 
 async def read_line() -> str:
-    """Return a line that is typed at standard input, which is a terminal; empty if it has no end."""
+    """Return the next line from standard input, which must be a terminal; without a line end at the end of input."""
     if sys.platform == "win32":
         return await asyncio.to_thread(sys.stdin.readline)
     else:
@@ -43,9 +45,9 @@ async def read_line() -> str:
 
 
 def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
-    """Call `typed` with keys as they are pressed, without echo; with an empty text once when the keyboard is gone.
+    """Call `typed` with each pressed key, without echo, and with an empty text when the keyboard is gone.
 
-    Return the function that ends this; None if there is no keyboard to read.
+    Return a function that ends these calls; None without a keyboard.
     """
     if sys.stdin is None or not sys.stdin.isatty():
         return None
@@ -85,10 +87,10 @@ if sys.platform == "win32":
             if not msvcrt.kbhit():
                 break
             key = msvcrt.getwch()
-            if key in {"\x00", "\xe0"} and msvcrt.kbhit():  # or else it is the letter à
+            if key in {"\x00", "\xe0"} and msvcrt.kbhit():  # without a second half, \xe0 is the letter à
                 key = _ARROWS.get(msvcrt.getwch(), "")
             keys += key
-        if _INTERRUPT in keys:  # pressed in the moment of reading, or it would be a signal
+        if _INTERRUPT in keys:  # pressed while a key was read; a signal otherwise
             signal.raise_signal(signal.SIGINT)
         return keys.replace(_INTERRUPT, "")
 
@@ -99,7 +101,7 @@ else:
         try:
             if os.tcgetpgrp(terminal) != os.getpgrp():  # a background process that reads from a terminal is stopped
                 return None
-        except OSError:  # not the terminal of this process
+        except OSError:  # standard input is no terminal of this process
             return None
 
         def read() -> None:

@@ -1,7 +1,7 @@
-"""Sockets by which programs of one user meet on one machine: each is found by its name in a folder of that user.
+"""Named sockets between programs of one user on one machine.
 
-They are Unix sockets. Windows has none in Python: there a program listens on a port of the loopback interface, and its
-private file names the port and a token that whoever connects has to show.
+A name stands for a Unix socket in the runtime folder of the user. Python on Windows has no Unix sockets: a name stands
+for a private file there, with a port of the loopback interface and a token that clients must send.
 """
 
 from __future__ import annotations
@@ -37,24 +37,24 @@ _ROOT = 0
 
 @dataclass(frozen=True, slots=True)
 class LocalSocket:
-    """Socket that listens."""
+    """Listening socket."""
 
     listening: socket.socket
     path: Path
-    """File by which it is found, to be removed at the end."""
+    """File that makes the socket known, to be removed at the end."""
     token: str
-    """Secret that programs have to show; empty where the system keeps other users out."""
+    """Secret that clients must send; empty for a Unix socket, which the system protects."""
 
 
 class _Door(Struct):
-    """The private file of a program that listens on a port."""
+    """Content of the private file."""
 
     port: int
     token: str
 
 
 def has_unix_sockets() -> bool:
-    """Return whether the system has Unix sockets, and says to whom they belong."""
+    """Return whether the system gives this program Unix sockets, and owners to their files."""
     if sys.platform == "win32":
         return False
     else:
@@ -66,9 +66,9 @@ def has_unix_sockets() -> bool:
 
 
 def listen(name: str) -> LocalSocket:
-    """Listen as `name` in this user's private folder, which must be there. Raise OSError.
+    """Listen under `name` in the runtime folder, which must exist. Raise OSError.
 
-    What another program of this name has left is replaced: the caller has seen to it that none is running.
+    Replace the file of a program that was killed; the caller must have made sure that no program uses the name.
     """
     folder = user_folder("runtime")
     if sys.platform == "win32" or not has_unix_sockets():
@@ -90,7 +90,7 @@ def listen(name: str) -> LocalSocket:
 
 
 async def connect(name: str) -> tuple[socket.socket, str]:
-    """Connect to the program that listens as `name`; return the socket, and the token to show.
+    """Connect to the program that listens under `name`; return the socket, and the token to send.
 
     Raise OSError or ValueError; FileNotFoundError and ConnectionRefusedError if none is running.
     """
@@ -114,7 +114,7 @@ async def connect(name: str) -> tuple[socket.socket, str]:
 
 
 def is_allowed(connection: socket.socket) -> bool:
-    """Return whether the other end of a Unix socket is this user or root; True where the system does not say."""
+    """Return whether this user or root has the other end of a Unix socket; True if the system does not tell."""
     if sys.platform == "win32" or connection.family != socket.AF_UNIX or not hasattr(socket, "SO_PEERCRED"):
         return True
     else:
@@ -126,10 +126,10 @@ def is_allowed(connection: socket.socket) -> bool:
 
 @contextmanager
 def socket_folder() -> Iterator[Path]:
-    """Yield a path to this user's folder for the time of this context. Raise OSError if others can write to it.
+    """Yield a path to the runtime folder for the time of this context. Raise OSError if others can write to the folder.
 
-    Where the system allows it the path leads to the folder that was looked at, whatever happens to its name meanwhile,
-    and is short: the address of a socket has room for about 100 bytes.
+    On Linux the path leads to the checked folder even if that is renamed, and is short: the address of a socket has
+    room for about 100 bytes.
     """
     folder = user_folder("runtime")
     if sys.platform == "win32":
@@ -149,7 +149,7 @@ def _socket_name(name: str) -> str:
 
 
 def socket_path(folder: Path, name: str) -> str:
-    """Return where `name` listens. Raise OSError if the system cannot take such a long path."""
+    """Return the path of the socket `name`. Raise OSError if the path is too long for the system."""
     path = str(folder / _socket_name(name))
     if len(os.fsencode(path)) > _LONGEST_PATH:
         raise OSError(

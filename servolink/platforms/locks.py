@@ -18,11 +18,11 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-_FAR = 2**30  # a lock of Windows keeps others from reading the bytes it covers, so it covers one that is never written
+_FAR = 2**30  # position of a byte that is never written, as a lock on Windows makes its bytes unreadable for others
 
 
 def lock(file: BinaryIO, *, wait: bool) -> bool:
-    """Lock a file until it is closed, however that happens. Return whether it is locked."""
+    """Lock a file until it is closed. Return whether the file is locked now."""
     try:
         if sys.platform == "win32":
             file.seek(_FAR)
@@ -38,9 +38,9 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
 
 
 def open_locked(path: Path) -> BinaryIO | None:
-    """Return the file at `path`, locked, and made if there is none. None if somebody else has it, this program too.
+    """Open the file at `path`, create it if necessary, and lock it. Return None if the file is locked already.
 
-    Who removes the file does so while it is locked. Raise OSError if it cannot be opened.
+    A file must be removed while it is locked. Raise OSError if the file cannot be opened.
     """
     while True:
         file = os.fdopen(os.open(path, _FLAGS, _PRIVATE), "r+b", buffering=0)
@@ -57,10 +57,10 @@ def open_locked(path: Path) -> BinaryIO | None:
 
 
 def remove_locked(path: Path, file: IO[bytes]) -> None:
-    """Remove the locked file at `path`, and close it. Raise OSError if it cannot be removed.
+    """Remove and close the locked file at `path`. Raise OSError if the file cannot be removed.
 
-    The lock is held meanwhile, or the file could be another program's by then. Windows removes no open file, nor one
-    that another program has opened since.
+    The lock is held until the file is removed: another program could create a file of this name before. Windows, which
+    removes no open file, refuses to remove a file that another program has opened.
     """
     try:
         if sys.platform == "win32":
@@ -71,9 +71,9 @@ def remove_locked(path: Path, file: IO[bytes]) -> None:
 
 
 def claim_device(path: str) -> AbstractContextManager[object]:
-    """Keep other servolinks from a device file until the context ends, where the system admits every program to it.
+    """Keep other servolinks from a device file until the context ends; on Linux, where any program can open the device.
 
-    Raise OSError if the device cannot be opened, BlockingIOError if another servolink has it.
+    Raise OSError if the device cannot be opened, BlockingIOError if another servolink uses it.
     """
     if sys.platform != "linux":
         return nullcontext()

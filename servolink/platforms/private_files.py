@@ -1,4 +1,4 @@
-"""Files that no other user can read or replace."""
+"""Private files and folders of this user."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _PRIVATE = 0o700
 
 
 def private_folder() -> Path:
-    """Return this user's runtime folder, made if there is none. Raise OSError if others can write to it."""
+    """Return the runtime folder of this user, created if necessary. Raise OSError if others can write to the folder."""
     folder = user_folder("runtime")
     folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
-    refuse_foreign(folder, folder.lstat())  # another user's folder, or a link, could make us write anywhere
+    refuse_foreign(folder, folder.lstat())  # a foreign folder or a link could redirect all writing
     return folder
 
 
@@ -30,8 +30,8 @@ def refuse_foreign(folder: Path, status: os.stat_result) -> None:
 
 
 def is_ours(status: os.stat_result) -> bool:
-    """Return whether this is the status of a folder into which only this user can put files: no link, nobody else's."""
+    """Return whether this is the status of a folder, and no link, in which only this user can create files."""
     if sys.platform == "win32":
-        return stat.S_ISDIR(status.st_mode)  # it lies in the user's profile
+        return stat.S_ISDIR(status.st_mode)  # inside the user's profile
     else:
         return stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid() and not status.st_mode & 0o022

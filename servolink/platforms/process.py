@@ -13,7 +13,7 @@ if sys.platform != "win32":
 
 
 def own_name() -> str:
-    """Return the name of the user of this process; empty where users have no numbers."""
+    """Return the name of the user of this process; empty on Windows."""
     if sys.platform == "win32":
         return ""
     else:
@@ -29,7 +29,7 @@ def own_groups() -> frozenset[str]:
 
 
 def user_name(number: int) -> str:
-    """Return the name of a user; the number if there is none."""
+    """Return the name of a user; the number of an unknown user."""
     if sys.platform != "win32":
         with suppress(KeyError):
             return pwd.getpwuid(number).pw_name
@@ -37,7 +37,7 @@ def user_name(number: int) -> str:
 
 
 def group_name(number: int) -> str:
-    """Return the name of a group; the number if there is none."""
+    """Return the name of a group; the number of an unknown group."""
     if sys.platform != "win32":
         with suppress(KeyError):
             return grp.getgrgid(number).gr_name
@@ -45,7 +45,7 @@ def group_name(number: int) -> str:
 
 
 def members(group: str) -> list[str] | None:
-    """Return the members of `group`, counted from their next login on; None if there is no such group."""
+    """Return the members of `group`, including users who must log in again; None for an unknown group."""
     if sys.platform != "win32":
         with suppress(KeyError):
             return grp.getgrnam(group).gr_mem
@@ -53,7 +53,7 @@ def members(group: str) -> list[str] | None:
 
 
 def most_open_files() -> int | None:
-    """Return how many files and connections this process may have open; None for no limit."""
+    """Return the number of files and connections that this process may have open; None for no limit."""
     if sys.platform == "win32":
         return None
     else:

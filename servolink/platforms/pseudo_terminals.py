@@ -1,4 +1,4 @@
-"""Pseudo-terminals: serial ports without hardware. One end belongs to this program, the other has a name.
+"""Pseudo-terminals: serial ports without hardware. This program has one end, the other end has a name.
 
 Programs open and close the end with the name as they like. Systems differ in how they say so: while no program has it
 open, reading fails on Linux and returns nothing on macOS, and both call it readable. Windows has no pseudo-terminals.
@@ -30,9 +30,9 @@ _TCGETS2 = 0x802C542A
 
 
 def open_pair() -> tuple[int, int, str]:
-    """Return descriptors of both ends of a new pseudo-terminal that changes no byte, and the name of the second.
+    """Return the descriptors of a new raw pseudo-terminal, our end first, and the name of the other end.
 
-    Our end, which is the first, does not block. Raise TransportUnavailable on Windows.
+    Our end does not block. Raise TransportUnavailable on Windows.
     """
     if sys.platform == "win32":
         raise TransportUnavailable("pseudo-terminals do not exist on Windows; use TCP")
@@ -44,13 +44,13 @@ def open_pair() -> tuple[int, int, str]:
 
 
 class PseudoTerminal:
-    """Our end of a pseudo-terminal that one program after the other opens and closes."""
+    """Our end of a pseudo-terminal. Programs open and close the other end, one after the other."""
 
     def __init__(self) -> None:
         """Make the pseudo-terminal. Raise TransportUnavailable on Windows."""
         self._loop = asyncio.get_running_loop()
         self._ours, theirs, self.name = open_pair()
-        os.close(theirs)  # so that the system says when the last program has closed it
+        os.close(theirs)  # the system reports a closed terminal only if no descriptor is left
 
     def close(self) -> None:
         """Remove the terminal."""
@@ -59,21 +59,21 @@ class PseudoTerminal:
         os.close(self._ours)
 
     def on_readable(self, act: Callable[[], object] | None) -> None:
-        """Call `act` while there is something to read, or no program has the terminal open; None calls nothing."""
+        """Call `act` while bytes can be read, and while the terminal is closed; call nothing for None."""
         if act is None:
             self._loop.remove_reader(self._ours)
         else:
             self._loop.add_reader(self._ours, act)
 
     def on_writable(self, act: Callable[[], object] | None) -> None:
-        """Call `act` while there is room for something to write; None calls nothing."""
+        """Call `act` while bytes can be written; call nothing for None."""
         if act is None:
             self._loop.remove_writer(self._ours)
         else:
             self._loop.add_writer(self._ours, act)
 
     def read(self) -> bytes | None:
-        """Return what a program has written, which may be nothing; None if no program has the terminal open."""
+        """Read available bytes, or none; return None if the terminal is closed."""
         try:
             return os.read(self._ours, _CHUNK) or None
         except BlockingIOError:
@@ -84,19 +84,19 @@ class PseudoTerminal:
             return None
 
     def write(self, data: bytes | bytearray) -> int:
-        """Write what there is room for; return how many bytes. All count as written if no program has it open."""
+        """Write as many bytes as possible and return their number; drop all bytes if the terminal is closed."""
         try:
             return os.write(self._ours, data)
         except BlockingIOError:
             return 0
-        except OSError:  # closed; the next reading finds out
+        except OSError:  # the terminal is closed, and read returns None next
             return len(data)
 
     def is_closed(self) -> bool:
-        """Return whether no program has the terminal open, without reading what the last one has written."""
+        """Return whether no program has the terminal open, without reading."""
         if sys.platform == "win32":
             return True
-        elif sys.platform == "darwin":  # whose poll does not know devices
+        elif sys.platform == "darwin":  # poll on macOS supports no devices
             queue = select.kqueue()
             try:
                 found = queue.control([select.kevent(self._ours, select.KQ_FILTER_READ, select.KQ_EV_ADD)], 1, 0)
@@ -109,7 +109,7 @@ class PseudoTerminal:
             return any(event & select.POLLHUP for _, event in poll.poll(0))
 
     def renew(self, baudrate: int = 0) -> None:
-        """Drop what the last program has not read, and undo its settings; set a baud rate unless that is 0."""
+        """Drop unread bytes and reset the settings of the terminal; set `baudrate` unless that is 0."""
         if sys.platform != "win32":
             with suppress(OSError, termios.error):
                 theirs = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -124,14 +124,14 @@ class PseudoTerminal:
                     os.close(theirs)
 
     def baudrate(self) -> int:
-        """Return the baud rate to which the terminal is set; 0 if it cannot be known."""
+        """Return the baud rate of the terminal; 0 if the system does not report the rate."""
         if sys.platform == "win32":
             return 0
         else:
             try:
                 if sys.platform == "linux":
                     settings = array("I", bytes(256))
-                    fcntl.ioctl(self._ours, _TCGETS2, settings)  # as a number, also one that has no name
+                    fcntl.ioctl(self._ours, _TCGETS2, settings)  # as a number: termios names only standard rates
                     return settings[10]
                 else:
                     return int(termios.tcgetattr(self._ours)[5])

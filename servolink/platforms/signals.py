@@ -1,4 +1,4 @@
-"""Signals: those that end a program, and how they reach an event loop of any kind."""
+"""Signals that end programs, and their way into an event loop of any kind."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ if sys.platform == "win32":
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)
     """Ctrl-C, an end asked for by another program, and a closed console."""
     SAVING: tuple[signal.Signals, ...] = ()
-    """Ask a ring of a recorder to be written; Windows has no signal for it."""
+    """Signals that save the ring of a recorder; Windows has none."""
     WAIT: float | None = 0.1
-    """Seconds to wait for another thread at once: Ctrl-C does not end such a wait there, so it is done in pieces."""
+    """Seconds that one wait for a thread may take, as Ctrl-C does not interrupt such a wait on Windows."""
 else:
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     """Ctrl-C, `kill` and a closed terminal."""
     SAVING: tuple[signal.Signals, ...] = (signal.SIGUSR1,)
-    """Ask a ring of a recorder to be written."""
+    """Signals that save the ring of a recorder."""
     WAIT: float | None = None
-    """Seconds to wait for another thread at once; None for any time."""
+    """Seconds that one wait for a thread may take; None for no limit."""
 
 
 def not_ignored(numbers: Sequence[signal.Signals] = ENDING) -> list[signal.Signals]:
-    """Return the signals that are not ignored: `nohup` and background jobs start programs with some that are."""
+    """Return the signals that are not ignored; `nohup` and background jobs ignore some."""
     return [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
 
 
@@ -51,7 +51,7 @@ def handled(
         received = True
         loop.call_soon_threadsafe(act)
 
-    for number in before:  # not by the loop: that of Windows takes no signals
+    for number in before:  # not with add_signal_handler, which Windows has not
         signal.signal(number, receive)
     try:
         yield
