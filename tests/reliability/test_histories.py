@@ -81,7 +81,7 @@ def forgetting_who_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(RequestSender, "refuse_if_stopped", lambda self, call: None)
+    monkeypatch.setattr(StopCounter, "holds", lambda self, ticket: True)
 
 
 def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
