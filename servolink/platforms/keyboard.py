@@ -101,7 +101,7 @@ else:
         try:
             if os.tcgetpgrp(terminal) != os.getpgrp():  # a background process that reads from a terminal is stopped
                 return None
-        except OSError:  # standard input is no terminal of this process
+        except OSError:  # standard input is not the terminal of this process
             return None
 
         def read() -> None:
