@@ -14,6 +14,7 @@ from benchmarks.reliability.stage import Scene
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Obstacle, Slots
+from servolink.motion.ticket import StopCounter
 from tests import processes
 from tests.reliability import test_model
 
