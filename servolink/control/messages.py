@@ -1,7 +1,7 @@
-"""The params and results of the control interface, each declared once; `notifications` has what comes unasked.
+"""Params and results of the methods of the control interface, each declared once; `notifications` has the rest.
 
-From these types come the checks of what a program sends, the reference page and the JSON Schema. Units are in the names
-or in the descriptions; records and projects have the form of project files.
+The checks of messages from programs, the reference page and the JSON Schema are made from these types. Units are in the
+names or in the descriptions; records and projects have the form of project files.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Done(Struct, frozen=True):
 
 
 class LeaseTake(Struct, forbid_unknown_fields=True):
-    """How to take the lease."""
+    """Options for taking the lease."""
 
     force: Annotated[bool, about("take it over from another program, which is told who did")] = False
     dead_man: Annotated[
@@ -59,25 +59,25 @@ class LeaseTake(Struct, forbid_unknown_fields=True):
 
 
 class Hold(Struct, forbid_unknown_fields=True):
-    """Why the board is needed alone."""
+    """Reason for exclusive use of the board."""
 
     reason: Annotated[str, Meta(max_length=200, description="for the people whose programs wait")] = ""
 
 
 class Rename(Struct, forbid_unknown_fields=True):
-    """What people call a program."""
+    """New name of a program."""
 
     who: Annotated[str, Meta(max_length=200, description="for the people who use other programs")]
 
 
 class LeaseNow(Struct, frozen=True):
-    """The lease; null if it is free."""
+    """Program with the lease; null if the lease is free."""
 
     lease: LeaseStatus | None
 
 
 class HoldNow(Struct, frozen=True):
-    """The hold; null if no program has the board alone."""
+    """Program with exclusive use of the board; null if there is none."""
 
     hold: HoldStatus | None
 
@@ -86,20 +86,20 @@ class HoldNow(Struct, frozen=True):
 
 
 class ServosWatch(Struct, forbid_unknown_fields=True):
-    """How to be told of the servos."""
+    """Rate and filter of servo readings."""
 
     hz: Annotated[float, Meta(gt=0, le=MOST_HZ, description="notifications per second, at most")] = 25.0
-    changed_only: Annotated[bool, about("leave out servos that report the same as the time before")] = False
+    changed_only: Annotated[bool, about("leave out servos without a change since the last reading")] = False
 
 
 class TapStart(Struct, forbid_unknown_fields=True):
-    """What to be told of."""
+    """Filter of the tap."""
 
     wire_only: Annotated[bool, about("only bytes")] = False
 
 
 class Tapping(Struct, frozen=True):
-    """What comes from now on."""
+    """Active tap: time, codec and connection of the hub."""
 
     seconds: Annotated[float, about("now, on the clock of the messages")]
     byte_order: Literal["little", "big"]
@@ -108,20 +108,20 @@ class Tapping(Struct, frozen=True):
 
 
 class RecorderStart(Struct, forbid_unknown_fields=True):
-    """What to record."""
+    """Content of a recording."""
 
     hz: Annotated[float, Meta(ge=0, le=MOST_HZ, description="readings of the servos a second; 0: none")] = 20.0
     wire_only: Annotated[bool, about("only bytes")] = False
 
 
 class RecorderMark(Struct, forbid_unknown_fields=True):
-    """A mark."""
+    """Mark in a recording."""
 
     text: Annotated[str, Meta(max_length=200)] = ""
 
 
 class RecordingNow(Struct, frozen=True):
-    """The recording of the hub, or the latest one."""
+    """Current recording of the hub, or the latest one."""
 
     is_recording: bool
     name: Annotated[str, about("of the file; empty before the first recording")] = ""
@@ -134,7 +134,7 @@ class RecordingNow(Struct, frozen=True):
 
 
 class RecordingEntry(Struct, frozen=True):
-    """A recording in the folder of the hub's user."""
+    """Recording in the folder of the hub's user."""
 
     name: str
     size_bytes: int
@@ -149,13 +149,13 @@ class RecordingList(Struct, frozen=True):
 
 
 class ServosAck(Struct, forbid_unknown_fields=True):
-    """What was drawn."""
+    """Acknowledgement of servo readings."""
 
     number: Annotated[int, Meta(ge=0, description="the `number` of a notification `servos`; those before it too")]
 
 
 class Watching(Struct, frozen=True):
-    """What comes from now on."""
+    """Active subscription to servo readings."""
 
     hz: float
     credit: Annotated[int, about("how many notifications may be unacknowledged")] = CREDIT
@@ -168,19 +168,19 @@ class ServoList(Struct, frozen=True):
 
 
 class ServoParameters(Struct, frozen=True):
-    """What is stored for the servos."""
+    """Stored parameters of the servos."""
 
     servos: tuple[ServoParameter, ...]
 
 
 class Battery(Struct, frozen=True):
-    """The charge of the battery."""
+    """Charge of the battery."""
 
     percent: Annotated[float, about("to 0.1")]
 
 
 class Move(Struct, forbid_unknown_fields=True):
-    """A movement: give `duration` or `speed`."""
+    """Movement with either `duration` or `speed`."""
 
     targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
     duration: Annotated[float | None, about("seconds")] = None
@@ -191,26 +191,26 @@ class Move(Struct, forbid_unknown_fields=True):
 
 
 class Moved(Struct, frozen=True):
-    """The planned duration."""
+    """Planned duration."""
 
     seconds: float
 
 
 class MoveEnd(Struct, forbid_unknown_fields=True):
-    """What to stop."""
+    """Servos to stop."""
 
     servos: Annotated[tuple[_ServoId, ...] | None, about("ids of the servos that may move; null: all servos")] = None
 
 
 class Release(Struct, forbid_unknown_fields=True):
-    """What to release."""
+    """Servos to release."""
 
     servo: Servos = "all"
     until: Until = None
 
 
 class ServoSet(Struct, forbid_unknown_fields=True):
-    """The state of a servo."""
+    """New state of a servo."""
 
     servo: Servos
     start: Annotated[bool, about("whether it may move")]
@@ -219,7 +219,7 @@ class ServoSet(Struct, forbid_unknown_fields=True):
 
 
 class Tighten(Struct, forbid_unknown_fields=True):
-    """Limits that hold beside those of the board."""
+    """Limits in addition to those of the board."""
 
     angles: Annotated[
         dict[str, tuple[float, float]], about('lowest and highest angle in degrees, by servo id or "all"')
@@ -232,14 +232,14 @@ class Tighten(Struct, forbid_unknown_fields=True):
 
 
 class Runnable(Struct, forbid_unknown_fields=True):
-    """A stored action or macro."""
+    """Stored action or macro."""
 
     type: Literal["action", "macro"]
     id: Which
 
 
 class Run(Runnable, forbid_unknown_fields=True):
-    """What to run, and how."""
+    """Stored action or macro to run, with options."""
 
     wait: Annotated[bool, about("respond when the motion is over")] = False
     dry_run: Annotated[bool, about("check everything, and move nothing")] = False
@@ -247,19 +247,19 @@ class Run(Runnable, forbid_unknown_fields=True):
 
 
 class RunPrepare(Runnable, forbid_unknown_fields=True):
-    """What to check, and to keep ready."""
+    """Stored action or macro to check and to keep ready."""
 
     until: Until = None
 
 
 class Ran(Struct, frozen=True):
-    """The planned duration of an action; null for a macro."""
+    """Planned duration of an action; null for a macro."""
 
     seconds: float | None
 
 
 class RunStart(Struct, forbid_unknown_fields=True):
-    """When to begin."""
+    """Time at which a prepared run begins."""
 
     at: Annotated[
         float | None,
@@ -268,26 +268,26 @@ class RunStart(Struct, forbid_unknown_fields=True):
 
 
 class RunStarted(Struct, frozen=True):
-    """The start of a run."""
+    """Start of a run."""
 
     monotonic: Annotated[float, about("seconds; when it was sent to the board, by the clock of the hub's computer")]
 
 
 class RecordsList(Struct, forbid_unknown_fields=True):
-    """What to list."""
+    """Type of the records to list."""
 
-    type: Annotated[RecordKind | None, about("null: all types")] = None
+    type: Annotated[RecordKind | None, about("null for all types")] = None
 
 
 class RecordsGet(Struct, forbid_unknown_fields=True):
-    """A stored record."""
+    """Type and id of a stored record."""
 
     type: RecordKind
     id: Which
 
 
 class RecordEntry(Struct, frozen=True):
-    """A stored record, without its content."""
+    """Stored record without its content."""
 
     type: RecordKind
     id: int
@@ -325,7 +325,7 @@ else:
 
 
 class RecordStored(Struct, frozen=True):
-    """A record that is stored now."""
+    """Record as it is stored now."""
 
     type: RecordKind
     id: int
@@ -337,32 +337,32 @@ class RecordStored(Struct, frozen=True):
 
 
 class ProjectExported(Struct, frozen=True):
-    """Everything that is stored on the board."""
+    """Project with everything that is stored on the board."""
 
     project: ProjectForm
 
 
 class ProjectPlan(Struct, forbid_unknown_fields=True):
-    """What the board should hold."""
+    """Project to compare the board with."""
 
     project: ProjectForm
     replace: Annotated[bool, about("delete everything first, and write all of it")] = False
 
 
 class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
-    """What the board should hold from now on."""
+    """Project to store on the board."""
 
     backup: Annotated[bool, about("save what the board holds first")] = True
 
 
 class ProjectRollback(Struct, forbid_unknown_fields=True):
-    """What to restore."""
+    """Backup to restore."""
 
     backup: Annotated[int | None, about("the number of a backup; null: what was there before the last import")] = None
 
 
 class Changed(Struct, frozen=True):
-    """One difference."""
+    """Difference between board and project."""
 
     what: Annotated[str, about("such as `action 3` or `project id`")]
     old: Annotated[Any, about("null if it is added")]
@@ -370,7 +370,7 @@ class Changed(Struct, frozen=True):
 
 
 class MemoryNow(Struct, frozen=True):
-    """The board's memory, in bytes."""
+    """Memory of the board in bytes."""
 
     unit_bytes: Annotated[int | None, about("the unit in which the board counts; null if it is unknown")]
     size_bytes: int | None
@@ -380,7 +380,7 @@ class MemoryNow(Struct, frozen=True):
 
 
 class Planned(Struct, frozen=True):
-    """What an import would do."""
+    """Planned import."""
 
     changes: tuple[Changed, ...]
     inconsistencies: Annotated[tuple[str, ...], about("faults that an import repairs too")]
@@ -392,7 +392,7 @@ class Planned(Struct, frozen=True):
 
 
 class Applied(Struct, frozen=True):
-    """What an import did."""
+    """Outcome of an import."""
 
     changed: Annotated[bool, about("false: the board held the project already")]
     resumed: Annotated[bool, about("it continued an import that had been interrupted")]
@@ -401,7 +401,7 @@ class Applied(Struct, frozen=True):
 
 
 class BackupEntry(Struct, frozen=True):
-    """A backup of a board."""
+    """Backup of a board."""
 
     number: int
     time: Annotated[str, about("ISO 8601, UTC")]

@@ -11,7 +11,7 @@ from servolink.project.transfer.results import Phase
 
 
 class ServosFrame(Struct, frozen=True):
-    """The latest state of the servos, after `servos.watch`. Acknowledge it with `servos.ack`."""
+    """Latest reading of the servos, after `servos.watch`. Acknowledge each with `servos.ack`."""
 
     number: Annotated[int, about("counts up")]
     seconds: Annotated[float, about("when they were read; only differences have a meaning")]
@@ -20,7 +20,7 @@ class ServosFrame(Struct, frozen=True):
 
 
 class ButtonPressed(Struct, frozen=True):
-    """A button event, after `buttons.subscribe`."""
+    """Button event, after `buttons.subscribe`."""
 
     button_id: int
     event: Annotated[int, about("1 press, 2 long press, 4 up")]
@@ -28,14 +28,16 @@ class ButtonPressed(Struct, frozen=True):
 
 
 class ConnectionNow(Struct, frozen=True):
-    """The hub's connection to the board has changed, or another board answers while it is lost."""
+    """Change of the connection to the board; or a different board answers while the connection is lost."""
 
     state: ConnectionState
-    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")] = ""
+    another: Annotated[
+        str, about("a different board that answers in place of the lost one, and the expected one; empty if none does")
+    ] = ""
 
 
 class LeaseNotice(Struct, frozen=True):
-    """The lease has changed, or somebody asks for it."""
+    """Change of the lease, or a program asks for the lease."""
 
     event: Annotated[str, about("taken, taken over, asked for, given back, left, over, beats stopped")]
     by: Annotated[str | None, about("the program that took it or asks for it")]
@@ -43,29 +45,31 @@ class LeaseNotice(Struct, frozen=True):
 
 
 class HoldNotice(Struct, frozen=True):
-    """A program has the board alone from now on; null: it does not any more."""
+    """Begin of exclusive use of the board by a program; null for its end."""
 
     hold: HoldStatus | None
 
 
 class StoppedNotice(Struct, frozen=True):
-    """Another program, or the hub, stops all servos: motions that this program has not sent yet should not follow."""
+    """Stop of all servos by another program or the hub. Motions that were planned before must not follow."""
 
     by: Annotated[str | None, about("the program; null: the hub")]
 
 
 class ProgramNotice(Struct, frozen=True):
-    """A program has joined, left or changed its name; for programs that have called `status`."""
+    """Arrival, departure or new name of a program; sent to programs that have called `status`."""
 
     event: Literal["joined", "left", "renamed"]
     session: str
     who: str
-    door: Annotated[str | None, about("where it joined: share, tcp, pty or local; null unless it joined")] = None
-    role: Annotated[str | None, about("null unless it joined")] = None
+    door: Annotated[
+        str | None, about("door of the program: share, tcp, pty or local; null unless the program joined")
+    ] = None
+    role: Annotated[str | None, about("null unless the program joined")] = None
 
 
 class ProgressNotice(Struct, frozen=True):
-    """How far a request is: export, plan, apply, rollback, and changes of records."""
+    """Progress of a request: export, plan, apply, rollback, and changes of records."""
 
     id: Annotated[int | str | None, about("the id of the request")]
     phase: Phase
@@ -75,20 +79,20 @@ class ProgressNotice(Struct, frozen=True):
 
 
 class RefusedNotice(Struct, frozen=True):
-    """A packet of this program was not sent to the board."""
+    """Packet of this program that was not sent to the board."""
 
     packet: Annotated[str, about("such as `ExecuteActionRequest`")]
     reason: str
 
 
 class ProblemNotice(Struct, frozen=True):
-    """Something that people should look at."""
+    """Problem that needs attention."""
 
     text: str
 
 
 class RecordingNotice(Struct, frozen=True):
-    """The recording of the hub was started, stopped or marked; call `recorder.status` for its state."""
+    """Start, stop or mark of the recording of the hub; `recorder.status` returns the state."""
 
     event: Literal["started", "stopped", "marked"]
     who: str
@@ -97,7 +101,7 @@ class RecordingNotice(Struct, frozen=True):
 
 
 class TapItem(Struct, frozen=True):
-    """One message."""
+    """Message of the tap, in the form of a recording."""
 
     seconds: Annotated[float, about("when it was; only differences have a meaning")]
     channel: Annotated[str, about("/wire, /commands, /events or /problems")]
@@ -105,7 +109,7 @@ class TapItem(Struct, frozen=True):
 
 
 class TapFrame(Struct, frozen=True):
-    """What has passed through the hub, after `tap.start`."""
+    """Messages that have passed through the hub, after `tap.start`."""
 
     items: tuple[TapItem, ...]
 

@@ -13,23 +13,23 @@ LeaseEvent = Literal["taken", "taken over", "asked for", "given back", "left", "
 
 
 def about(description: str) -> Meta:
-    """Return what describes a field in the reference and in the schema."""
+    """Return the description of a field for the reference and the schema."""
     return Meta(description=description)
 
 
 class LeaseStatus(Struct, frozen=True):
-    """Who may move the robot."""
+    """Program with the motion lease."""
 
     session: str
     who: str
     since: float
-    """Seconds since it got the lease."""
+    """Seconds since the program got the lease."""
     dead_man: float | None
-    """Seconds without a beat of the holder after which the board is stopped, None if no beats are expected."""
+    """Seconds without a beat of the holder until the hub stops the board; None if no beats are expected."""
 
 
 class HoldStatus(Struct, frozen=True):
-    """Who holds the board alone."""
+    """Program with exclusive use of the board."""
 
     session: str
     who: str
@@ -37,16 +37,16 @@ class HoldStatus(Struct, frozen=True):
 
 
 class ProgramStatus(Struct, frozen=True):
-    """One program, and what has passed between it and the hub."""
+    """Program of a hub, with the counts of its traffic."""
 
     session: str
     who: str
     door: str
     role: str
     since: float
-    """Seconds since it joined."""
+    """Seconds since the program joined."""
     waiting: int
-    """Requests that are not over."""
+    """Requests under way or waiting."""
     requests: int
     responses: int
     unanswered: int
@@ -57,7 +57,7 @@ class ProgramStatus(Struct, frozen=True):
 
 
 class HubStatus(Struct, frozen=True):
-    """A hub, its board and its programs."""
+    """Hub with its board and its programs."""
 
     name: str
     url: str
@@ -74,20 +74,22 @@ class HubStatus(Struct, frozen=True):
     doors: tuple[str, ...] = ()
     """The addresses at which programs reach it."""
     another: str = ""
-    """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""
+    """Description of a different board that answers in place of the lost one; empty if none does."""
 
 
 class BoardState(Struct, frozen=True):
-    """The board, without the programs that use it."""
+    """Board of a hub, without its programs."""
 
     state: Annotated[ConnectionState, about("the hub's connection to the board")]
     lease: LeaseStatus | None
     hold: HoldStatus | None
-    another: Annotated[str, about("who answers in place of the lost board, and who is expected; empty: nobody")]
+    another: Annotated[
+        str, about("a different board that answers in place of the lost one, and the expected one; empty if none does")
+    ]
 
 
 class ServoNow(Struct, frozen=True):
-    """A servo as it reports itself."""
+    """Servo with the values that it reports."""
 
     servo_id: int
     angle: int

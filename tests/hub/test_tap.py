@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from servolink.hub.engine.tap import HubTap
-from servolink.hub.methods.tap_feed import TapFeed
+from servolink.hub.methods.feeds import TapFeed
 from servolink.recorder.channels import CommandDone, Event, Message, ProblemFound, Wire, decode
 from tests.hub.control_program import RpcProgram, shared
 from tests.hub.shared_world import MOVE, STOP, world

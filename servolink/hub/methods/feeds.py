@@ -1,4 +1,4 @@
-"""What a program watches: servos, as often as it draws them, and buttons."""
+"""Feeds of a program: readings of the servos, button events, and the tap of the line."""
 
 from __future__ import annotations
 
@@ -13,16 +13,25 @@ from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.client.watch import ServoReading
 from servolink.control.messages import CREDIT
-from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame
+from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame, TapFrame, TapItem
 from servolink.control.status import ServoNow
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
+from servolink.files import MIB
+from servolink.hub.engine.tap import HubTap
+from servolink.hub.hub import Hub
 from servolink.hub.methods.context import OpenBoard
 from servolink.motion.angles import Angle, AngleUnit
+from servolink.recorder.backlog import Backlog
+from servolink.recorder.channels import TOPICS
 
 Notify = Callable[[Struct], None]
 
 _IDLE = 2.0  # seconds without an acknowledgement after which the servos are not read any more
 _PAUSE = 0.5  # seconds until the servos are read again after an error
+_TAP_EVERY = 0.05  # seconds: a notification for each message would cost the hub more than the message
+_MOST_AT_ONCE = 64 * 1024  # bytes of messages in a notification
+_TELEMETRY_BYTES, _MOST_BYTES = MIB, 8 * MIB
+_TAP_DROPS = "the program that records reads too slowly"
 
 
 class Feed(ABC):
@@ -172,6 +181,54 @@ class ButtonsFeed(Feed):
             _resolve(ready)
             async for event in events:
                 self._notify(ButtonPressed(event.button_id, event.event, event.kind))
+
+
+class TapFeed:
+    """Sends notifications `tap`. A program that does not read loses some of them, and is told."""
+
+    def __init__(self, hub: Hub, notify: Notify, is_paused: Callable[[], bool]) -> None:
+        """Send nothing while `is_paused()`, but keep some MiB."""
+        self._hub = hub
+        self._notify = notify
+        self._is_paused = is_paused
+        self._loop = asyncio.get_running_loop()
+        self._tap: HubTap | None = None
+        self._backlog = Backlog(_TELEMETRY_BYTES, _MOST_BYTES, why=_TAP_DROPS)
+        self._timer: asyncio.TimerHandle | None = None
+
+    def now(self) -> float:
+        """Return the present time, as the messages have it."""
+        return self._loop.time()
+
+    def start(self, *, wire_only: bool) -> None:
+        """Send from now on."""
+        self.stop()
+        self._tap = HubTap(self._hub, self._backlog.put, wire_only=wire_only)
+        self._timer = self._loop.call_later(_TAP_EVERY, self._flush)
+
+    def stop(self) -> None:
+        """Send what is left, and then nothing more."""
+        if self._tap is not None:
+            self._tap.close()
+            self._tap = None
+            self._backlog.tell_dropped(self.now())
+            self._send_waiting()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _flush(self) -> None:
+        self._timer = self._loop.call_later(_TAP_EVERY, self._flush)
+        self._send_waiting()
+
+    def _send_waiting(self) -> None:
+        backlog = self._backlog
+        while backlog.size and not self._is_paused():
+            items = list[TapItem]()
+            end = max(0, backlog.size - _MOST_AT_ONCE)
+            while backlog.size > end and (timed := backlog.take()) is not None:
+                items.append(TapItem(timed.seconds, TOPICS[type(timed.message)], timed.message))
+            self._notify(TapFrame(tuple(items)))
 
 
 def _resolve(ready: asyncio.Future[None]) -> None:

@@ -34,10 +34,9 @@ from servolink.control.peer import Methods
 from servolink.control.roles import Role
 from servolink.control.status import BoardState, HubStatus
 from servolink.escaping import quote
-from servolink.hub.engine.recording import HubRecorder
+from servolink.hub.engine.recorder import HubRecorder
 from servolink.hub.methods.context import Control
-from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, servos_now
-from servolink.hub.methods.tap_feed import TapFeed
+from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.limits import MotionLimits
 from servolink.protocol.servos import ALL_SERVOS
 
