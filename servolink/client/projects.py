@@ -13,7 +13,6 @@ from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallba
 if TYPE_CHECKING:  # loading them takes longer than loading all packets
     from pathlib import Path
 
-    from servolink.profiles.profile import BoardSettings
     from servolink.project.transfer.pinned import PinnedConnection
 
 
@@ -38,7 +37,7 @@ class ProjectTransfers:
         from servolink.project.transfer.plan import plan_project
 
         check_project(project)
-        board, known = self._pinned(), self._known_settings()
+        board = self._pinned()
         async with self._session.transfer("a project is being compared"):
             return await plan_project(
                 board,
@@ -46,8 +45,6 @@ class ProjectTransfers:
                 on_progress=on_progress,
                 replace=replace,
                 unchecked=unchecked,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
             )
 
     async def apply(
@@ -65,7 +62,7 @@ class ProjectTransfers:
         from servolink.project.transfer.backups import BackupStore
 
         check_project(project)
-        board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
+        board, store = self._pinned(), BackupStore(folder)
         async with self._session.transfer("a project is being written", moves=True):
             return await apply_project(
                 board,
@@ -75,8 +72,6 @@ class ProjectTransfers:
                 replace=replace,
                 backup=backup,
                 unchecked=unchecked,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
             )
 
     async def roll_back(
@@ -86,15 +81,13 @@ class ProjectTransfers:
         from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
 
-        board, store, known = self._pinned(), BackupStore(folder), self._known_settings()
+        board, store = self._pinned(), BackupStore(folder)
         async with self._session.transfer("a backup is being restored", moves=True):
             return await roll_back(
                 board,
                 backup,
                 store=store,
                 on_progress=on_progress,
-                memory_unit=known.memory_unit,
-                project_id_bits=known.project_id_bits,
             )
 
     async def has_unfinished_import(self, folder: Path | None) -> bool:
@@ -120,14 +113,11 @@ class ProjectTransfers:
     def _pinned(self) -> PinnedConnection:
         from servolink.project.transfer.pinned import PinnedConnection
 
-        return PinnedConnection(self._session)
-
-    def _known_settings(self) -> BoardSettings:
-        """Return the settings in the board's profile; all of them unknown without one."""
-        from servolink.profiles.profile import BoardSettings
-
         profile = self._session.profile
-        return BoardSettings() if profile is None else profile.profile.settings
+        if profile is None:
+            return PinnedConnection(self._session)
+        settings = profile.profile.settings
+        return PinnedConnection(self._session, settings.memory_unit, settings.project_id_bits)
 
 
 def check_project(project: object) -> None:

@@ -18,7 +18,7 @@ from servolink.errors import ProjectError, ServolinkError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
 from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.marker import ProjectIDBits
+from servolink.project.transfer.pinned import ProjectIDBits
 from servolink.project.transfer.read import Content
 from servolink.project.transfer.writing import writes
 from servolink.protocol.caption import CAPTION_SIZE

@@ -118,8 +118,8 @@ def test_a_project_that_just_fits_is_taken(tmp_path: Path, *, spare: int) -> Non
 def test_memory_is_counted_in_the_unit_of_the_board() -> None:
     async def work(board: Board) -> None:
         free = (await board.memory()).size
-        pinned = PinnedConnection(board)
-        plan = await plan_project(pinned, NEW, on_progress=ignore_progress, memory_unit=1024)
+        pinned = PinnedConnection(board, memory_unit=1024)
+        plan = await plan_project(pinned, NEW, on_progress=ignore_progress)
         assert plan.memory is not None
         assert (plan.memory.unit, plan.memory.free_before) == (1024, 1024 * free)
         assert not plan.memory.warning

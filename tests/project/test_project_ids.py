@@ -15,8 +15,8 @@ from servolink.client.connect import connect
 from servolink.errors import ProjectError
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import digests_of, strangers
-from servolink.project.transfer.marker import ProjectIDBits, is_cut, is_same_id
-from servolink.project.transfer.pinned import PinnedConnection
+from servolink.project.transfer.marker import is_cut, is_same_id
+from servolink.project.transfer.pinned import PinnedConnection, ProjectIDBits
 from servolink.project.transfer.plan import plan_project
 from servolink.project.transfer.results import ignore_progress
 from servolink.virtual.storage import Storage
@@ -187,12 +187,8 @@ def test_an_id_of_which_the_board_keeps_half_is_no_difference_when_that_is_known
 
     async def work(board: Board) -> None:
         for bits, differs in ((None, True), (16, False), (0, False)):
-            plan = await plan_project(
-                PinnedConnection(board),
-                wanted,
-                on_progress=ignore_progress,
-                project_id_bits=bits,  # type: ignore[arg-type]
-            )
+            pinned = PinnedConnection(board, project_id_bits=bits)  # type: ignore[arg-type]
+            plan = await plan_project(pinned, wanted, on_progress=ignore_progress)
             assert plan.differs == differs
 
     on_board(work, make=Make(project_id_bits=16))

@@ -16,6 +16,7 @@ from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.apply import apply_project
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.pinned import PinnedConnection
 from servolink.project.transfer.plan import compare, plan_project
 from servolink.project.transfer.read import Content, Listed
 from servolink.project.transfer.results import Change, Progress, ignore_progress
@@ -175,10 +176,11 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
     said = replace(OLD, active_joystick_table=99)
 
     async def work(board: Board) -> None:
-        plan = await plan_project(board, said, on_progress=ignore_progress, unchecked=True)
+        pinned = PinnedConnection(board)
+        plan = await plan_project(pinned, said, on_progress=ignore_progress, unchecked=True)
         assert not plan.differs
         assert not (
-            await apply_project(board, said, store=BackupStore(tmp_path), on_progress=ignore_progress, unchecked=True)
+            await apply_project(pinned, said, store=BackupStore(tmp_path), on_progress=ignore_progress, unchecked=True)
         ).changed
 
     on_board(work)

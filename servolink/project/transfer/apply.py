@@ -23,8 +23,8 @@ from servolink.project.transfer.journal import (
     last_import,
     strangers,
 )
-from servolink.project.transfer.marker import ProjectIDBits, is_same_id
-from servolink.project.transfer.pinned import BoardConnection
+from servolink.project.transfer.marker import is_same_id
+from servolink.project.transfer.pinned import BoardConnection, PinnedConnection
 from servolink.project.transfer.plan import memory_after
 from servolink.project.transfer.read import BoardReader, Content, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
@@ -34,7 +34,7 @@ _logger = logging.getLogger(__name__)
 
 
 async def apply_project(
-    board: BoardConnection,
+    board: PinnedConnection,
     project: Project,
     *,
     store: BackupStore,
@@ -43,14 +43,12 @@ async def apply_project(
     backup: bool = True,
     unchecked: bool = False,
     restores: str | None = None,
-    memory_unit: int | None = None,
-    project_id_bits: ProjectIDBits | None = None,
 ) -> ApplyResult:
     """Make the board hold `project`.
 
     `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
     without a backup. `unchecked` writes records that were read from a board; `restores` names the backup that they
-    come from. `memory_unit` and `project_id_bits` are what is known of the board.
+    come from.
 
     Raise ProjectError, before anything is changed, for a project that cannot be written, and if no backup can be made;
     later, if the board does not take it. After any error from `marking` on, and after a cancellation, the next call
@@ -68,11 +66,11 @@ async def apply_project(
         begun = begun or await _begun_without_id(board, content, journals, store)
     if content is not None and begun is None:
         last = _last_import(journals, content, board.url)
-        known_bits = project_id_bits if last is None else last.project_id_bits
+        known_bits = board.project_id_bits if last is None else last.project_id_bits
         if not writes(content, project) and is_same_id(before, project.project_id, known_bits):
             await _finish(last, store)
             return ApplyResult(changed=False, resumed=False, backup=None)
-        await _warn_of_memory(board, content, project, memory_unit)
+        await _warn_of_memory(board, content, project)
     saved = await _backup(board, content, begun, store, on_progress, wanted=backup)
     avoided = [before, project.project_id, *(one.project_id for one in journals), *(one.marker for one in journals)]
     marker = await asyncio.to_thread(store.new_marker, avoided)
@@ -129,8 +127,8 @@ async def _finish(last: Journal | None, store: BackupStore) -> None:
         await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
 
 
-async def _warn_of_memory(board: BoardConnection, content: Content, project: Project, unit: int | None) -> None:
-    memory = await memory_after(board, content, project, unit)
+async def _warn_of_memory(board: PinnedConnection, content: Content, project: Project) -> None:
+    memory = await memory_after(board, content, project)
     if memory is not None and memory.warning:
         _logger.warning("%s: %s", escape(board.url), memory.warning)
 
@@ -188,13 +186,11 @@ async def _save(board: BoardConnection, content: Content, store: BackupStore, on
 
 
 async def roll_back(
-    board: BoardConnection,
+    board: PinnedConnection,
     backup: Path | None,
     *,
     store: BackupStore,
     on_progress: ProgressCallback,
-    memory_unit: int | None = None,
-    project_id_bits: ProjectIDBits | None = None,
 ) -> ApplyResult:
     """Restore `backup`, by default the one of the unfinished import, else that of the last import at this address.
 
@@ -209,8 +205,6 @@ async def roll_back(
         on_progress=on_progress,
         unchecked=True,
         restores=path.name if path == store.path_of(path.name) else None,
-        memory_unit=memory_unit,
-        project_id_bits=project_id_bits,
     )
 
 

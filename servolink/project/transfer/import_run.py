@@ -15,8 +15,8 @@ from servolink.escaping import quote
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal, JournalPhase, digests_of
-from servolink.project.transfer.marker import Marker, ProjectIDBits, not_taken
-from servolink.project.transfer.pinned import BoardConnection
+from servolink.project.transfer.marker import Marker, not_taken
+from servolink.project.transfer.pinned import BoardConnection, ProjectIDBits
 from servolink.project.transfer.read import BoardReader, Content, doubled_types
 from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.project.transfer.writing import RecordWriter, Write, items_of, stages

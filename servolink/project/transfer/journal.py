@@ -10,7 +10,8 @@ import msgspec
 from msgspec import Meta, Struct
 
 from servolink.project.model import UNFINISHED, Project, without_neutral
-from servolink.project.transfer.marker import ProjectIDBits, is_cut, is_same_id
+from servolink.project.transfer.marker import is_cut, is_same_id
+from servolink.project.transfer.pinned import ProjectIDBits
 from servolink.project.transfer.read import Content
 from servolink.protocol.record_types import STORED_TYPES, StoredType
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Literal, TypeAlias
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
 from servolink.project.model import is_unfinished
-from servolink.project.transfer.pinned import BoardConnection
+from servolink.project.transfer.pinned import BoardConnection, ProjectIDBits
 from servolink.project.transfer.read import read_project_id
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
-
-ProjectIDBits: TypeAlias = Literal[32, 16, 0]
-"""How many bits of a project id a board keeps; with 0 it returns the same number whatever is written."""
 
 _TRIES = 4
 _LOW_HALF = 0xFFFF

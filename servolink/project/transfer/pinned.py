@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from contextlib import AbstractContextManager
-from typing import Any, Protocol, TypeVar
+from typing import Any, Literal, Protocol, TypeAlias, TypeVar
 
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Request, Response
+
+ProjectIDBits: TypeAlias = Literal[32, 16, 0]
+"""How many bits of a project id a board keeps; with 0 it returns the same number whatever is written."""
 
 T = TypeVar("T")
 R = TypeVar("R", bound=Response)
@@ -70,8 +73,14 @@ class BoardConnection(Protocol):
 class PinnedConnection:
     """Passes requests on. Raise ConnectionLost once the connection is another one, even to the same address."""
 
-    def __init__(self, board: BoardConnection) -> None:
+    def __init__(
+        self, board: BoardConnection, memory_unit: int | None = None, project_id_bits: ProjectIDBits | None = None
+    ) -> None:
         """Speak to `board` through the connection that it has now."""
+        self.memory_unit = memory_unit
+        """Bytes in the unit in which the board counts its memory; None if it is unknown."""
+        self.project_id_bits = project_id_bits
+        """How many bits of a project id the board keeps; None if it is unknown."""
         self._board = board
         self.connection = board.connection
         self.url = board.connection.board_url

@@ -10,8 +10,8 @@ from msgspec import Struct
 
 from servolink.errors import RequestTimeout
 from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.marker import ProjectIDBits, is_same_id
-from servolink.project.transfer.pinned import BoardConnection
+from servolink.project.transfer.marker import is_same_id
+from servolink.project.transfer.pinned import PinnedConnection, ProjectIDBits
 from servolink.project.transfer.read import BoardReader, Content
 from servolink.project.transfer.results import Change, Memory, Plan, ProgressCallback
 from servolink.project.transfer.writing import Write, check_writable, sound_ids, stages
@@ -26,25 +26,20 @@ from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequ
 
 
 async def plan_project(
-    board: BoardConnection,
+    board: PinnedConnection,
     project: Project,
     *,
     on_progress: ProgressCallback,
     replace: bool = False,
     unchecked: bool = False,
-    memory_unit: int | None = None,
-    project_id_bits: ProjectIDBits | None = None,
 ) -> Plan:
-    """Return what `apply_project` would do. Raise ProjectError for a project that cannot be written to any board.
-
-    `memory_unit` and `project_id_bits` are what is known of the board.
-    """
+    """Return what `apply_project` would do. Raise ProjectError for a project that cannot be written to any board."""
     check_writable(board, project, unchecked=unchecked)
     loop = asyncio.get_running_loop()
     begun = loop.time()
     content = await BoardReader(board, on_progress, project).read()
     taken = loop.time() - begun
-    changes = compare(content.readable(), project, project_id_bits)
+    changes = compare(content.readable(), project, board.project_id_bits)
     inconsistencies = (
         *(f"{name} is listed more than once" for name in content.doubled()),
         *(f"{name} is listed and not returned" for name in content.missing()),
@@ -58,20 +53,21 @@ async def plan_project(
         cost.wire_bytes,
         # A line is limited by its bytes or by its requests; after a short reading it is not known which.
         round(taken * max(cost.requests / reading.requests, cost.wire_bytes / reading.wire_bytes), 3),
-        await memory_after(board, content, project, memory_unit),
+        await memory_after(board, content, project),
         is_unfinished(content.project_id),
     )
 
 
-async def memory_after(board: BoardConnection, content: Content, project: Project, unit: int | None) -> Memory | None:
+async def memory_after(board: PinnedConnection, content: Content, project: Project) -> Memory | None:
     """Return the board's memory with `project` in place of `content`; None if the board does not answer."""
     try:
         found = await board.request(QueryMemorySizeRequest())
     except RequestTimeout:
         return None
-    free = found.size * (unit or 1)
-    size = None if found.total_size is None else found.total_size * (unit or 1)
-    return Memory(unit, size, free, free - content.growth(project))
+    unit = board.memory_unit or 1
+    size = None if found.total_size is None else found.total_size * unit
+    free = found.size * unit
+    return Memory(board.memory_unit, size, free, free - content.growth(project))
 
 
 def compare(old: Project, new: Project, project_id_bits: ProjectIDBits | None = None) -> tuple[Change, ...]:
