@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from servolink.client.board import Board
 from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
-from servolink.connection.hub_link import HubLink
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
+from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
@@ -213,7 +213,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if (hub := _hub_on(transport)) is None:
             profile = self._profile_of(name)
             return ConnectionOptions(**(_options_in(profile) | given)), profile
-        from servolink.client.shared_board import join_hub  # late: most boards are not shared
+        from servolink.client.hub_link import join_hub  # late: most boards are not shared
 
         return await join_hub(hub, given, self._profile_of(None))
 
@@ -281,7 +281,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             await board.close()
 
 
-async def _link_to(hub: ShareTransport, connection: Connection) -> HubLink | None:
+async def _link_to(hub: ShareTransport, connection: Connection) -> BoardSharing | None:
     """Tie a connection to the control interface of its hub; None if it has none."""
     from servolink.client.hub_link import open_link  # late: most boards are not shared
 

@@ -1,26 +1,31 @@
-"""HubLink: what the hub of a shared board tells a program, and what the program asks it."""
+"""The client's side of a board that a hub shares: joining it, what the hub tells and what the program asks it."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import Any
 
 import msgspec
 from msgspec import Raw
 
 from servolink.connection.connection import Connection
+from servolink.connection.options import ConnectionOptions
 from servolink.control.channel import open_channel
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, RefusedNotice
 from servolink.control.roles import Role, needed_role
 from servolink.control.share import ShareTransport
 from servolink.control.status import BoardState, HoldStatus, LeaseStatus
-from servolink.errors import ConnectionLost, MotionRefused, Rejected
+from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected
 from servolink.escaping import escape
 from servolink.motion.ticket import Ticket
+from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.packet import Packet, is_motion
 
+_OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
+"""The options in a profile that count through a hub too; it settles the others with the board."""
 _LIMIT = 5.0  # seconds for the hub to answer what it answers at once
 _logger = logging.getLogger(__name__)
 
@@ -191,3 +196,29 @@ async def open_link(connection: Connection, transport: ShareTransport) -> HubLin
     link = HubLink(connection, welcome)
     await link.open(transport.greeting)
     return link
+
+
+async def join_hub(
+    transport: ShareTransport, given: dict[str, Any], profile: ProfileInUse | None
+) -> tuple[ConnectionOptions, ProfileInUse | None]:
+    """Greet the hub; return the options of the connection, of which some are `given`, and the profile of the board.
+
+    That is `profile` or, if it is None, the hub's. Raise OpenError, and leave nothing open, if the hub lets nobody in.
+    """
+    transport.greeting.byte_order = given.get("byte_order", "little")
+    welcome = await transport.greet()
+    try:
+        found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
+        if profile is None and found is not None:
+            profile = ProfileInUse(welcome.name, found)
+        options: dict[str, Any] = {"patience": welcome.patience}
+        if profile is not None:
+            known = {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
+            options |= {name: value for name, value in known.items() if value is not None}
+        return ConnectionOptions(**(options | given)), profile
+    except msgspec.MsgspecError as error:
+        await transport.close()
+        raise OpenError(f"{transport.url}: the hub has a profile of another version: {error}") from error
+    except BaseException:
+        await transport.close()
+        raise

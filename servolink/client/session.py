@@ -7,8 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, 
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from servolink.client.identity import BoardIdentity
-from servolink.client.reconnect import ConnectionStates, Reconnector
+from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnector
 from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
 from servolink.connection.stats import Stats

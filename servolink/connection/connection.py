@@ -15,16 +15,15 @@ from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
-from servolink.connection.hub_link import HubLink
 from servolink.connection.opening import FENCES, Opening
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE
-from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
+from servolink.connection.sharing import BoardSharing
 from servolink.connection.slots import Obstacle, Slots
 from servolink.connection.state import Event, Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
-from servolink.connection.window import Window
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
@@ -78,7 +77,7 @@ class Connection:
         """Stops of all servos; a motion asked for before one is not sent after it."""
         self.preparations: tuple[Preparation, ...] = ()
         """Awaited in turn before a packet waits to be sent, unless no gate is asked about it."""
-        self.hub: HubLink | None = None
+        self.hub: BoardSharing | None = None
         """What ties the connection to the hub of a shared board; None for a board that is not shared."""
         self.on_another: Callable[[str], None] = lambda text: None
         """Called when it is lost and another board answers in its place, with who does; empty: none does any more."""

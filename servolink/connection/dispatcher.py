@@ -12,13 +12,12 @@ from msgspec import Struct
 from servolink.connection.call import Call, Content, Settled, Slot
 from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
 from servolink.connection.explain import lost, overtaken, same
-from servolink.connection.frame_log import FrameLog, frame_logger
 from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.state import Lifecycle, State
 from servolink.connection.stats import Stats
-from servolink.connection.taps import Taps
+from servolink.connection.taps import FrameLog, Taps, frame_logger
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, Frame

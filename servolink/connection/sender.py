@@ -10,11 +10,11 @@ from typing import Any
 from servolink.connection.call import Call, Slot
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, same, timed_out
-from servolink.connection.frame_log import frame_logger
 from servolink.connection.opening import FENCES
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.connection.state import Lifecycle
+from servolink.connection.taps import frame_logger
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Request, Response

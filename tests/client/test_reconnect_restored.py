@@ -14,7 +14,7 @@ from servolink import (
     reconnecting,
 )
 from servolink.client import connect as connecting
-from servolink.client.identity import SETTLES_AFTER
+from servolink.client.reconnect import SETTLES_AFTER
 from servolink.connection.connection import Connection
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse

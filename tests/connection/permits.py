@@ -6,9 +6,8 @@ import asyncio
 from typing import Any
 
 from servolink.connection.call import Slot
-from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Slots
-from servolink.connection.window import Window
 from servolink.protocol.editing import (
     QueryActionListRequest,
     QueryProjectIDRequest,

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from servolink.connection.call import Slot
-from servolink.connection.scheduler import RequestScheduler
+from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Obstacle, Slots
-from servolink.connection.window import Window
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import (
     AddActionRequest,

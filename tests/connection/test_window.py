@@ -12,7 +12,7 @@ import pytest
 
 from servolink.connection.call import UNKNOWN_SIZE, Lane
 from servolink.connection.connection import Connection
-from servolink.connection.window import MOST_OWED, MOST_OWED_IN_BULK, Window
+from servolink.connection.scheduler import MOST_OWED, MOST_OWED_IN_BULK, Window
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionRequest,

@@ -1,4 +1,4 @@
-"""HubLink: what a connection needs of the hub of a shared board."""
+"""BoardSharing: the contract between a connection and the link to the hub of a shared board."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from contextlib import AbstractAsyncContextManager
 from typing import Protocol
 
 
-class HubLink(Protocol):
-    """What a program asks the hub of a shared board, beside what it asks the board."""
+class BoardSharing(Protocol):
+    """Requests to the hub of a shared board, beside those to the board."""
 
     has_lost_board: bool
     """Whether the hub has lost the board, and tries to get it back."""
