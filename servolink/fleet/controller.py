@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import getpass
 import logging
 import math
 import secrets
@@ -32,6 +31,7 @@ from servolink.fleet.topics import (
     Result,
     Topics,
 )
+from servolink.platforms.process import login_name
 
 OnChange = Callable[[BoardSeen], None]
 """Called with a board of which something but the servos has changed."""
@@ -278,8 +278,4 @@ def new_id() -> str:
 
 def sender() -> str:
     """Return what people call this program: the user and the machine."""
-    try:
-        user = getpass.getuser()
-    except (KeyError, OSError):
-        user = "somebody"
-    return f"{user} on {socket.gethostname()}"[:60]
+    return f"{login_name() or 'somebody'} on {socket.gethostname()}"[:60]

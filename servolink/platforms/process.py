@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import getpass
 import os
 import sys
 from contextlib import suppress
@@ -10,6 +11,13 @@ if sys.platform != "win32":
     import grp
     import pwd
     import resource
+
+
+def login_name() -> str:
+    """Return the name under which the user of this process logged in; empty if the system does not know the name."""
+    with suppress(KeyError, OSError, ImportError):  # ImportError: Windows without USERNAME, before Python 3.13
+        return getpass.getuser()
+    return ""
 
 
 def own_name() -> str:

@@ -5,7 +5,6 @@ More is blanked than needs to be: a text of a report says what kind of thing wen
 
 from __future__ import annotations
 
-import getpass
 import re
 import socket
 from collections.abc import Iterable
@@ -13,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from servolink.platforms.process import login_name
 from servolink.recorder.channels import CHANNELS, CommandDone, Event, Message, PacketSeen, ServosRead
 
 _HIDDEN = "***"
@@ -110,7 +110,7 @@ class PrivateText:
 
 def _of_this_machine() -> list[str]:
     """Return the names of this user and this machine."""
-    found = [socket.gethostname(), socket.gethostname().partition(".")[0]]
-    with suppress(OSError, KeyError, ImportError, RuntimeError):
-        found += [getpass.getuser(), str(Path.home())]
-    return [each for each in found if each not in ("root", "localhost", "/", "/root")]
+    found = [socket.gethostname(), socket.gethostname().partition(".")[0], login_name()]
+    with suppress(RuntimeError):
+        found.append(str(Path.home()))
+    return [each for each in found if each not in ("", "root", "localhost", "/", "/root")]

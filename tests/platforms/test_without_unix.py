@@ -157,6 +157,12 @@ def test_the_demo_works(world: Path) -> None:
     assert "All of it worked" in said.out
 
 
+@pytest.mark.parametrize(("answer", "code"), [("y\n", 0), (signal.SIGINT, 130)])
+def test_a_question_can_be_answered_and_left(world: Path, answer: str | signal.Signals, code: int) -> None:
+    said = in_terminal("--board", "virtual://", "apply", str(ROBOT), later=("[y/N]", answer), command=RUNNER)
+    assert said.code == code, said.out
+
+
 def test_keys_of_a_console_trim_a_servo(board: str) -> None:
     keys = RIGHT * 3 + LEFT + "\r"
     said = in_terminal("--board", board, "trim", "1", later=("Enter: store", keys), command=RUNNER)

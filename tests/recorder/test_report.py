@@ -236,6 +236,15 @@ def test_names_of_this_machine_are_private(monkeypatch: pytest.MonkeyPatch) -> N
     assert PrivateText().blank("annas-laptop of anna, groups of Anna") == "*** of ***, groups of ***"
 
 
+def test_a_home_is_private_even_if_its_user_has_no_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail() -> str:
+        raise ModuleNotFoundError
+
+    monkeypatch.setattr("getpass.getuser", fail)
+    monkeypatch.setattr(Path, "home", lambda: Path("D:/Robots of Anna"))
+    assert PrivateText().blank("kept under D:/Robots of Anna") == "kept under ***"
+
+
 def zipped(name: str, content: bytes, kind: int = zipfile.ZIP_DEFLATED) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", kind) as archive:
