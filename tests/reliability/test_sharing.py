@@ -56,7 +56,7 @@ def sharing_one_unit(monkeypatch: pytest.MonkeyPatch) -> None:
 def answering_out_of_order(monkeypatch: pytest.MonkeyPatch) -> None:
     def finish_with(self: Program, exchange: Exchange, frame: bytes | None) -> None:
         if frame is not None and not self.has_left and not exchange.is_over:
-            self._send((frame,))
+            self._send([frame])
         real(self, exchange, None)
 
     real = Program.finish_with

@@ -6,7 +6,7 @@ import asyncio
 import logging
 import secrets
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Protocol
 
 from servolink.control.roles import Role
@@ -222,7 +222,7 @@ class Program:
         waiting = self._open
         if waiting[0] is not exchange:
             return
-        frames = list[bytes]()
+        frames: list[bytes] = []
         while waiting and waiting[0].is_over:
             over = waiting.popleft()
             self._held -= over.size
@@ -239,10 +239,9 @@ class Program:
     def push(self, event: Packet) -> None:
         """Send a button event, if the program hears this protocol at all."""
         if not self.has_left and self.mode == 1:
-            self._send((self.codec.encode(event, unchecked=True),))
+            self._send([self.codec.encode(event, unchecked=True)])
 
-    def _send(self, frames: Iterable[bytes]) -> None:
-        frames = tuple(frames)
+    def _send(self, frames: list[bytes]) -> None:
         self.counters.responses += len(frames)
         try:
             self._sink(frames[0] if len(frames) == 1 else b"".join(frames))

@@ -14,7 +14,7 @@ from servolink.control.roles import carries_angles
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import STOPPED, PacketSender
-from servolink.hub.rules.exchanges import Bounds, Exchange, RoundRobin
+from servolink.hub.rules.exchanges import Exchange, RoundRobin
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
@@ -62,7 +62,10 @@ class Upstream:
     def ask(self, exchange: Exchange) -> None:
         """Send a request when it is its turn, and finish it."""
         bounds = exchange.program.bounds
-        exchange.stops, exchange.until = bounds or Bounds(self._sender.stops)
+        if bounds is None:
+            exchange.stops = self._sender.stops
+        else:
+            exchange.stops, exchange.until = bounds
         self.waiting.add(exchange)
         self.send_waiting()
 
@@ -91,13 +94,14 @@ class Upstream:
 
     def send_waiting(self) -> None:
         """Send what may be sent now."""
-        while self._idle and self._active < self._board.connection.callers:
-            exchange = self.waiting.take()
+        waiting = self.waiting
+        while waiting.ring and self._idle and self._active < self._board.connection.callers:
+            exchange = waiting.take()
             if exchange is None:
                 return
             self._active += 1
-            if isinstance(exchange.packet, Query):
-                exchange.equal = self.waiting.take_equal(exchange, _means_same)
+            if waiting.ring and isinstance(exchange.packet, Query):
+                exchange.equal = waiting.take_equal(exchange, _means_same)
             if self._sender.send_at_once(exchange, self._answered):
                 continue
             exchange.program.queue.blocked_by = exchange

@@ -120,13 +120,14 @@ class RoundRobin:
 
     def __init__(self) -> None:
         """Start without requests."""
-        self._ring: deque[ProgramQueue] = deque()  # those with unsent requests; the next one first
+        self.ring: deque[ProgramQueue] = deque()
+        """Queues with unsent requests; the next one first."""
         self.holder: ProgramQueue | None = None
         """While a program holds the board alone, only its requests are taken."""
 
     def __bool__(self) -> bool:
         """Return whether there is a request that may be sent."""
-        return any(self._may_take(queue) for queue in self._ring)
+        return any(self._may_take(queue) for queue in self.ring)
 
     def add(self, exchange: Exchange) -> None:
         """Append a request to the queue of its program."""
@@ -134,11 +135,11 @@ class RoundRobin:
         queue.exchanges.append(exchange)
         if not queue.is_listed:
             queue.is_listed = True
-            self._ring.append(queue)
+            self.ring.append(queue)
 
     def take(self) -> Exchange | None:
         """Return the next request that may be sent, None if there is none. Its program goes to the end."""
-        ring = self._ring
+        ring = self.ring
         for _ in range(len(ring)):
             queue = ring[0]
             if self._may_take(queue):
@@ -156,7 +157,7 @@ class RoundRobin:
         `taken` itself, if there are only queries before it. Others may depend on what is sent before them.
         """
         packet, equal = taken.packet, list[Exchange]()
-        for queue in self._ring:
+        for queue in self.ring:
             if not self._may_take(queue):
                 continue
             waiting, is_own = queue.exchanges, queue is taken.program.queue
@@ -182,7 +183,7 @@ class RoundRobin:
     def drop_where(self, unwanted: Callable[[Exchange], bool]) -> list[Exchange]:
         """Remove the requests of all programs that are `unwanted` and return them."""
         dropped = list[Exchange]()
-        for queue in self._ring:
+        for queue in self.ring:
             found = [exchange for exchange in queue.exchanges if unwanted(exchange)]
             if found:
                 queue.exchanges = deque(exchange for exchange in queue.exchanges if not unwanted(exchange))
@@ -210,9 +211,9 @@ class RoundRobin:
     def _list_again(self, queue: ProgramQueue) -> None:
         queue.is_listed = bool(queue.exchanges)
         if queue.is_listed:
-            self._ring.append(queue)
+            self.ring.append(queue)
 
     def _drop_empty(self) -> None:
-        for queue in self._ring:
+        for queue in self.ring:
             queue.is_listed = bool(queue.exchanges)
-        self._ring = deque(queue for queue in self._ring if queue.is_listed)
+        self.ring = deque(queue for queue in self.ring if queue.is_listed)
