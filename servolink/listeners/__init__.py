@@ -1,1 +1,1 @@
-"""Accept, bridge and hold back: TCP, local sockets and pseudo-terminals for whatever serves programs."""
+"""Accept connections, bridge conversations and apply back-pressure, on TCP, local sockets and pseudo-terminals."""

@@ -1,4 +1,4 @@
-"""Accepting connections: prepared alike, and kept until their conversations have ended."""
+"""Accept connections, prepare their sockets alike, and keep their tasks until the end."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from servolink.tasks import Tasks
 from servolink.transports.stream import keep_alive
 
 Serve: TypeAlias = Callable[[socket.socket], Coroutine[Any, Any, None]]
-"""Serves one connection and sees that it is closed; raises OSError if the client is gone already."""
+"""Coroutine function that serves and closes one connection. OSError means that the client is gone already."""
 
 _ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
 _WARNING_PAUSE = 60.0  # seconds between two warnings of the same
@@ -66,7 +66,7 @@ async def _serve(connection: socket.socket, serve: Serve) -> None:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         if connection.family in {socket.AF_INET, socket.AF_INET6}:
             keep_alive(connection, idle=60, interval=15, count=4)
-            # Not by asyncio, which looks at a number that accepted sockets do not have.
+            # asyncio does this only for sockets with a protocol number, which accepted ones lack.
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         await serve(connection)
     except OSError:
@@ -74,24 +74,24 @@ async def _serve(connection: socket.socket, serve: Serve) -> None:
 
 
 def most_connections() -> int:
-    """Return how many connections strangers may have to one address: a quarter of the files this process may open.
+    """Return the number of connections that strangers may have to one address: a quarter of the open files allowed.
 
-    Whoever may connect could take all of them otherwise, and nobody could stop the board any more.
+    Strangers could otherwise take all files of this process, and nobody could connect to stop the board.
     """
     files = most_open_files()
     return _MOST_CONNECTIONS if files is None else min(max(files // 4, 1), _MOST_CONNECTIONS)
 
 
 class RareWarning:
-    """Warning that is logged at most once a minute, whatever others do."""
+    """Warning that is logged at most once a minute, however often others cause it."""
 
     def __init__(self) -> None:
-        """Log the first one."""
+        """Start with nothing logged."""
         self._now = asyncio.get_running_loop().time
         self._logged_at = -_WARNING_PAUSE
 
     def log(self, text: str, *args: object) -> None:
-        """Log `text % args`, unless the last one was a short time ago."""
+        """Log `text % args`, unless a warning was logged less than a minute ago."""
         if self._now() - self._logged_at >= _WARNING_PAUSE:
             self._logged_at = self._now()
             _logger.warning(text, *args)

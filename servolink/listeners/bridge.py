@@ -1,4 +1,4 @@
-"""Bridges: hosts that talk to a transport, such as a virtual board, over TCP and pseudo-terminals."""
+"""Bridges between hosts on TCP or a pseudo-terminal and transports, such as a virtual board."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from servolink.platforms.pseudo_terminals import open_pair
 from servolink.transports.base import Transport
 
 MAX_WAITING = 1024 * 1024
-"""Bytes that may wait in this program for a host to read them."""
+"""Unread bytes above which a host is disconnected."""
 
 Connect: TypeAlias = Callable[[], Transport]
-"""Makes a new connection to the board that is served."""
+"""Function that returns a new transport to the served board."""
 Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
-"""Serves one connection, and returns when it has ended."""
+"""Coroutine function that serves one connection until its end."""
 
 _CHUNK = 4096
 _PIECE = 96  # enough for a move of 16 servos
-_LINGER = 1.0  # seconds for a host to read what it was sent before it closed
+_LINGER = 1.0  # seconds for a host to read the rest
 _logger = logging.getLogger(__name__)
 
 
@@ -42,9 +42,8 @@ async def bridge(
 ) -> None:
     """Carry bytes both ways until stream or transport ends, then close the transport. `begin` was read before.
 
-    While a host does not read, its requests are not read either; if more than MAX_WAITING waits for it, it is
-    disconnected. A `patient` bridge, for lines that do not show whether a host is present, always reads, and drops the
-    bytes that have no room.
+    Reading pauses while the host does not read, and a host with more than MAX_WAITING unread bytes is disconnected. A
+    `patient` bridge, for lines that do not show whether a host is present, always reads, and drops bytes without room.
     """
     receiver = _StreamReceiver(writer, patient=patient)
     transport = connect()
@@ -65,7 +64,7 @@ async def bridge(
 
 
 class _StreamReceiver:
-    """Writes what the transport receives to the stream."""
+    """Receiver that writes the bytes of a transport to the stream."""
 
     def __init__(self, writer: asyncio.StreamWriter, *, patient: bool) -> None:
         self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -90,18 +89,18 @@ async def _pass_requests(
     try:
         chunk = begin or await reader.read(_CHUNK)
         while chunk:
-            # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. The responses to one piece, of ten
-            # requests at most, stay below MAX_WAITING; the next piece waits until the host has read most of them.
+            # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. One piece holds ten requests at
+            # most, whose responses stay below MAX_WAITING; the next piece waits until the host has read most of them.
             for at in range(0, len(chunk), _PIECE):
                 await transport.send(chunk[at : at + _PIECE])
-                await asyncio.sleep(0)  # the transport delivers responses in the next turn; other hosts get theirs
+                await asyncio.sleep(0)  # responses come in the next turn, and other hosts have their turn
                 if not patient:
                     await writer.drain()
-                # A slow line has taken this piece, and a board knows that its host was not silent in the meantime.
+                # Wait until a slow line has taken this piece; the board sees that its host was not silent meanwhile.
                 await transport.send(b"")
             chunk = await reader.read(_CHUNK)
     except (TransportError, OSError):
-        return  # one end is gone: the usual end of a conversation
+        return  # usual end of a conversation
 
 
 async def _flush(writer: asyncio.StreamWriter) -> None:
@@ -125,8 +124,8 @@ def _abort(pipe: asyncio.WriteTransport) -> None:
 async def serve_network(connect: Connect, host: str, port: int, *, begins_with: bytes = b"") -> AsyncIterator[str]:
     """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL.
 
-    A host whose first bytes are not `begins_with` is disconnected before any of them is used: a web page can make the
-    browser connect to any port of this machine, and send what it likes behind a line of HTTP.
+    A host whose first bytes are not `begins_with` is disconnected before any byte is used: a web page can make the
+    browser connect to any port of this machine, and send any bytes behind a line of HTTP.
     """
     warning = RareWarning()
 
@@ -142,7 +141,7 @@ async def serve_network(connect: Connect, host: str, port: int, *, begins_with: 
 
 
 async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
-    """Return the first bytes: `wanted` and perhaps more, or what else the host began with before it paused or left."""
+    """Return the first bytes: `wanted` and perhaps more, or anything else with which the host began."""
     begin = b""
     with suppress(OSError):
         while len(begin) < len(wanted) and wanted.startswith(begin) and (chunk := await reader.read(_CHUNK)):
@@ -154,7 +153,7 @@ async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
 async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
     """Run `converse` for each host that connects to `host` and `port`; yield the place as HOST:PORT.
 
-    `*` is every address of this machine, all with the same port. Raise OpenError if the place cannot be had.
+    `*` is every address of this machine, all with the same port. Raise OpenError if the place is not available.
     """
 
     async def serve(connection: socket.socket) -> None:
@@ -173,12 +172,11 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
 async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
     """Serve one conversation over a new pseudo-terminal; yield its URL.
 
-    Like a board on a serial line it does not notice when hosts come and go. Raise TransportUnavailable on Windows.
+    Like a board on a serial line, the conversation outlives its hosts. Raise TransportUnavailable on Windows.
     """
     ours, theirs, name = open_pair()
     with ExitStack() as line:
-        # Their end is held open as long as ours: without it the line goes down, and is no longer raw, when a host
-        # closes it.
+        # Our own descriptor of the other end keeps the line up, and raw, when a host closes the terminal.
         line.callback(os.close, theirs)
         source = line.enter_context(open(ours, "rb", buffering=0))
         sink = line.enter_context(open(os.dup(ours), "wb", buffering=0))

@@ -1,4 +1,4 @@
-"""Conversations with programs, whether they come by a socket or a terminal, held back in both directions."""
+"""Conversations with programs over a socket, with back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from servolink.escaping import escape
 from servolink.listeners.accept import RareWarning, accepting
 
 HIGH, LOW = 128 * 1024, 32 * 1024
-"""Bytes that a program has not read, at which its conversation pauses, and at which it is resumed."""
+"""Unread bytes above which a conversation is paused, and down to which a program must read to resume it."""
 MOST_UNREAD = 8 * 1024 * 1024
-"""Bytes at which it is disconnected at once; a terminal drops what follows. What is under way brings less."""
+"""Unread bytes above which a program is disconnected; more than all requests under way can bring."""
 LONGEST_PAUSE = 10.0
-"""Seconds in which it reads nothing, after which it is disconnected."""
+"""Seconds without any reading, during a pause, after which a program is disconnected."""
 
-_CHUNK = 4096  # bytes that are read at once: hundreds of requests, of which a conversation takes no more for a while
+_CHUNK = 4096  # bytes read at once, which are hundreds of requests
 _LINGER = 0.5  # seconds for programs to read what they were sent before the end
 _NOT_READ = "it does not read what it asked for"
 _logger = logging.getLogger(__name__)
 
 
 class Conversation(Protocol):
-    """Takes what one program sends; it was given a function that sends to the program."""
+    """Receiver of the bytes of one program, made with a function that sends bytes to the program."""
 
     on_room: Callable[[], None] | None
-    """Called when more can be taken after `is_full`."""
+    """Function to call when `is_full` ends."""
 
     @property
     def is_full(self) -> bool:
-        """Whether the program must not be read for now."""
+        """Whether reading from the program must pause."""
         ...
 
     @property
     def waiting(self) -> int:
-        """Number of responses to come; those of one turn of the event loop are then sent together."""
+        """Number of responses to come; while there are any, those of one turn of the event loop are sent together."""
         ...
 
     def receive(self, data: bytes, /) -> None:
-        """Take the next bytes."""
+        """Process the next bytes."""
 
     def pause(self) -> None:
         """Send as little as possible: the program does not read."""
@@ -56,7 +56,7 @@ class Conversation(Protocol):
 
 
 class AcceptedConnection(asyncio.BufferedProtocol, ABC):
-    """Connection of one program; a kind of door says in `_begin` with which bytes its conversation begins."""
+    """Connection of one program; a subclass begins the conversation in `_begin`."""
 
     def __init__(self, *, high: int = HIGH, low: int = LOW) -> None:
         """Start unconnected; pause the conversation while more than `high` bytes are unread, until only `low` are."""
@@ -76,24 +76,24 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 
     @property
     def has_begun(self) -> bool:
-        """Whether the program has begun as it should."""
+        """Whether the conversation has begun."""
         return self._conversation is not None
 
     def end(self) -> None:
-        """Close the connection; what was sent may still be read for a moment."""
+        """Close the connection after the bytes that were sent."""
         if self._pipe is not None:
             self._flush()
             self._pipe.close()
 
     def abort(self, reason: str = "") -> None:
-        """Close the connection at once; log the reason if there is one."""
+        """Close the connection at once; log the reason, unless empty."""
         if self._pipe is not None and not self._pipe.is_closing():
             if reason:
                 _logger.warning("%s was disconnected: %s", escape(self.who), escape(reason))
             self._pipe.abort()
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the program, together with all others of this turn of the loop if it waits for more."""
+        """Send bytes to the program; while responses are to come, together with others of this turn of the loop."""
         if not self._frames and self._conversation is not None and not self._conversation.waiting:
             self._write(data)
             return
@@ -103,12 +103,12 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 
     @abstractmethod
     def _begin(self, data: bytes) -> None:
-        """Take the first bytes, up to the call of `_join`."""
+        """Process bytes until the call of `_join`."""
 
     def _join(self, conversation: Conversation, *, must_read: bool = True) -> None:
-        """Carry everything from now on to this conversation.
+        """Pass all further bytes to this conversation.
 
-        Disconnect a program that does not read, if it `must_read`; otherwise the conversation bounds what waits for it.
+        If the program `must_read`, disconnect it when it does not; otherwise the conversation limits its unread bytes.
         """
         self._conversation = conversation
         self._must_read = must_read
@@ -142,11 +142,11 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
             self.abort(_NOT_READ)
 
     def _read_so_far(self) -> int:
-        """Return how many bytes the system has taken for the program."""
+        """Return the number of bytes that the system has taken for the program."""
         return self._written - (0 if self._pipe is None else self._pipe.get_write_buffer_size())
 
     def _look(self, read_before: int) -> None:
-        """Disconnect a program that has read nothing since the last look."""
+        """Disconnect the program if nothing was read since the last look."""
         if self._read_so_far() == read_before:
             self.abort(_NOT_READ)
         else:
@@ -166,22 +166,22 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         transport.set_write_buffer_limits(*self._limits)
 
     def get_buffer(self, sizehint: int) -> bytearray:
-        """Return where to put the next bytes."""
+        """Return the buffer for the next bytes."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take the next bytes."""
+        """Process the bytes in the buffer."""
         self._receive(bytes(self._buffer[:nbytes]))
 
     def pause_writing(self) -> None:
-        """Ask for nothing more until the program reads what it has."""
+        """Pause the conversation: too many bytes are unread."""
         if self._conversation is not None:
             self._conversation.pause()
             if self._must_read:
                 self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
 
     def resume_writing(self) -> None:
-        """Ask again."""
+        """Resume the conversation: most bytes were read."""
         self._stop_timer()
         if self._conversation is not None:
             self._conversation.resume()
@@ -198,11 +198,11 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 async def serve_connections(
     listening: Sequence[socket.socket], make: Callable[[], AcceptedConnection], *, most: int | None = None
 ) -> AsyncIterator[None]:
-    """Make an object for each connection to these sockets within this context; for at most `most` at once.
+    """Accept connections to these sockets within this context, `most` at once; `make` returns the object for each.
 
-    One more takes the place of the one that has been connected longest without having begun, or is closed.
+    One more replaces the oldest connection without a conversation; if there is none, the new one is closed.
     """
-    connections = dict[AcceptedConnection, asyncio.Task[Any] | None]()  # the oldest first
+    connections = dict[AcceptedConnection, asyncio.Task[Any] | None]()  # oldest first
     warning = RareWarning()
 
     async def serve(accepted: socket.socket) -> None:

@@ -1,4 +1,4 @@
-"""Pseudo-terminals that one program after the other opens as a serial port, under a name of their own if wanted."""
+"""Pseudo-terminals that one program after the other opens as a serial port, with links that keep their names."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from servolink.listeners.conversation import HIGH, LOW, MOST_UNREAD, Conversatio
 from servolink.platforms.pseudo_terminals import PseudoTerminal
 
 LOOK = 0.05
-"""Seconds between looks at what the system does not tell: opening, closing while unread, and another baud rate."""
+"""Seconds between looks for a program that opens the terminal, closes it unread, or sets another baud rate."""
 
 _TERMINALS = "/dev/"
 
 
 class ServedTerminal:
-    """Pseudo-terminal, and the conversation of the program that has it open.
+    """Pseudo-terminal with a conversation for each program that opens it.
 
-    The next program finds a fresh conversation, and neither settings nor unread bytes of its predecessor.
+    Settings and unread bytes of one program are gone before the next program.
     """
 
     def __init__(
@@ -37,11 +37,11 @@ class ServedTerminal:
         baudrate: int = 0,
         on_baudrate: Callable[[int], object] | None = None,
     ) -> None:
-        """Make the terminal, and call `begin` each time a program opens it, looked for every `look` seconds.
+        """Make the terminal, look for a program every `look` seconds, and call `begin` when one opens the terminal.
 
-        Pause a conversation while more than `high` bytes are unread, until only `low` are. Each program finds
-        `baudrate` unless that is 0; `on_baudrate` is called with each other one that it sets, before the bytes that it
-        wrote at it. Raise TransportUnavailable on Windows.
+        A conversation is paused above `high` unread bytes and resumed at `low`. Programs find `baudrate`, unless 0;
+        `on_baudrate` is called with each other rate that a program sets, before the bytes sent at that rate. Raise
+        TransportUnavailable on Windows.
         """
         self._begin = begin
         self._high, self._low = high, low
@@ -56,7 +56,7 @@ class ServedTerminal:
         self._timer: asyncio.TimerHandle | None = None
         self._terminal = PseudoTerminal()
         self.name = self._terminal.name
-        """Where programs open it."""
+        """Path by which programs open the terminal."""
         self._hang_up()
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ class ServedTerminal:
         self._terminal.close()
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the program, as an AcceptedConnection does; drop them if there is none, or no room."""
+        """Send bytes to the program as an AcceptedConnection does; drop bytes without a program or without room."""
         if self._conversation is None:
             self._look()
         conversation = self._conversation
@@ -98,7 +98,7 @@ class ServedTerminal:
             self._receive(self._conversation, data)
 
     def _watch(self) -> None:
-        """Look for what the system does not tell."""
+        """Look for changes that the system does not report."""
         self._timer = None
         if self._conversation is None:
             self._look()
@@ -113,7 +113,7 @@ class ServedTerminal:
             self._timer = self._loop.call_later(self._look_pause if conversation is None else LOOK, self._watch)
 
     def _hang_up(self) -> None:
-        """End the conversation, and make the terminal as new."""
+        """End the conversation and renew the terminal."""
         self._leave()
         self._terminal.renew(self._first_baudrate)
         self._baudrate = self._terminal.baudrate()
@@ -161,7 +161,7 @@ class ServedTerminal:
         if conversation is None:
             return
         written = self._terminal.write(self._unread)
-        if not written and self._terminal.is_closed():  # found out here only if the program is not read, as it is full
+        if not written and self._terminal.is_closed():  # noticed here only while reading pauses
             self._hang_up()
             return
         del self._unread[:written]
@@ -173,9 +173,9 @@ class ServedTerminal:
 
 @contextmanager
 def address_of(terminal: ServedTerminal, link: str | Path | None) -> Iterator[str]:
-    """Yield the URL of a terminal: its own name, or `link`, a symbolic link that exists within this context.
+    """Yield the URL of a terminal: by its name, or by `link`, a symbolic link that is removed after this context.
 
-    A link that was left there is replaced. Raise OpenError if it cannot be made.
+    A link that a killed program left is replaced. Raise OpenError if the link cannot be made.
     """
     if link is None:
         yield f"serial://{terminal.name}"
@@ -204,7 +204,7 @@ def _linked(link: Path, terminal: str) -> Iterator[Path]:
         yield link
     finally:
         with suppress(OSError):
-            if _target(link) == terminal:  # or else it is another hub's by now
+            if _target(link) == terminal:  # unless another hub has replaced the link
                 link.unlink()
 
 

@@ -1,4 +1,4 @@
-"""TCP: where to listen, as HOST:PORT, and the sockets that do."""
+"""TCP addresses in the form HOST:PORT, and sockets that listen there."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ def joined(host: str, port: int) -> str:
 
 
 def place_of(listening: Sequence[socket.socket]) -> str:
-    """Return where sockets listen, as HOST:PORT."""
+    """Return the address of listening sockets, as HOST:PORT."""
     return joined(*listening[0].getsockname()[:2])
 
 
 def reached_by(url: str) -> str:
-    """Return who can connect to a server at `url`, which is `tcp://ADDRESS:PORT`."""
+    """Return the users who can connect to a server at `url`, which is `tcp://ADDRESS:PORT`, as people read them."""
     host, _ = host_and_port(url.removeprefix("tcp://"))
     return "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
 
 
 async def listening_sockets(host: str, port: int) -> list[socket.socket]:
-    """Return sockets that listen at all addresses of `host`, with one port for all of them.
+    """Return listening sockets for all addresses of `host`, with the same port.
 
-    `*` is every address of this machine. Raise OpenError if the place cannot be had.
+    `*` is every address of this machine. Raise OpenError if an address or the port is not available.
     """
     place = joined(host, port)
     try:
@@ -60,7 +60,7 @@ async def listening_sockets(host: str, port: int) -> list[socket.socket]:
         for _ in range(_PORT_ATTEMPTS - 1 if port == 0 else 0):
             try:
                 return _bind(addresses, port)
-            except OSError:  # the port that was free for one address is perhaps not free for the next one
+            except OSError:  # a port that is free at one address may be in use at the next
                 continue
         return _bind(addresses, port)
     except OSError as error:

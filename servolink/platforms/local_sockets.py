@@ -171,7 +171,8 @@ def _remove_stale(place: str) -> None:
 
 
 async def _connected(family: int, place: str | tuple[str, int]) -> socket.socket:
-    connection = socket.socket(family, socket.SOCK_STREAM)
+    # With the number of the protocol, by which asyncio knows that it must not keep short requests back.
+    connection = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP if family == socket.AF_INET else 0)
     try:
         connection.settimeout(0)
         while True:

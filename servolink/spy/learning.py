@@ -37,7 +37,7 @@ _ID_FIELDS = {"servo_id", "servo_id_list", "action_id", "macro_id", "table_id", 
 
 
 class Passed(NamedTuple):
-    """Something that passed, for people who look on."""
+    """Packet or other bytes, for people who look on."""
 
     seconds: float
     direction: Direction
@@ -57,7 +57,7 @@ class Unknown(NamedTuple):
 
 
 class Mode(NamedTuple):
-    """A setting of the transmission mode, and what had been said before."""
+    """Setting of the transmission mode, and the traffic before."""
 
     wanted: int
     asked_before: int

@@ -1,4 +1,4 @@
-"""The program: it connects to a pseudo-terminal, which it takes for the port of the board, or to a TCP port."""
+"""Pseudo-terminal or TCP port to which the program connects in place of the board, one program at a time."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from servolink.listeners.tcp import listening_sockets, place_of
 from servolink.spy.relay import Relay
 
 _NO_BOARD = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"DELETE ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"\x16\x03")
-"""The first bytes of a browser. Any web page can make one connect to this port, and send frames to the board."""
-_LOOK = 0.01  # seconds between looks for a program: its first bytes wait for that
+"""First bytes of browsers, which any web page can make connect to this port and send frames to the board."""
+_LOOK = 0.01  # seconds between looks for a program, whose first bytes wait meanwhile
 
 
 @contextmanager
 def on_terminal(
     relay: Relay, link: str | Path | None, baudrate: int, on_baudrate: Callable[[int], object]
 ) -> Iterator[str]:
-    """Serve programs on a new pseudo-terminal, with a name of its own if wanted, within this context; yield its URL.
+    """Serve programs on a new pseudo-terminal, linked at `link` unless None, within this context; yield its URL.
 
-    It has this baud rate; call `on_baudrate` with each other one that a program sets. Raise OpenError if the link
-    cannot be made, TransportUnavailable on Windows.
+    Programs find this baud rate; `on_baudrate` is called with each other rate that one sets. Raise OpenError if the
+    link cannot be made, TransportUnavailable on Windows.
     """
     terminal = ServedTerminal(
         lambda each: relay.join(each.send), high=0, low=0, look=_LOOK, baudrate=baudrate, on_baudrate=on_baudrate
@@ -36,14 +36,14 @@ def on_terminal(
 
 @asynccontextmanager
 async def on_network(relay: Relay, host: str, port: int) -> AsyncIterator[str]:
-    """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if the place cannot be had."""
+    """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if it is not available."""
     listening = await listening_sockets(host, port)
     async with serve_connections(listening, lambda: _Connection(relay)):
         yield f"tcp://{place_of(listening)}"
 
 
 class _Connection(AcceptedConnection):
-    """Connection of one program; others are refused meanwhile."""
+    """Connection of the program; while there is one, others are refused."""
 
     def __init__(self, relay: Relay) -> None:
         super().__init__(high=0, low=0)
@@ -58,7 +58,7 @@ class _Connection(AcceptedConnection):
             self._join(self._relay.join(self.send), must_read=False)  # the board waits for the program
 
     def _begin(self, data: bytes) -> None:
-        """Ignore what a program sends that was refused."""
+        """Ignore the bytes of a refused program."""
 
     def _receive(self, data: bytes) -> None:
         if not self._is_checked and data.startswith(_NO_BOARD):

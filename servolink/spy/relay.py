@@ -15,20 +15,20 @@ Tap: TypeAlias = Callable[[float, Direction, bytes], None]
 
 
 class Relay:
-    """Joins the board's port and the conversation with one program at a time; it sends nothing of its own."""
+    """Conversation of one program at a time with the port of the board; nothing is added."""
 
     waiting = 0
 
     def __init__(self, board: StreamTransport, tap: Tap, on_program: Callable[[bool], object]) -> None:
         """Start with a port that is not open yet; call `on_program` with whether a program is connected."""
         self.sink: Callable[[bytes], object] | None = None
-        """Takes bytes for the program; drops them if none is connected, as a serial port does that nobody has open."""
+        """Function that sends to the program, or drops bytes without one, as a serial port that is not open."""
         self.has_program = False
         """Whether a program is connected."""
         self.is_full = False
-        """Whether the board does not take what the program sends, so that the program must not be read."""
+        """Whether reading from the program must pause, because the board does not take its bytes."""
         self.on_room: Callable[[], None] | None = None
-        """Called when the program may be read again."""
+        """Function to call when `is_full` ends."""
         self._board = board
         self._tap = tap
         self._on_program = on_program
@@ -51,7 +51,7 @@ class Relay:
     # --- from the board -----------------------------------------------------------------------------------------
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on what the board said (called by the transport)."""
+        """Pass bytes of the board on (called by the transport)."""
         if self.sink is not None:
             self.sink(chunk)
         self._tap(self._now(), "received", chunk)
@@ -76,7 +76,7 @@ class Relay:
         return self
 
     def receive(self, data: bytes, /) -> None:
-        """Pass on what the program said."""
+        """Pass bytes of the program on."""
         now = self._now()
         try:
             self.is_full = not self._board.pass_on(data)
@@ -86,7 +86,7 @@ class Relay:
         self._tap(now, "sent", data)
 
     def pause(self) -> None:
-        """Leave what the board says to the system, which may slow it down: the program does not read."""
+        """Stop reading from the board, which may slow the board down: the program does not read."""
         self._board.pause_reading()
 
     def resume(self) -> None:

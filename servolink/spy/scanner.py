@@ -78,7 +78,7 @@ class Scanner:
 
 
 def _look(data: bytes, at: int, *, is_over: bool) -> Seen | None:
-    """Return what begins at `at`; None if more bytes are needed to know it."""
+    """Return the piece that begins at `at`; None if more bytes are needed."""
     start = next_magic(data, at)
     if start > at:
         return Seen("noise", data[at:start])

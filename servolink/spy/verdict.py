@@ -17,7 +17,7 @@ _UNITS = {0: "degrees", 1: "raw ADC"}
 
 
 class Fact(NamedTuple):
-    """One thing that was learnt."""
+    """Fact that was learnt."""
 
     name: str
     value: Any

@@ -13,14 +13,14 @@ _MOST_WAITING = 16 * 1024 * 1024  # bytes; what passes meanwhile is only counted
 
 
 class Watcher:
-    """Hands what passes to a learner, and what is in it to `show`, on a thread of its own."""
+    """Thread that passes bytes to a learner, and packets to `show`."""
 
     def __init__(self, learner: Learner, show: Callable[[Passed], object]) -> None:
         """Begin."""
         self._learner = learner
         self._show = show
         self._waiting: deque[tuple[float, Direction, bytes]] = deque()
-        self._put = self._taken = 0  # bytes so far; each is changed by one thread only
+        self._put = self._taken = 0  # bytes so far, each counted by one thread
         self._wake = threading.Event()
         self._is_over = False
         self._last = 0.0
@@ -41,7 +41,7 @@ class Watcher:
         self._wake.set()
 
     def end(self, patience: float) -> None:
-        """Look at what is left, for at most `patience` seconds."""
+        """Process the rest, for at most `patience` seconds."""
         self._is_over = True
         self._wake.set()
         self._thread.join(patience)

@@ -15,7 +15,6 @@ from aiohttp import web
 from servolink.errors import OpenError
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
-from servolink.studio.connections import Connections
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
@@ -37,6 +36,10 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
 }
+HEAD_LIMIT = 10.0
+"""Seconds in which the first request must have come; browsers also connect in advance."""
+MOST_SILENT = 32
+"""Connections without a request; when there are more, the oldest are closed."""
 _WRONG_HOST = 421
 _KEEP_ALIVE = 15.0  # seconds that a connection stays open for another request
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -72,6 +75,43 @@ async def serve_studio(
         await runner.cleanup()
         for each in listening:
             each.close()
+
+
+class Connections:
+    """Connections to the server; those without a request are few, and closed after a while.
+
+    Every program that reaches the port can open connections, and each takes a descriptor that the hub here needs.
+    """
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._silent: dict[web.RequestHandler, asyncio.TimerHandle] = {}  # the oldest first
+
+    async def serve(self, make: Callable[[], web.RequestHandler], accepted: socket) -> None:
+        """Let a handler that `make` returns serve a connection."""
+        loop = asyncio.get_running_loop()
+        try:
+            _, handler = await loop.connect_accepted_socket(make, accepted)
+        except OSError:
+            accepted.close()  # the browser is gone already
+            return
+        self._silent[handler] = loop.call_later(HEAD_LIMIT, self._drop, handler)
+        while len(self._silent) > MOST_SILENT:
+            self._drop(next(iter(self._silent)))
+
+    def heard(self, handler: web.RequestHandler) -> None:
+        """Keep a connection: a request has come."""
+        if (timer := self._silent.pop(handler, None)) is not None:
+            timer.cancel()
+
+    def close(self) -> None:
+        """Forget all of them."""
+        for handler in list(self._silent):
+            self.heard(handler)
+
+    def _drop(self, handler: web.RequestHandler) -> None:
+        self.heard(handler)
+        handler.force_close()
 
 
 @asynccontextmanager

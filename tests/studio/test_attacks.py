@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from aiohttp import WSMsgType
 
-from servolink.studio import connections
+from servolink.studio import server
 from servolink.studio.page import MOST_MESSAGE, MOST_UNREAD
 from tests.studio.serving import Place, call, run, welcomed
 
@@ -65,7 +65,7 @@ async def silent(place: Place, begin: bytes = b"") -> AsyncIterator[asyncio.Stre
 def test_a_connection_that_sends_no_request_is_closed_and_a_page_is_not(
     begin: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "HEAD_LIMIT", 0.05)
+    monkeypatch.setattr(server, "HEAD_LIMIT", 0.05)
 
     async def test(place: Place) -> None:
         async with place.page() as page:
@@ -81,12 +81,12 @@ def test_of_many_connections_that_send_no_request_the_oldest_are_closed() -> Non
     async def test(place: Place) -> None:
         async with place.page() as page, AsyncExitStack() as stack:
             await welcomed(page, place.gate.new_token("edit"))
-            readers = [await stack.enter_async_context(silent(place)) for _ in range(connections.MOST_SILENT + 5)]
+            readers = [await stack.enter_async_context(silent(place)) for _ in range(server.MOST_SILENT + 5)]
             for reader in readers[:5]:
                 assert await reader.read() == b""
             async with place.http.get(f"{place.address}/") as response:
                 assert response.status == 200
-            assert sum(not reader.at_eof() for reader in readers) >= connections.MOST_SILENT - 1
+            assert sum(not reader.at_eof() for reader in readers) >= server.MOST_SILENT - 1
             assert (await call(page, "studio.about"))["result"]["version"]
 
     run(test)

@@ -18,7 +18,7 @@ from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
 
-_SHOWN = 16  # bytes of what something else began with
+_SHOWN = 16  # bytes of a wrong beginning
 
 
 @asynccontextmanager
@@ -27,8 +27,8 @@ async def tcp_door(
 ) -> AsyncIterator[str]:
     """Serve programs at `place`, HOST:PORT, within this context; yield the URL. Port 0 takes a free one.
 
-    Everybody who can connect there may do what `role` allows. A connection that does not begin with a frame is closed
-    before anything in it is used. Raise TransportUnavailable or OpenError if the place is wrong or cannot be had.
+    Everybody who can connect there has `role`. A connection that does not begin with a frame is closed before any byte
+    is used. Raise TransportUnavailable for a wrong place, OpenError for one that is not available.
     """
     join = partial(hub.join, door="watch-tcp" if role is Role.WATCH else "tcp", role=role, codec=codec, unit=unit)
     warning = RareWarning()
@@ -39,23 +39,22 @@ async def tcp_door(
 
 
 class TcpConnection(AcceptedConnection):
-    """A TCP connection, which becomes a program with its first frame."""
+    """TCP connection, which becomes a program with the first frame."""
 
     def __init__(self, join: Callable[..., Program], warning: RareWarning) -> None:
-        """Call `join`, which is `Hub.join`, once the connection has begun as this protocol does, else log `warning`."""
+        """Call `join`, made of `Hub.join`, at the first frame; log `warning` at any other beginning."""
         super().__init__()
         self._join_hub = join
         self._warning = warning
         self._first = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Call the program by its address."""
+        """Name the program by its address."""
         super().connection_made(transport)
         self.who = joined(*(transport.get_extra_info("peername") or ("", ""))[:2])
 
     def _begin(self, data: bytes) -> None:
-        # A web page can make the browser connect to any port of this machine. What it sends behind its line of HTTP
-        # must not be searched for frames.
+        # A web page can make the browser connect to any port of this machine: no frames are searched behind HTTP.
         self._first += data
         if not MAGIC.startswith(self._first[: len(MAGIC)]):
             shown = quote(self._first[:_SHOWN])

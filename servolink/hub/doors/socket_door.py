@@ -30,10 +30,10 @@ MOST_MESSAGE = 1024 * 1024
 
 
 class Channel(Protocol):
-    """What carries out the messages of a connection that wants JSON-RPC."""
+    """Receiver of the messages of a connection in JSON-RPC."""
 
     def receive(self, message: bytes, /) -> None:
-        """Take one message; must not raise."""
+        """Process one message without raising."""
 
     def pause(self) -> None:
         """Send as little as possible: the program does not read."""
@@ -46,7 +46,7 @@ class Channel(Protocol):
 
 
 OpenChannel: TypeAlias = Callable[[Hub, Greeting, str, Callable[[bytes], None], Callable[[str], None]], Channel]
-"""Called with the greeting, the id of the session, what sends a message, and what disconnects the program and why."""
+"""Function of hub, greeting, session id, and two functions: one sends a message, one disconnects with a reason."""
 
 
 @asynccontextmanager
@@ -115,7 +115,7 @@ class ShareConnection(AcceptedConnection):
             raise ValueError("there is no such session; perhaps it has ended")
         self._say(self._introduction(session, greeting))
         channel = self._open_channel(self._hub, greeting, session, self._send_message, self.abort)
-        self._join(Messages(channel, self.abort), must_read=False)  # the channel counts messages that are not read
+        self._join(Messages(channel, self.abort), must_read=False)  # the channel limits unread messages
 
     def _introduction(self, session: str, greeting: Greeting) -> Welcome:
         board = self._hub.board
@@ -146,13 +146,13 @@ class ShareConnection(AcceptedConnection):
         self._write(message + b"\n")
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Disconnect another user, who cannot have come through the folder: only this user can open it."""
+        """Disconnect other users, for whom the folder of the socket is closed."""
         super().connection_made(transport)
         if not local_sockets.is_allowed(transport.get_extra_info("socket")):
             self.abort("it belongs to another user")
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End the session, or all that it has asked for."""
+        """End the session."""
         self._limit.cancel()
         super().connection_lost(exc)
 
@@ -173,7 +173,7 @@ class Messages:
         self._closing: asyncio.Task[None] | None = None
 
     def receive(self, data: bytes, /) -> None:
-        """Take bytes, and pass on all messages that are whole."""
+        """Collect bytes, and pass on each complete message."""
         self._text += data
         if b"\n" in data:
             *messages, self._text = self._text.split(b"\n")
@@ -183,7 +183,7 @@ class Messages:
             self._abort(f"its message is longer than {MOST_MESSAGE >> 20} MiB")
 
     def leave(self) -> None:
-        """End all that the program has asked for."""
+        """Close the channel: the program is gone."""
         self._closing = asyncio.get_running_loop().create_task(self._channel.close())
 
 

@@ -1,6 +1,6 @@
-"""The door for programs that know only serial ports: a pseudo-terminal, with a name of its own if one is wanted.
+"""The door for programs that know only serial ports: a pseudo-terminal, with a link that keeps its name.
 
-A program begins when it opens the terminal and ends when it closes it. The next one finds a fresh session.
+The session of a program begins when the terminal is opened, and ends when the terminal is closed.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ async def pty_door(
 ) -> AsyncIterator[str]:
     """Serve one program after the other on a new pseudo-terminal within this context; yield its URL.
 
-    `link` is where a symbolic link to it is made, so that its name stays the same; one that a hub left there is
-    replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
+    `link` is the path of a symbolic link to the terminal, whose name differs each time; a link that a killed hub left
+    is replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
     """
 
     def begin(terminal: ServedTerminal) -> Program:
