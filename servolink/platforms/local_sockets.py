@@ -73,7 +73,7 @@ def listen(name: str) -> LocalSocket:
     folder = user_folder("runtime")
     if sys.platform == "win32" or not has_unix_sockets():
         listening, token = socket.create_server(("127.0.0.1", 0), backlog=_BACKLOG), secrets.token_urlsafe(_TOKEN_BYTES)
-        path = _door_path(folder, name)
+        path = folder / f"{name}.door"
         door = _Door(listening.getsockname()[1], token)
         write_atomically(path, msgspec.json.encode(door), private=True)
     else:
@@ -84,7 +84,7 @@ def listen(name: str) -> LocalSocket:
             listening.bind(place)
             Path(place).chmod(_PRIVATE)
             listening.listen(_BACKLOG)
-        path = folder / _socket_name(name)
+        path = folder / f"{name}.sock"
     listening.settimeout(0)
     return LocalSocket(listening, path, token)
 
@@ -97,14 +97,14 @@ async def connect(name: str) -> tuple[socket.socket, str]:
     folder = user_folder("runtime")
     if sys.platform == "win32" or not has_unix_sockets():
         refuse_foreign(folder, folder.lstat())
-        door = msgspec.json.decode(read_file(_door_path(folder, name), _LONGEST_DOOR), type=_Door)
+        door = msgspec.json.decode(read_file(folder / f"{name}.door", _LONGEST_DOOR), type=_Door)
         return await _connected(socket.AF_INET, ("127.0.0.1", door.port)), door.token
     else:
         with socket_folder() as short:
             path = socket_path(short, name)
             status = os.lstat(path)
             if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.geteuid():
-                raise PermissionError(errno.EPERM, f"{_socket_name(name)} in {folder} is not a socket of this user")
+                raise PermissionError(errno.EPERM, f"{name}.sock in {folder} is not a socket of this user")
             connection = await _connected(socket.AF_UNIX, path)
         if not is_allowed(connection):
             connection.close()
@@ -144,22 +144,13 @@ def socket_folder() -> Iterator[Path]:
             os.close(number)
 
 
-def _socket_name(name: str) -> str:
-    return f"{name}.sock"
-
-
 def socket_path(folder: Path, name: str) -> str:
     """Return the path of the socket `name`. Raise OSError if the path is too long for the system."""
-    path = str(folder / _socket_name(name))
+    path = str(folder / f"{name}.sock")
     if len(os.fsencode(path)) > _LONGEST_PATH:
-        raise OSError(
-            errno.ENAMETOOLONG, f"{path} is too long for a socket: use a shorter name, or set XDG_RUNTIME_DIR"
-        )
+        why = f"{path} is too long for a socket: use a shorter name, or set XDG_RUNTIME_DIR"
+        raise OSError(errno.ENAMETOOLONG, why)
     return path
-
-
-def _door_path(folder: Path, name: str) -> Path:
-    return folder / f"{name}.door"
 
 
 def _remove_stale(place: str) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
@@ -144,20 +142,14 @@ async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | 
 
     work = (view.run(), ending.wait(), recorder.over.wait())
     tasks: list[asyncio.Task[object]] = [asyncio.create_task(each) for each in work]
-    with _saving_for_a_signal(recorder), single_keys(typed):
+    signals = () if recorder.wanted.ring is None else SAVING
+    with handled(lambda: recorder.save("asked for by a signal"), signals), single_keys(typed):
         try:
             await asyncio.wait(tasks[1:], timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
-
-
-@contextmanager
-def _saving_for_a_signal(recorder: Recorder) -> Iterator[None]:
-    """Write what a ring has kept for each SIGUSR1, in this context."""
-    with handled(lambda: recorder.save("asked for by a signal"), () if recorder.wanted.ring is None else SAVING):
-        yield
 
 
 def _print_start(wanted: Wanted, *, as_json: bool) -> None:
