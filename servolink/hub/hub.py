@@ -25,6 +25,7 @@ from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
@@ -61,9 +62,23 @@ class Hub:
             stop_board=self._stop_unwatched,
             tasks=self._tasks,
         )
-        sender = PacketSender(board, self.motions, self._keeper, units, self._buttons, self._alone, self._refused)
+        self.stops = StopCounter()
+        """Stops of servos, each of which ends all motions that were asked for."""
+        sender = PacketSender(
+            board,
+            self.motions,
+            self.stops,
+            self._keeper,
+            units,
+            self._buttons,
+            self._alone,
+            self._refused,
+            self.programs,
+        )
         self._upstream = Upstream(board, sender)
-        self._stops = Stops(board, sender, self._upstream, self._keeper, tell=self.tell, follow=self._over)
+        self._stopping = Stops(
+            board, self.stops, sender, self._upstream, self._keeper, tell=self.tell, follow=self._over
+        )
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
         self._listeners: list[Listener] = []
@@ -107,7 +122,7 @@ class Hub:
         await self._upstream.close()
         self._keeper.close()
         await self._tasks.close()
-        await self._stops.close()
+        await self._stopping.close()
         await self._buttons.close()
 
     # --- programs -----------------------------------------------------------------------------------------------
@@ -163,33 +178,28 @@ class Hub:
 
     def ask_stop(self, exchange: Exchange) -> None:
         """Send a stop before everything else; see `Program`."""
-        self._stops.ask(exchange)
+        self._stopping.ask(exchange)
 
     def ask_waiting(self) -> None:
         """Send the requests of a program that reads again; see `Program`."""
         self._upstream.send_waiting()
 
-    @property
-    def stops(self) -> int:
-        """How many times servos were stopped, which ends all motions that were asked for."""
-        return self._stops.count
-
     async def run(
         self,
         session_id: str,
         packet: ExecuteActionExRequest | ExecuteMacroRequest,
-        stops: int,
+        ticket: Ticket,
         seconds: float | None,
     ) -> None:
         """Run a stored record for a program, before all that waits; it is not checked against limits of the program.
 
         `seconds` is how long it lasts, if that is known. Raise MotionRefused if that must not be: without the lease, or
-        if there were more than `stops` stops. Raise Rejected if the board refuses.
+        after a stop since `ticket` was issued. Raise Rejected if the board refuses.
         """
         program = self.programs.get(session_id)
         if program is None:
             raise ConnectionLost("the session has ended; connect again")
-        exchange = Exchange(program, packet, stops, asked_at=self._now(), seconds=seconds)
+        exchange = Exchange(program, packet, ticket, asked_at=self._now(), seconds=seconds)
         response = await self._upstream.begin(exchange)
         if exchange.refused:
             raise MotionRefused(f"nothing was moved: {exchange.refused}")
@@ -205,7 +215,7 @@ class Hub:
 
         Programs of other sessions are told. A stop for which nothing was moved since another one began ends with that.
         """
-        return self._stops.begin(who, session_id)
+        return self._stopping.begin(who, session_id)
 
     async def end_move(self, session_id: str, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again, so that they hold and obey the next movement.
@@ -220,10 +230,10 @@ class Hub:
             raise ConnectionLost("the session has ended; connect again")
         if self.lease is not None and self.lease.session != session_id:
             raise MotionRefused(f"nothing was stopped: {self.lease_reason(session_id)}")
-        await self._stops.end_move(program, servo_ids)
+        await self._stopping.end_move(program, servo_ids)
 
     def _stop_unwatched(self, reason: str) -> None:
-        self._stops.begin_unwatched(reason)
+        self._stopping.begin_unwatched(reason)
 
     def _refused(self, exchange: Exchange, reason: str) -> None:
         """Count a packet that is not sent, and tell why."""

@@ -9,7 +9,6 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.hub.doors.in_process import LocalTransport
-from servolink.hub.rules.exchanges import Bounds
 from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.hub.control_program import RpcFailed, shared
@@ -153,7 +152,7 @@ def test_a_motion_that_waits_in_the_hub_is_not_sent_after_its_time() -> None:
         async with shared() as here, here.program("studio") as studio:
             transport = LocalTransport(here.hub, who="script", session_id="s")
             program = transport.join()
-            program.bounds = Bounds(here.hub.stops, asyncio.get_running_loop().time() + 1)
+            program.ticket = here.hub.stops.ticket(until=asyncio.get_running_loop().time() + 1)
             await studio.call("board.hold")
             program.receive(here.hub.board.codec.encode(SetServoParameterRequest(ALL_SERVOS, 0, 0)))
             await asyncio.sleep(2)

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servolink.control.roles import Role
-from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue, RoundRobin
+from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue, RoundRobin
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, WriteProjectIDRequest
@@ -28,7 +29,7 @@ class Asking:
     is_subscribed: bool = False
     counters: ProgramCounters = field(default_factory=ProgramCounters)
     queue: ProgramQueue = field(default_factory=ProgramQueue)
-    bounds: Bounds | None = None
+    ticket: Ticket | None = None
     servo_stops: int = 0
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
@@ -36,6 +37,9 @@ class Asking:
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
         raise AssertionError
+
+
+TICKET = StopCounter().ticket()
 
 
 def _always(one: Exchange, other: Exchange) -> bool:
@@ -54,7 +58,7 @@ def test_each_request_is_taken_once_and_those_of_a_program_in_its_order(
     asked: list[list[Packet]], data: st.DataObject
 ) -> None:
     programs, robin = [Asking() for _ in asked], RoundRobin()
-    left = [[Exchange(program, packet) for packet in wanted] for program, wanted in zip(programs, asked, strict=True)]
+    left = [[Exchange(one, packet, TICKET) for packet in wanted] for one, wanted in zip(programs, asked, strict=True)]
     taken: list[list[Exchange]] = [[] for _ in programs]
     to_add = [list(exchanges) for exchanges in left]
     while any(to_add) or robin:
@@ -90,10 +94,10 @@ def test_who_asks_once_waits_for_one_request_of_each_other_program(others: int, 
     for _ in range(others):
         program = Asking()
         for number in range(flood):
-            robin.add(Exchange(program, QueryActionRequest(number)))
+            robin.add(Exchange(program, QueryActionRequest(number), TICKET))
     for _ in range(others // 2):
         robin.take()
-    mine = Exchange(Asking(), QueryActionRequest(-1))
+    mine = Exchange(Asking(), QueryActionRequest(-1), TICKET)
     robin.add(mine)
     before = 0
     while robin.take() is not mine:
@@ -108,7 +112,7 @@ def test_while_one_program_holds_the_board_only_its_requests_are_taken(
     programs, robin = [Asking() for _ in asked], RoundRobin()
     for program, wanted in zip(programs, asked, strict=True):
         for packet in wanted:
-            robin.add(Exchange(program, packet))
+            robin.add(Exchange(program, packet, TICKET))
     holder = data.draw(st.sampled_from(programs))
     robin.holder = holder.queue
     mine = len(asked[programs.index(holder)])
@@ -121,7 +125,7 @@ def test_while_one_program_holds_the_board_only_its_requests_are_taken(
 
 def test_a_blocked_program_is_passed_over() -> None:
     robin, one, other = RoundRobin(), Asking(), Asking()
-    first, second = Exchange(one, QueryActionRequest(1)), Exchange(other, QueryActionRequest(1))
+    first, second = Exchange(one, QueryActionRequest(1), TICKET), Exchange(other, QueryActionRequest(1), TICKET)
     robin.add(first)
     robin.add(second)
     one.queue.blocked_by = second
@@ -138,7 +142,7 @@ def test_what_is_dropped_is_not_taken_any_more(asked: list[list[Packet]], number
     for wanted in asked:
         program = Asking()
         for packet in wanted:
-            robin.add(Exchange(program, packet))
+            robin.add(Exchange(program, packet, TICKET))
     everything = sum(map(len, asked))
     dropped = robin.drop_where(lambda exchange: exchange.packet == WriteProjectIDRequest(number))
     assert {type(exchange.packet) for exchange in dropped} <= {WriteProjectIDRequest}

@@ -11,10 +11,9 @@ import pytest
 from benchmarks.reliability.hub_history import HubScene, relive_sharing
 from servolink.connection.connection import Connection
 from servolink.hub.engine.program import Program
-from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
+from servolink.motion.ticket import StopCounter
 from servolink.motion.units import ServoUnits
-from servolink.protocol.packet import Packet
 from tests import processes
 
 ROOT = Path(__file__).parents[2]
@@ -40,12 +39,7 @@ def test_nothing_is_wrong_on_any_line(seed: int) -> None:
 
 
 def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def move(self: PacketSender, exchange: Exchange) -> Packet | None:
-        exchange.stops = self.stops
-        return await real(self, exchange)
-
-    real = PacketSender._move
-    monkeypatch.setattr(PacketSender, "_move", move)
+    monkeypatch.setattr(StopCounter, "holds", lambda self, ticket: True)
     monkeypatch.setattr(RoundRobin, "drop_where", lambda self, unwanted: [])
 
 

@@ -15,9 +15,11 @@ from servolink.escaping import escape
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
-from servolink.hub.rules.motion_gate import MotionGate
+from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ExecuteActionRequest
 from servolink.tasks import Tasks
 
@@ -41,7 +43,7 @@ class LeaseKeeper:
     ) -> None:
         """Keep the lease of the board `name`; `stop_board` begins to stop it, for a reason."""
         self._lease = MotionLease(seconds_after)
-        self._gate = MotionGate(self._lease, name, who_of)
+        self._gate = LeaseGate(self._lease, name, who_of)
         self._motions = motions
         self._units = units
         self._who_of = who_of
@@ -52,7 +54,7 @@ class LeaseKeeper:
         self._timer: asyncio.TimerHandle | None = None
         self._is_reading = False
         self._motions_sent = 0
-        self._stops = 0
+        self._counting = set[asyncio.Task[None]]()  # each of a motion whose end is not known yet
 
     @property
     def status(self) -> LeaseStatus | None:
@@ -69,12 +71,13 @@ class LeaseKeeper:
 
     # --- what programs do ---------------------------------------------------------------------------------------
 
-    def admit(self, exchange: Exchange) -> str:
-        """Return why the packet of a program must not be sent, empty if it may; a motion takes a free lease."""
-        program = exchange.program
-        admission = self._gate.admit(program.session_id, program.role, exchange.packet, self._loop.time())
-        self._report(admission.changes)
-        return admission.reason
+    def take_for_motion(self, session: str) -> None:
+        """Give a free lease to a program that is about to move servos."""
+        self._report(self._lease.take(session, self._loop.time(), is_beat=False))
+
+    def refuse(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
+        """Refuse a motion while another program holds the lease."""
+        return self._gate.refuse(packet, ticket, self._loop.time())
 
     def moved(self, exchange: Exchange) -> None:
         """Count a motion that was sent: the lease lasts until some time after its end."""
@@ -88,11 +91,14 @@ class LeaseKeeper:
             return
         if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
             self._units.keep_for(exchange.program.units, math.inf)
-        self._tasks.begin(self._count_later(exchange, sent_at))
+        counting = self._tasks.begin(self._count_later(exchange, sent_at))
+        self._counting.add(counting)
+        counting.add_done_callback(self._counting.discard)
 
     def stopped(self) -> None:
         """Count all motions as over: the board is stopped."""
-        self._stops += 1
+        for counting in self._counting:
+            counting.cancel()
         self._units.release()
         self._report(self._lease.stopped(self._loop.time()))
 
@@ -103,7 +109,7 @@ class LeaseKeeper:
 
     def reason(self, session: str) -> str:
         """Return why `session` may not move the servos, and what to do; empty if it may."""
-        return self._gate.lease_reason(session, self._loop.time())
+        return self._gate.reason(session, self._loop.time())
 
     def give(self, session: str) -> None:
         """Free the lease if `session` holds it."""
@@ -125,10 +131,7 @@ class LeaseKeeper:
 
     async def _count_later(self, exchange: Exchange, sent_at: float) -> None:
         """Count a motion whose time is to be read from the board, for which nobody should wait."""
-        packet, stops = exchange.packet, self._stops
-        seconds = await self._motions.seconds_of(packet)
-        if stops != self._stops:
-            return
+        seconds = await self._motions.seconds_of(exchange.packet)
         if seconds is None:
             self._count(exchange.program.session_id, None)
         else:

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from contextvars import ContextVar
 from typing import Any, NamedTuple
 
-from servolink.client.board import Board
+from servolink.client.board import Board, with_ticket
 from servolink.client.collect import collect
-from servolink.connection.connection import Connection
 from servolink.errors import (
     EncodeError,
-    MotionRefused,
     OutcomeUnknown,
     RequestError,
     RequestTimeout,
     ServolinkError,
     TargetNotReached,
 )
-from servolink.hub.rules.motion_gate import refused_response
+from servolink.hub.rules.gates import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -38,16 +34,6 @@ _RESTING = 4  # readings in a row between which no servo turns
 _JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a resting servo may differ
 
 
-class _Sending(NamedTuple):
-    packet: Packet
-    why_not: Callable[[], str]
-    on_soft_start: Callable[[], None]
-
-
-_SENDING: ContextVar[_Sending | None] = ContextVar("_SENDING", default=None)
-"""The motion that this task sends."""
-
-
 class Outcome(NamedTuple):
     """What became of a motion."""
 
@@ -63,32 +49,26 @@ class Motions:
     def __init__(self, board: Board) -> None:
         """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
         self._board = board
-        self._guarded: Connection | None = None
 
-    async def send(
-        self, packet: Packet, why_not: Callable[[], str] = str, on_soft_start: Callable[[], None] = lambda: None
-    ) -> Outcome:
+    async def send(self, packet: Packet, ticket: Ticket | None = None) -> Outcome:
         """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
 
-        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds;
-        `on_soft_start` is called when one begins. `why_not` is asked again when something is sent: it returns why that
-        must not be any more, empty if it may. Raise RequestTimeout or OutcomeUnknown if the board does not answer.
+        With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds.
+        Whatever is sent has `ticket`, which the gates of the connection look at. Raise RequestTimeout or OutcomeUnknown
+        if the board does not answer.
         """
-        self._guard(self._board.connection)
-        token = _SENDING.set(_Sending(packet, why_not, on_soft_start))
+        board = self._board if ticket is None else with_ticket(self._board, ticket)
         try:
             if isinstance(packet, Request):
-                return Outcome(await self._board.request(packet, unchecked=True))
+                return Outcome(await board.request(packet, unchecked=True))
             assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
             # Without limits, the board decides about what the library would refuse: a servo that is there twice.
-            await (self._board.send(packet) if self._board.limits else self._board.connection.send(packet))
+            await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
             return Outcome(None)
         except (RequestTimeout, OutcomeUnknown):
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
             return Outcome(await self.refused(packet), str(error))
-        finally:
-            _SENDING.reset(token)
 
     async def refused(self, packet: Packet) -> Response | None:
         """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
@@ -131,24 +111,6 @@ class Motions:
                 count += 1
             else:
                 first, count = here, 1
-
-    def _guard(self, connection: Connection) -> None:
-        """Ask about the motion that is being sent whenever a packet of it is sent on `connection`."""
-        if connection is self._guarded:
-            return
-        self._guarded = connection
-
-        def refusal(packet: Packet, ticket: Ticket) -> MotionRefused | None:
-            if (sending := _SENDING.get()) is not None and (reason := sending.why_not()):
-                return MotionRefused(reason)
-            return None
-
-        async def keep_units(packet: Packet, ticket: Ticket) -> None:
-            if (sending := _SENDING.get()) is not None and packet != sending.packet:
-                sending.on_soft_start()
-
-        connection.gates = connection.gates._replace(lease=refusal)
-        connection.preparations += (keep_units,)
 
     @property
     def _interval_unit(self) -> float:

@@ -13,8 +13,9 @@ from servolink.control.roles import Role
 from servolink.control.status import ProgramStatus
 from servolink.errors import DecodeError
 from servolink.escaping import escape
-from servolink.hub.rules.exchanges import Bounds, Exchange, ProgramCounters, ProgramQueue
+from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue
 from servolink.motion.angles import AngleUnit
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.packet import Effect, Packet, Response
@@ -34,6 +35,9 @@ _SILENCE = 0.25  # seconds after which half a frame is given up, as a board does
 
 class Exchanger(Protocol):
     """What takes the requests of programs, as a hub does."""
+
+    stops: StopCounter
+    """Stops of servos, which issues the tickets of motions."""
 
     def ask(self, exchange: Exchange) -> None:
         """Take a request, and call `exchange.program.finish` when it is over."""
@@ -80,8 +84,8 @@ class Program:
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Its unsent requests."""
-        self.bounds: Bounds | None = None
-        """What its next motions are held to; None if it asks for them as they come."""
+        self.ticket: Ticket | None = None
+        """Ticket of its next motions; None if it asks for them as they come."""
         self.servo_stops = 0
         """How many stops of single servos it has asked for."""
         self.has_left = False
@@ -168,7 +172,8 @@ class Program:
             self.counters.ignored += 1
             return
         size = REQUEST_BYTES + len(content)
-        exchange = Exchange(self, packet, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
+        ticket = self.ticket or self._hub.stops.ticket(who=self.session_id)
+        exchange = Exchange(self, packet, ticket, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
         self._open.append(exchange)
         self._held += size
         if isinstance(packet, TransmissionModeSettingRequest):

@@ -4,32 +4,36 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
 from servolink.client.board import Board
+from servolink.connection.connection import Connection
 from servolink.control.roles import carries_angles
-from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
+from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.events import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
-from servolink.hub.engine.motions import Motions, Outcome
+from servolink.hub.engine.motions import Motions
+from servolink.hub.engine.program import Program
 from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.gates import refuse_role, refuse_ticket
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
-from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest, SetServoParameterRequest
+from servolink.protocol.servos import (
+    ExecuteActionRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+)
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
 Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
 """Called with the response to a query, and its content as it came if that is known; or with an error."""
-
-STOPPED = "a stop came first"
-"""Why a motion is not sent that was asked for before a stop."""
-LATE = "the time by which it was to begin has passed"
-"""Why a motion is not sent that waited too long."""
 
 
 class PacketSender:
@@ -39,30 +43,34 @@ class PacketSender:
         self,
         board: Board,
         motions: Motions,
+        stops: StopCounter,
         keeper: LeaseKeeper,
         units: UnitSwitch,
         buttons: ButtonRelay,
         alone: Callable[[Exchange], AbstractContextManager[None]],
         on_refused: Callable[[Exchange, str], None],
+        programs: Mapping[str, Program],
     ) -> None:
-        """Send to `board` what `keeper` admits, in the units that `units` sets.
+        """Send to `board` what `programs` may send, in the units that `units` sets.
 
         While everything is deleted, others wait because of `alone`. Call `on_refused` with each packet that is not
         sent, and the reason.
         """
-        self.stops = 0
-        """How many times everything was stopped; a motion asked for before a stop is not sent after it."""
         self.is_stopped = False
         """Whether somebody has stopped all servos, and nobody has started any since."""
         self.motions = 0
         """How many motions were sent, or are being sent."""
         self._board = board
         self._motions = motions
+        self._stops = stops
         self._keeper = keeper
         self._buttons = buttons
         self._units = units
         self._alone = alone
         self._on_refused = on_refused
+        self._programs = programs
+        self._now = asyncio.get_running_loop().time
+        self._guarded: Connection | None = None
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
         """Send a query, if nothing must come first, and call `done` with what comes of it. Return whether it was."""
@@ -112,8 +120,8 @@ class PacketSender:
                 return await self._units.set(packet, angle_units)
             if isinstance(packet, SubscribeButtonEventRequest):
                 return await self._buttons.set(exchange.program, packet)
-            if reason := await self._why_not(exchange):
-                return await self.refused(exchange, reason)
+            if not isinstance(packet, Query) and (refusal := await self._prepare(exchange)):
+                return await self.refused(exchange, str(refusal))
             if carries_angles(packet):
                 await self._units.enter(packet, angle_units)
                 is_inside = True
@@ -136,20 +144,19 @@ class PacketSender:
         self._on_refused(exchange, reason)
         return await self._motions.refused(exchange.packet)
 
-    async def _why_not(self, exchange: Exchange) -> str:
-        """Return why a packet must not be sent, empty if it may."""
-        packet, connection = exchange.packet, self._board.connection
-        if isinstance(packet, Query):
-            return ""
-        if exchange.program.has_left:
-            return "its program has left"  # and must not take the lease any more
-        if reason := self._keeper.admit(exchange):
-            return reason
+    async def _prepare(self, exchange: Exchange) -> ServolinkError | None:
+        """Look which board it is, and take the lease for a motion. Return why a packet must not be sent, if so."""
+        packet, program, connection = exchange.packet, exchange.program, self._board.connection
+        self._guard(connection)
+        if program.has_left:  # and must not take the lease any more
+            return MotionRefused("its program has left")
+        if refusal := refuse_role(packet, program.role):
+            return refusal
         try:
-            await connection.prepare(packet, connection.stops.ticket())
+            await connection.prepare(packet, connection.stops.ticket(who=program.session_id))
         except WrongBoard as error:
-            return str(error)
-        return ""
+            return error
+        return self._keeper.refuse(packet, exchange.ticket)
 
     def _free(self, exchange: Exchange, on_free: Callable[[], None]) -> None:
         if exchange.program.queue.blocked_by is exchange:
@@ -173,24 +180,19 @@ class PacketSender:
 
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
-
-        def why_not() -> str:
-            if exchange.program.has_left:
-                return "its program has left"
-            if exchange.stops != self.stops:
-                return STOPPED
-            if asyncio.get_running_loop().time() > exchange.until:
-                return LATE
-            return self._keeper.admit(exchange)
-
-        if reason := why_not():
-            return await self.refused(exchange, reason)
+        if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
+            return await self.refused(exchange, str(refusal))
+        stops, until = self._board.connection.stops, exchange.ticket.until
         self.motions += 1
         try:
-            outcome = await self._send_motion(exchange, why_not)
+            ticket = stops.ticket(until=until, who=exchange.program.session_id)
+            outcome = await self._motions.send(exchange.packet, ticket)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # it may have been carried out
             raise
+        finally:
+            if exchange.has_begun:
+                self._units.release()
         if outcome.refused:
             self._on_refused(exchange, outcome.refused)
         elif outcome.response != ExecuteMacroResponse(0):
@@ -199,16 +201,36 @@ class PacketSender:
                 self.is_stopped = False
         return outcome.response
 
-    async def _send_motion(self, exchange: Exchange, why_not: Callable[[], str]) -> Outcome:
-        with ExitStack() as stack:
+    def _guard(self, connection: Connection) -> None:
+        """Close the gates of a new connection to the board for programs that may not move it."""
+        if connection is self._guarded:
+            return
+        self._guarded, inner = connection, connection.gates.ticket
 
-            def keep_units() -> None:
-                exchange.until = math.inf  # it has begun
-                # For seconds, in which nobody should wait for other units, nor behind somebody who does.
-                self._units.keep_for(exchange.program.units, math.inf)
-                stack.callback(self._units.release)
+        def lease(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+            return self._keeper.refuse(packet, ticket) if ticket.who else None
 
-            return await self._motions.send(exchange.packet, why_not, keep_units)
+        def stop(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+            if not ticket.who:
+                return inner(packet, ticket)
+            return refuse_ticket(packet, ticket, connection.stops, self._now())
+
+        connection.gates = connection.gates._replace(lease=lease, ticket=stop)
+        connection.preparations += (self._take_lease,)
+
+    async def _take_lease(self, packet: Packet, ticket: Ticket) -> None:
+        """Take the lease for a motion of a program, and keep its units while a soft start comes first."""
+        program = self._programs.get(ticket.who)
+        if not is_motion(packet) or not ticket.who:
+            return
+        if program is None:
+            raise MotionRefused("its program has left")
+        self._keeper.take_for_motion(ticket.who)
+        exchange = program.queue.blocked_by
+        if exchange is not None and isinstance(packet, ExecuteActionRequest) and packet != exchange.packet:
+            exchange.has_begun = True
+            # For seconds, in which nobody should wait for other units, nor behind somebody who does.
+            self._units.keep_for(program.units, math.inf)
 
     async def _request(self, packet: Request[Any]) -> Packet:
         response: Packet = await self._board.connection.request(packet, unchecked=True)

@@ -19,7 +19,8 @@ from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.motion_gate import stops_all
+from servolink.hub.rules.gates import stops_all
+from servolink.motion.ticket import StopCounter
 from servolink.protocol.servos import (
     ALL_SERVOS,
     QueryServoRequest,
@@ -58,6 +59,7 @@ class Stops:
     def __init__(
         self,
         board: Board,
+        stops: StopCounter,
         sender: PacketSender,
         upstream: Upstream,
         keeper: LeaseKeeper,
@@ -67,6 +69,7 @@ class Stops:
     ) -> None:
         """Stop `board`. `tell` passes on notices; `follow` hears of stops that no packet of a program asked for."""
         self._board = board
+        self._stops = stops
         self._sender = sender
         self._upstream = upstream
         self._keeper = keeper
@@ -75,11 +78,6 @@ class Stops:
         self._now = asyncio.get_running_loop().time
         self._tasks = Tasks()
         self._under_way: dict[SetServoParameterRequest, _Stopping] = {}
-
-    @property
-    def count(self) -> int:
-        """How many times servos were stopped."""
-        return self._sender.stops
 
     async def close(self) -> None:
         """Give up the stops that cannot be confirmed soon."""
@@ -112,7 +110,7 @@ class Stops:
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
         """Stop servos where they are, and start them again; see `Hub.end_move`."""
         self._drop_motions(program.session_id, are_all=False)
-        stops = self.count
+        ticket = self._stops.ticket(who=program.session_id)
         try:
             await self._stop_some(servo_ids, program.who)
         except ServolinkError as error:
@@ -123,7 +121,7 @@ class Stops:
             if self._sender.is_stopped or self._upstream.waiting.holder not in (None, program.queue):
                 return
             packet = SetServoParameterRequest(servo_id, 1, 1)
-            await self._upstream.begin(Exchange(program, packet, stops, asked_at=self._now()))
+            await self._upstream.begin(Exchange(program, packet, ticket, asked_at=self._now()))
 
     async def _stop_unwatched(self, reason: str) -> None:
         async for state in self._board.states():
@@ -148,6 +146,8 @@ class Stops:
 
     def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
         """Send no motion that was asked for until now, and tell those who wait to ask for one."""
+        self._stops.stop()
+        self._board.connection.stops.stop()  # what is on its way is not sent either, also before the stop is
         self._upstream.drop_motions()
         self._tell(MotionsCancelled(are_all), session_id)
 

@@ -13,7 +13,7 @@ from servolink.connection.scheduler import MOST_ASIDE
 from servolink.control.roles import carries_angles
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
-from servolink.hub.engine.sending import STOPPED, PacketSender
+from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
@@ -61,11 +61,6 @@ class Upstream:
 
     def ask(self, exchange: Exchange) -> None:
         """Send a request when it is its turn, and finish it."""
-        bounds = exchange.program.bounds
-        if bounds is None:
-            exchange.stops = self._sender.stops
-        else:
-            exchange.stops, exchange.until = bounds
         self.waiting.add(exchange)
         self.send_waiting()
 
@@ -87,8 +82,7 @@ class Upstream:
         _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
     def drop_motions(self) -> None:
-        """Send none of the motions that were asked for until now: a stop comes first."""
-        self._sender.stops += 1
+        """Give up the motions that wait: a stop comes first."""
         for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
             self._tasks.begin(self._finish_stopped(exchange))
 
@@ -148,7 +142,7 @@ class Upstream:
     async def _finish_stopped(self, exchange: Exchange) -> None:
         response: Packet | None = None
         try:
-            response = await self._sender.refused(exchange, STOPPED)
+            response = await self._sender.refused(exchange, "a stop came first")
         finally:
             self._tell(exchange, response)
             exchange.program.finish(exchange, response)

@@ -20,12 +20,11 @@ from servolink.control.greeting import Greeting
 from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role
 from servolink.control.status import HoldStatus, LeaseStatus
-from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
+from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.hub.doors.in_process import LocalTransport
-from servolink.hub.engine.sending import LATE, STOPPED
 from servolink.hub.engine.stopping import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.rules.exchanges import Bounds
+from servolink.hub.rules.gates import LeaseRefused, MotionOver
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
@@ -42,16 +41,11 @@ _until: ContextVar[float] = ContextVar("_until", default=math.inf)
 OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
 
 
-class LeaseRefused(MotionRefused):
-    """Another program holds the lease."""
+class Bounds(NamedTuple):
+    """When a motion must not begin any more."""
 
-    remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
-
-
-class MotionOver(MotionRefused):
-    """A motion was asked for that must not begin any more."""
-
-    remedy = "ask for it again, if it is still wanted"
+    stops: int
+    until: float = math.inf
 
 
 class PreparedRun(NamedTuple):
@@ -60,8 +54,8 @@ class PreparedRun(NamedTuple):
     packet: ExecuteActionExRequest | ExecuteMacroRequest
     connection: Connection
     """Of the hub with the board, when it was checked."""
-    stops: int
-    """How often all servos had been stopped before it was checked."""
+    ticket: Ticket
+    """Ticket of before it was checked."""
     seconds: float | None
     """How long it lasts; None if that cannot be computed."""
 
@@ -132,7 +126,7 @@ class Control:
     def _stops(self) -> int:
         """How many stops there were. Its own of single servos do not count: what it asks for after them is in order."""
         program = None if self._transport is None else self._transport.program
-        return self.hub.stops - (0 if program is None else program.servo_stops)
+        return self.hub.stops.count - (0 if program is None else program.servo_stops)
 
     def heard(self, notice: Struct) -> None:
         """Take a notice of the hub."""
@@ -194,7 +188,7 @@ class Control:
     def _check_bounds(self, bounds: Bounds) -> None:
         """Raise MotionRefused if a motion must not begin any more."""
         if bounds.stops != self._stops:
-            raise MotionOver(f"nothing was moved: {STOPPED}")
+            raise MotionOver("nothing was moved: a stop came first")
         if asyncio.get_running_loop().time() > bounds.until:
             raise _late()
 
@@ -315,19 +309,19 @@ class Control:
             bounds = None
             if not is_import:
                 self._check_bounds(Bounds(_stops_before.get(), _until.get()))
-                bounds = Bounds(self.hub.stops, _until.get())
+                bounds = self.hub.stops.ticket(until=_until.get(), who=self.session)
                 if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
                     raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
                 _until.set(math.inf)  # it begins: what follows belongs to it
             if self._transport is not None and self._transport.program is not None:
-                self._transport.program.bounds = bounds
+                self._transport.program.ticket = bounds
             self.take_lease()
 
         board.connection.preparations += (pass_packet,)
 
 
 def _late() -> MotionOver:
-    return MotionOver(f"nothing was moved: {LATE}")
+    return MotionOver("nothing was moved: the time by which it was to begin has passed")
 
 
 async def _open(hub: Hub, transport: LocalTransport, limits: MotionLimits | None = None) -> Board:

@@ -24,7 +24,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     """
     control = caller.control
     control.prepared, seconds = None, None
-    stops = control.hub.stops
+    ticket = control.hub.stops.ticket(who=control.session)
     board = await control.board_to_move(params.until)
     connection = control.hub.board.connection
     packet: ExecuteActionExRequest | ExecuteMacroRequest
@@ -36,7 +36,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
         await board.run_macro(packet.macro_id, dry_run=True)
     control.take_lease()
     lasts = await control.hub.motions.seconds_of(packet)
-    control.prepared = PreparedRun(packet, connection, stops, lasts)
+    control.prepared = PreparedRun(packet, connection, ticket, lasts)
     return Ran(seconds)
 
 
@@ -59,7 +59,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
     if prepared.connection is not control.hub.board.connection:
         raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
-    if prepared.stops != control.hub.stops:
+    if not control.hub.stops.holds(prepared.ticket):
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared")
     if control.holder is not None:
         raise MotionRefused("nothing was moved: another program has the board alone")
@@ -67,7 +67,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     packet = prepared.packet
     if not board.limits:
         sent = clock()
-        await control.hub.run(control.session, packet, prepared.stops, prepared.seconds)
+        await control.hub.run(control.session, packet, prepared.ticket, prepared.seconds)
         return RunStarted(sent)
     if isinstance(packet, ExecuteMacroRequest):
         await board.run_macro(packet.macro_id)

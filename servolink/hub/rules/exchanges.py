@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable
 from itertools import islice
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from msgspec import Struct
 
 from servolink.control.roles import Role
+from servolink.motion.ticket import Ticket
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
@@ -34,15 +34,6 @@ class ProgramCounters(Struct):
     """Intact frames that no board would answer: of a board, undecodable, or in mode 0."""
 
 
-class Bounds(NamedTuple):
-    """What the motions of a program are held to that it did not ask for just now."""
-
-    stops: int
-    """How many stops there had been when it asked."""
-    until: float = math.inf
-    """When they must have begun, on the clock of the event loop."""
-
-
 class Asker(Protocol):
     """The program that asks, as far as those who answer it need it."""
 
@@ -54,7 +45,7 @@ class Asker(Protocol):
     counters: ProgramCounters
     codec: Codec
     queue: ProgramQueue
-    bounds: Bounds | None
+    ticket: Ticket | None
     servo_stops: int
     has_left: bool
 
@@ -70,10 +61,8 @@ class Exchange(Struct, eq=False):
 
     program: Asker
     packet: Packet
-    stops: int = 0
-    """How many stops there had been when it came; a motion is not sent after a later one."""
-    until: float = math.inf
-    """When it is too late to begin a motion, on the clock of the event loop."""
+    ticket: Ticket
+    """When it was asked for; a motion is not sent after a later stop."""
     asked_at: float = 0.0
     """When it came, on the clock of the event loop."""
     size: int = 0
@@ -84,6 +73,8 @@ class Exchange(Struct, eq=False):
     """Why it was not sent to the board; empty if it was, or will be."""
     frame: bytes | None = None
     """The response for the program; None while there is none, and if there will be none."""
+    has_begun: bool = False
+    """A soft start before it was sent, so that the units of its program are kept until it is over."""
     is_silent: bool = False
     """Its program is not to hear the response."""
     is_over: bool = False

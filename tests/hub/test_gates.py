@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from servolink.control.roles import Role
-from servolink.hub.rules.lease import LeaseChange, MotionLease
-from servolink.hub.rules.motion_gate import MotionGate, refused_response, stops_all
+from servolink.hub.rules.gates import LeaseGate, LeaseRefused, refuse_role, refuse_ticket, refused_response, stops_all
+from servolink.hub.rules.lease import MotionLease
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.editing import (
     AddActionRequest,
     AddActionResponse,
@@ -31,68 +32,79 @@ MOVE = ExecuteActionRequest(())
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 
-def gate() -> tuple[MotionGate, MotionLease]:
+def gate() -> tuple[LeaseGate, MotionLease]:
     lease = MotionLease()
-    return MotionGate(lease, "rex", {"ann": "servolink move (pid 7)", "bob": "evil\x1b[2J"}.__getitem__), lease
+    return LeaseGate(lease, "rex", {"ann": "servolink move (pid 7)", "bob": "evil\x1b[2J"}.__getitem__), lease
 
 
-def test_the_first_motion_takes_the_lease_and_others_learn_who_has_it() -> None:
-    checks, _ = gate()
-    assert checks.admit("ann", Role.EDIT, MOVE, 100.0) == ("", [LeaseChange("taken", None, "ann", "ann")])
-    assert checks.admit("ann", Role.EDIT, MOVE, 101.0) == ("", [])
-    admission = checks.admit("bob", Role.EDIT, MOVE, 103.5)
-    assert admission.changes == []
-    assert admission.reason == (
+def by(session: str) -> Ticket:
+    return StopCounter().ticket(who=session)
+
+
+def test_while_one_program_holds_the_lease_others_learn_who_has_it() -> None:
+    checks, lease = gate()
+    assert checks.refuse(MOVE, by("ann"), 100.0) is None
+    lease.take("ann", 100.0)
+    assert checks.refuse(MOVE, by("ann"), 101.0) is None
+    refusal = checks.refuse(MOVE, by("bob"), 103.5)
+    assert isinstance(refusal, LeaseRefused)
+    assert str(refusal) == (
         "the servos of rex are moved by servolink move (pid 7), which has had the lease for 3 s: wait until it is "
         "free, or take it over with `servolink share --take rex`"
     )
 
 
-def test_a_lease_that_is_over_is_free_for_the_next_motion() -> None:
-    checks, _ = gate()
-    checks.admit("ann", Role.EDIT, MOVE, 100.0)
-    assert checks.admit("bob", Role.EDIT, MOVE, 110.0) == (
-        "",
-        [LeaseChange("over", "ann", None), LeaseChange("taken", None, "bob", "bob")],
-    )
-
-
 def test_names_of_programs_are_escaped() -> None:
-    checks, _ = gate()
-    checks.admit("bob", Role.EDIT, MOVE, 0.0)
-    assert "by evil\\x1b[2J, which has had the lease for 2 min:" in checks.lease_reason("ann", 150.0)
-    assert "for 3 h:" in checks.lease_reason("ann", 3 * 3600)
+    checks, lease = gate()
+    lease.take("bob", 0.0)
+    assert "by evil\\x1b[2J, which has had the lease for 2 min:" in checks.reason("ann", 150.0)
+    assert "for 3 h:" in checks.reason("ann", 3 * 3600)
 
 
 def test_a_program_that_lost_the_lease_learns_how_to_get_it_back() -> None:
     checks, lease = gate()
-    checks.admit("ann", Role.EDIT, MOVE, 0.0)
+    lease.take("ann", 0.0)
     lease.take("bob", 1.0, force=True)
     lease.left("bob", 2.0)
-    assert checks.admit("ann", Role.EDIT, MOVE, 3.0).reason == (
+    assert str(checks.refuse(MOVE, by("ann"), 3.0)) == (
         "the right to move the servos of rex was taken from this program: `servolink share --give rex` gives it back"
     )
 
 
 def test_nobody_is_named_while_the_lease_is_free() -> None:
-    assert gate()[0].lease_reason("ann", 0.0) == ""
+    assert gate()[0].reason("ann", 0.0) == ""
 
 
 @pytest.mark.parametrize("packet", [STOP, QueryServoRequest(1), ExecuteMacroRequest(1), AddActionRequest(1)])
 def test_only_motion_needs_the_lease_and_a_stop_does_not(packet: Packet) -> None:
     checks, lease = gate()
     lease.take("ann", 0.0)
-    is_free = not isinstance(packet, ExecuteMacroRequest)
-    assert (checks.admit("bob", Role.EDIT, packet, 1.0).reason == "") == is_free
+    assert (checks.refuse(packet, by("bob"), 1.0) is not None) == isinstance(packet, ExecuteMacroRequest)
     assert lease.holder == "ann"
 
 
-def test_without_the_role_the_lease_is_not_taken() -> None:
-    checks, lease = gate()
-    assert checks.admit("ann", Role.RUN, MOVE, 0.0).reason == (
+def test_a_packet_without_its_role_is_refused() -> None:
+    assert str(refuse_role(MOVE, Role.RUN)) == (
         "ExecuteActionRequest needs the role move, and this program has the role run"
     )
-    assert lease.holder is None
+    assert refuse_role(MOVE, Role.MOVE) is None
+    assert refuse_role(STOP, Role.WATCH) is None
+
+
+RELEASE = SetServoParameterRequest(1, 0, 0)
+
+
+@pytest.mark.parametrize("packet", [MOVE, RELEASE, ExecuteMacroRequest(1), AddServoParameterRequest(())])
+def test_a_motion_is_refused_after_a_stop_and_after_its_time(packet: Packet) -> None:
+    stops = StopCounter()
+    ticket = stops.ticket(until=10.0, who="ann")
+    assert refuse_ticket(packet, ticket, stops, 10.0) is None
+    assert str(refuse_ticket(packet, ticket, stops, 10.1)) == "the time by which it was to begin has passed"
+    assert refuse_ticket(packet, ticket.begun(), stops, 10.1) is None
+    stops.stop()
+    assert str(refuse_ticket(packet, ticket, stops, 9.0)) == "a stop came first"
+    for other in (STOP, QueryServoRequest(1), AddActionRequest(1)):
+        assert refuse_ticket(other, ticket, stops, 11.0) is None
 
 
 def state(servo_id: int, is_start: int, is_hold: int) -> ServoState:

@@ -1,29 +1,50 @@
-"""MotionGate: whether a packet of a program may be sent, and what the program gets if not."""
+"""Gates of a hub: whether a packet of a program may be sent, and what the program gets if not."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
 
 from servolink.control.roles import Role, needed_role
+from servolink.errors import MotionRefused, Rejected
 from servolink.escaping import escape
-from servolink.hub.rules.lease import LeaseChange, MotionLease
+from servolink.hub.rules.lease import MotionLease
+from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import response_class
 from servolink.protocol.packet import Packet, Request, Response, Result, is_motion
 from servolink.protocol.servos import ALL_SERVOS, ServoState, SetServoParameterRequest, SetServoParameterResponse
 
 
-class Admission(NamedTuple):
-    """Whether a packet may be sent, and what that changed."""
+class LeaseRefused(MotionRefused):
+    """Another program holds the lease."""
 
-    reason: str
-    """Why it may not be sent, for people; empty if it may."""
-    changes: list[LeaseChange]
-    """The changes of the lease: a motion takes a free one."""
+    remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
 
 
-class MotionGate:
-    """Checks the role of a program and, for motion, the lease. Limits are checked where motion is sent (`Motions`)."""
+class MotionOver(MotionRefused):
+    """A motion was asked for that must not begin any more."""
+
+    remedy = "ask for it again, if it is still wanted"
+
+
+def refuse_role(packet: Packet, role: Role) -> Rejected | None:
+    """Refuse a packet that a program with `role` may not send."""
+    needed = needed_role(packet)
+    if role >= needed:
+        return None
+    return Rejected(f"{type(packet).__name__} needs the role {needed}, and this program has the role {role}", packet)
+
+
+def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float) -> MotionOver | None:
+    """Refuse a motion after a stop that came since `ticket` was issued, and after its time."""
+    if not is_motion(packet):
+        return None
+    if not stops.holds(ticket):
+        return MotionOver("a stop came first")
+    return MotionOver("the time by which it was to begin has passed") if now > ticket.until else None
+
+
+class LeaseGate:
+    """Gate that refuses the motions of a program while another one holds the lease."""
 
     def __init__(self, lease: MotionLease, name: str, who_of: Callable[[str], str]) -> None:
         """Name the board `name` in reasons, and each program as `who_of` its session says."""
@@ -31,19 +52,17 @@ class MotionGate:
         self._name = name
         self._who_of = who_of
 
-    def admit(self, session: str, role: Role, packet: Packet, now: float) -> Admission:
-        """Return whether a program may send a packet at `now`. A stop may always be sent."""
-        needed = needed_role(packet)
-        if role < needed:
-            return Admission(role_reason(packet, role), [])
-        if not is_motion(packet):
-            return Admission("", [])
-        changes = self._lease.take(session, now, is_beat=False)
-        return Admission("" if self._lease.holder == session else self.lease_reason(session, now), changes)
+    def refuse(self, packet: Packet, ticket: Ticket, now: float) -> LeaseRefused | None:
+        """Refuse a motion of the program that `ticket` names, unless it holds the lease or could take it."""
+        if not is_motion(packet) or not (reason := self.reason(ticket.who, now)):
+            return None
+        return LeaseRefused(reason)
 
-    def lease_reason(self, session: str, now: float) -> str:
+    def reason(self, session: str, now: float) -> str:
         """Return why `session` may not move the servos, and what to do; empty if it may."""
         holder = self._lease.holder
+        if holder == session:
+            return ""
         if holder is None:
             if not self._lease.is_barred(session):
                 return ""
@@ -56,11 +75,6 @@ class MotionGate:
             f"for {_duration(now - self._lease.since)}: wait until it is free, or take it over with "
             f"`servolink share --take {escape(self._name)}`"
         )
-
-
-def role_reason(packet: Packet, role: Role) -> str:
-    """Return why a program with `role` may not send `packet`."""
-    return f"{type(packet).__name__} needs the role {needed_role(packet)}, and this program has the role {role}"
 
 
 def refused_response(packet: Packet, states: Iterable[ServoState] = ()) -> Response | None:
