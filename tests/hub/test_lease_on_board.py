@@ -219,6 +219,24 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_is_checked(
     on_hub(use, limits)
 
 
+@pytest.mark.parametrize("packet", [ExecuteActionExRequest(1), ExecuteMacroRequest(1)])
+def test_a_soft_start_whose_lease_is_taken_away_is_refused_with_the_reason(packet: Packet) -> None:
+    async def use(there: World) -> None:
+        ann, bob = there.join("ann"), there.join("bob")
+        ann.send(packet)
+        await asyncio.sleep(1)
+        assert len(there.motions) == 1
+        there.hub.take_lease(bob.session.session_id, force=True)
+        bob.send(START)  # which no soft start comes before
+        await asyncio.sleep(20)
+        assert there.motions[1:] == [START]
+        (refused,) = there.of(RefusedNotice)
+        assert "was not run: the servos of rex are moved by bob" in refused.reason
+        assert "have not reached" not in refused.reason
+
+    on_hub(use, SafetyLimits(soft_start=10))
+
+
 @pytest.mark.parametrize("packet", [ExecuteActionExRequest(1), MOVE, START])
 @pytest.mark.parametrize("seconds", [0.0, 0.003, 1.0])
 def test_a_program_that_has_left_neither_moves_nor_takes_the_lease(packet: Packet, seconds: float) -> None:
