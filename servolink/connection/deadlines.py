@@ -1,4 +1,4 @@
-"""When to stop waiting for a response: one timer for a connection, and times learnt from earlier responses."""
+"""When to stop waiting for a response: a timer, times learnt from earlier responses, and the silence of a board."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ _MOST_BACKOFFS = 20  # there is no larger patience
 # A board that never stops sending must not put deadlines off for ever, nor one that sends faster than can be parsed.
 _MOST_LOOKS = 100
 _MOST_BYTES = 1024 * 1024  # more than the system keeps of what boards send
+_SILENT_SENDINGS = 5  # after fewer, a board without a response may only be slow
 
 
 class DeadlineTimer:
@@ -127,3 +128,28 @@ class ResponseTimes:
             seconds = AFTER_WRITE
         # One loss does not mean that the board is slow: only from the third sending on there is more time.
         return seconds if tries < 2 else seconds * BACKOFF ** min(tries - 1, _MOST_BACKOFFS)
+
+
+class Silence:
+    """Time in which the board was asked and sent no frame."""
+
+    def __init__(self) -> None:
+        """Start with nothing asked."""
+        self.since: float | None = None
+        """Time of the first request since the latest frame; None if there was none."""
+        self._sendings = 0
+
+    def asked(self, now: float) -> None:
+        """Count a request that is sent `now`."""
+        if self.since is None:
+            self.since, self._sendings = now, 0
+        self._sendings += 1
+
+    def count_from(self, now: float) -> None:
+        """Forget the time before `now`, in which the board could not answer."""
+        if self.since is not None:
+            self.since = now
+
+    def seconds(self, now: float) -> float:
+        """Return how long the silence has lasted; 0.0 if it may be chance."""
+        return 0.0 if self.since is None or self._sendings < _SILENT_SENDINGS else now - self.since

@@ -10,9 +10,8 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from servolink.connection.call import Call, Content, Settled, Slot
-from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
+from servolink.connection.deadlines import DeadlineTimer, ResponseTimes, Silence
 from servolink.connection.explain import lost, overtaken, same
-from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.state import Lifecycle, State
@@ -20,7 +19,7 @@ from servolink.connection.stats import Stats
 from servolink.connection.taps import FrameLog, Taps, frame_logger
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC, OVERHEAD, Frame
+from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
@@ -32,9 +31,8 @@ _LONGEST_ARRIVAL = 20.0
 _MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
 _MOST_OVERDUE = 2 * FENCES_ONLY
 """A board that sends something, but answers nothing of so much, would fill the memory."""
-_SILENT_SENDINGS = 5
 _SILENT_PATIENCES = 2
-"""A board that sends nothing at all for so long, although it was asked so often, is gone."""
+"""A board that sends nothing at all for so long, although it was asked several times, is gone."""
 
 
 class _Arrival(Struct):
@@ -46,12 +44,36 @@ class _Arrival(Struct):
     paused_until: float = 0.0
 
 
-class _Silence(Struct):
-    """A time in which the board was asked and sent no frame."""
+class NestedFrameFilter:
+    """Tells frames inside another frame, such as in a caption, from frames of the board.
 
-    since: float | None = None
-    """None if nothing was asked since the latest frame."""
-    sendings: int = 0
+    The parser returns those right behind the frame around them, in order.
+    """
+
+    def __init__(self, byte_order: ByteOrder) -> None:
+        """Start without a frame."""
+        self._byte_order: ByteOrder = byte_order
+        self.inside = b""
+        """Rest of the latest frame, behind what was returned from inside it; empty if nothing begins in that frame."""
+
+    def hides(self, frame: Frame) -> bool:
+        """Return whether `frame` begins inside the latest one. If not, `frame` is now the latest one."""
+        data = encode_frame(*frame, self._byte_order)
+        begins = self._beginning(data)
+        if begins is None:
+            self.inside = data[1:] if MAGIC in frame[1] else b""
+            return False
+        self.inside = self.inside[begins + len(data) :]
+        return True
+
+    def _beginning(self, data: bytes) -> int | None:
+        """Return where in the latest frame `data` begins, whole or up to the end of that frame."""
+        at = self.inside.find(MAGIC)
+        while at >= 0:
+            if data.startswith(self.inside[at : at + len(data)]):
+                return at
+            at = self.inside.find(MAGIC, at + 1)
+        return None
 
 
 class ResponseDispatcher:
@@ -94,7 +116,7 @@ class ResponseDispatcher:
         self._heard_at = 0.0  # when the latest bytes came
         self._restarted_at = 0.0  # from when the time of the oldest slot counts
         self._arrival: _Arrival | None = None  # since then
-        self._silence = _Silence()
+        self._silence = Silence()
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the connection has ended."""
         self._parser = FrameParser(codec.byte_order)
@@ -131,10 +153,7 @@ class ResponseDispatcher:
         if not self._slots.live:
             self._restart(now)
         self._slots.open(slot)
-        silence = self._silence
-        if silence.since is None:
-            silence.since, silence.sendings = now, 0
-        silence.sendings += 1
+        self._silence.asked(now)
         self._timer.arm(now + slot.timeout)
 
     def leave(self, call: Call) -> None:
@@ -293,8 +312,7 @@ class ResponseDispatcher:
     def count_from_now(self) -> None:
         """Count all times from now: the board could not answer before."""
         self._restart(self._now())
-        if self._silence.since is not None:
-            self._silence.since = self._now()
+        self._silence.count_from(self._now())
 
     def _restart(self, now: float) -> None:
         """Count the time of the oldest slot from now: nothing older delays its response any more."""
@@ -353,13 +371,12 @@ class ResponseDispatcher:
             return
         if self._slots.overdue >= _MOST_OVERDUE:
             self.lost(TimeoutError(f"the board has left {_MOST_OVERDUE} queries in a row unanswered"))
-        since = self._silence.since
-        if since is None or self._silence.sendings < _SILENT_SENDINGS:
+        if not (seconds := self._silence.seconds(now)):
             return
         calls = [slot.call for lane in self._slots.lanes.values() for slot in lane.slots if slot.call is not None]
         patience = max([self._patience, *(call.patience for call in calls if not call.is_over)])
-        if now - since >= _SILENT_PATIENCES * patience:
-            self.lost(TimeoutError(f"the board has sent nothing for {now - since:.1f} s"))
+        if seconds >= _SILENT_PATIENCES * patience:
+            self.lost(TimeoutError(f"the board has sent nothing for {seconds:.1f} s"))
 
     def _await_partial_frame(self, slot: Slot, now: float) -> None:
         """Put the deadline off while its response, or anything else, is arriving; else give a false start up."""
