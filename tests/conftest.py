@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import gc
 import logging
 import os
@@ -13,8 +12,6 @@ from collections.abc import Callable, Generator, Iterator
 import pytest
 from hypothesis import settings
 
-from servolink.cli import main
-from servolink.cli.parser import build_parser
 from tests.processes import sessions
 
 # No deadline: these machines stall. On a build server the same examples are tried each time, so that a change
@@ -80,14 +77,6 @@ def _files_are_not_synced() -> Iterator[None]:
     """Leave files to the system, as nothing here has to outlive a power failure; a disk takes its time for each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_parser() -> Iterator[None]:
-    """Build the parser of commands once: it takes longer than most commands do."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(main, "build_parser", functools.cache(build_parser))
         yield
 
 

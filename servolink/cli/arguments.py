@@ -7,8 +7,8 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+from servolink.cli.command import Option, option
 from servolink.errors import TransportUnavailable
 from servolink.files import ALL, is_name
 
@@ -92,9 +92,9 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
     return read
 
 
-def add_timeout(parser: Any, default: object, help: str) -> None:  # noqa: A002 - as argparse calls it
-    """Add `--timeout` to a parser or a group of one."""
-    parser.add_argument("--timeout", type=number(0.001, 3600, "seconds"), default=default, metavar="SECONDS", help=help)
+def timeout(help: str) -> Option:  # noqa: A002 - as argparse calls it
+    """Return the option `--timeout`."""
+    return option("--timeout", type=number(0.001, 3600, "seconds"), metavar="SECONDS", help=help)
 
 
 def or_caption(read_id: Callable[[str], int]) -> Callable[[str], int | str]:

@@ -6,13 +6,11 @@ import argparse
 import io
 import os
 import sys
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
-from pathlib import Path
-from typing import NoReturn
+from collections.abc import Sequence
 
-from servolink.cli.parser import build_parser
+from servolink.cli.parser import parser_of
 from servolink.cli.screen.output import (
+    fail,
     flush_stderr,
     flush_stdout,
     logged,
@@ -21,24 +19,10 @@ from servolink.cli.screen.output import (
     print_error,
     silence,
 )
+from servolink.cli.usage import VARIABLES
 from servolink.errors import ServolinkError
-from servolink.escaping import escape
-from servolink.script import FAILED, INTERRUPTED, NO_BOARD, OK, USAGE, exit_code
+from servolink.script import FAILED, exit_code
 
-__all__ = [
-    "FAILED",
-    "INTERRUPTED",
-    "NO_BOARD",
-    "OK",
-    "USAGE",
-    "fail",
-    "refuse_board",
-    "refuse_input",
-    "run",
-    "usage_error",
-]
-
-_VARIABLES = ("SERVOLINK_BOARD", "SERVOLINK_URL")
 _TRACEBACK = 2  # so many -v print the traceback of an error
 
 
@@ -69,47 +53,10 @@ def run(argv: Sequence[str] | None = None) -> int:
         return fail(*_explained(error))
 
 
-def fail(problem: Exception | str, code: int) -> int:
-    """Print what went wrong and return `code`."""
-    print_error(f"servolink: {problem}")
-    return code
-
-
-def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
-    """End as wrong usage, with `text` after the usage of the command."""
-    parser: argparse.ArgumentParser = args.parser
-    parser.print_usage(sys.stderr)
-    lines = "\n".join(map(escape, text.split("\n")))
-    parser.exit(USAGE, f"{parser.prog}: error: {lines}\n")
-
-
-def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:
-    """End as wrong usage if one of `outputs` is the file that is read, `source`, under whatever name."""
-    for path in outputs:
-        with suppress(OSError, ValueError):  # there is no such file
-            if path.samefile(source):
-                usage_error(
-                    args, f"{path} is the file that is read, and would be lost; choose another name with --output"
-                )
-
-
-def refuse_board(args: argparse.Namespace, text: str) -> None:
-    """End as wrong usage, with `text`, if a board was given to a command that takes none.
-
-    The variables name the user's board for other commands, which says nothing about this one.
-    """
-    if args.url not in {None, *map(os.environ.get, _VARIABLES)}:
-        usage_error(args, text)
-
-
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    args: argparse.Namespace
-    args, unknown = build_parser().parse_known_args(argv)
-    if unknown:
-        hint = getattr(args, "alternative", "")  # what some commands say to those who want a part of what they do
-        usage_error(args, f"unexpected argument: {unknown[0]}{hint}")
+    args = parser_of().parse_args(argv)
     if args.url is None:
-        args.url = next(filter(None, map(os.environ.get, _VARIABLES)), None)
+        args.url = next(filter(None, map(os.environ.get, VARIABLES)), None)
     return args
 
 

@@ -9,11 +9,12 @@ from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from servolink.cli.main import INTERRUPTED, NO_BOARD, OK, fail, usage_error
-from servolink.cli.screen.output import Table, console, lost_output, print_error, show_table
+from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
 from servolink.cli.screen.terminal import can_ask, end_process
+from servolink.cli.usage import usage_error
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.platforms.signals import handled
+from servolink.script import INTERRUPTED, NO_BOARD, OK
 
 if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
     from servolink.client.board import Board

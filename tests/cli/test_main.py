@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import os
 import re
@@ -18,8 +17,8 @@ import pytest
 
 import servolink
 from servolink.__main__ import interrupt, main
-from servolink.cli.commands import COMMANDS
-from servolink.cli.parser import EXIT_CODES, build_parser
+from servolink.cli.index import below
+from servolink.cli.parser import EXIT_CODES
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
@@ -95,7 +94,7 @@ def test_the_public_names_are_loaded_when_they_are_used() -> None:
         servolink.bord  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue]  # noqa: B018
 
 
-@pytest.mark.parametrize("command", [None, *COMMANDS])
+@pytest.mark.parametrize("command", [None, *below("")])
 def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, *([command] if command else []), "--help")
     assert said.code == 0
@@ -413,8 +412,7 @@ def test_an_interruption_while_modules_are_loaded_is_one(
     def loaded(name: str) -> None:
         raise RuntimeError("Error calling __set_name__") from KeyboardInterrupt()
 
-    monkeypatch.setattr("servolink.cli.main.build_parser", build_parser)  # one that has not loaded the command yet
-    monkeypatch.setattr(importlib, "import_module", loaded)
+    monkeypatch.setattr("servolink.cli.index.import_module", loaded)
     assert call(capsys, "info").code == 130
 
 

@@ -9,13 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.boards.board import COMMANDS as BOARD_COMMANDS
-from servolink.cli.commands import COMMANDS, TOPICS, Command
-from servolink.cli.fleet.broker import COMMANDS as FLEET_COMMANDS
-from servolink.cli.parser import EXIT_CODES, build_parser
-from servolink.cli.projects import COMMANDS as PROJECT_COMMANDS
-from servolink.cli.stored import COMMANDS as STORED_COMMANDS
-from servolink.cli.stored.servo import COMMANDS as SERVO_COMMANDS
+from servolink.cli.command import TOPICS
+from servolink.cli.index import below, index, load
+from servolink.cli.parser import EXIT_CODES, parser_of
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
@@ -25,19 +21,12 @@ from tests.cli.robot import Robot
 from tests.project.pulled import contents_of
 from tests.recorder.files import write as write_recording
 
-ALL: dict[str, Command] = {
-    **COMMANDS,
-    **{f"project {name}": command for name, command in PROJECT_COMMANDS.items()},
-    **{f"board {name}": command for name, command in BOARD_COMMANDS.items()},
-    **{f"fleet {name}": command for name, command in FLEET_COMMANDS.items()},
-    **{f"servo {name}": command for name, command in SERVO_COMMANDS.items()},
-    **{f"{noun} {verb}": command for noun, verbs in STORED_COMMANDS.items() for verb, command in verbs.items()},
-}
+ALL = {name: load(name) for name in index() if name}
 """Commands as they are typed."""
 
 UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "replay", "spy"}
 SLOW = {"demo"}
-NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in FLEET_COMMANDS)}
+NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in below("fleet"))}
 """Those of the fleet, which `tests/fleet` runs with one."""
 EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
 
@@ -61,7 +50,7 @@ def test_every_command_has_examples(name: str) -> None:
     [
         ("mvoe 1=5", "there is no command 'mvoe'; did you mean move?"),
         ("servoes", "did you mean servos?"),
-        ("help", "there is no command 'help'; did you mean --help?"),
+        ("hlep", "there is no command 'hlep'; did you mean help?"),
         ("version", "did you mean --version?"),
         ("xylophone", "there is no command 'xylophone'; `servolink --help` lists the commands"),
         ("board shwo x", "there is no command 'shwo'; did you mean show?"),
@@ -87,13 +76,8 @@ def test_what_was_meant_is_suggested(typed: str, said: str, capsys: pytest.Captu
 
 @pytest.mark.parametrize("name", ALL)
 def test_only_required_arguments_are_called_required(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = build_parser()
-    for word in name.split():
-        assert parser.commands is not None
-        parser = parser.commands.choices[word]
-        parser.load()
-    usage = " ".join(parser.format_usage().split())
-    said = call(capsys, *name.split()) if parser.get_default("run") is None or _is_required(usage) else Said(0, "", "")
+    usage = " ".join(parser_of(ALL[name]).format_usage().split())
+    said = call(capsys, *name.split()) if ALL[name].run is None or _is_required(usage) else Said(0, "", "")
     for argument in re.findall(r"required: (.*)", said.err):
         for each in argument.split(", "):
             assert each in re.sub(r"\[.*?\]", "", usage), "it is optional"
@@ -121,7 +105,7 @@ def test_the_help_groups_all_commands(capsys: pytest.CaptureFixture[str]) -> Non
     at = [said.index(f"\n{topic}:\n") for topic in TOPICS]
     assert at == sorted(at)
     listed = re.findall(r"^  ([a-z]+) +(.*)$", said[at[0] :], re.MULTILINE)
-    assert listed == [(name, command.help) for name, command in COMMANDS.items()]
+    assert listed == [(name, entry.help) for name, entry in below("").items() if entry.topic]
 
 
 @pytest.mark.parametrize(
@@ -151,7 +135,7 @@ def test_examples_work(
     name = EXAMPLES[example]
     assert example.startswith(name)
     if name in UNTIL_CTRL_C | SLOW | NEED_A_BROKER:
-        assert build_parser().parse_args(shlex.split(example)).run
+        assert parser_of().parse_args(shlex.split(example)).run
         return
     _prepare(robot, tmp_path, monkeypatch, stored=ALL[name].needs_records)
     if example == "export robot.servolink.json":  # without --yes, it writes a new file only

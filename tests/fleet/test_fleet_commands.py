@@ -15,11 +15,11 @@ import pytest
 
 import servolink
 from servolink.cli.fleet.watch import picture
-from servolink.cli.main import FAILED, NO_BOARD, OK, USAGE
 from servolink.fleet import checks
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.topics import BoardNow
 from servolink.project.project_file import project_to_form, save_project
+from servolink.script import FAILED, NO_BOARD, OK, USAGE
 from tests.cli.programs import Said, call, in_terminal
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.fleet.patience import LIMIT, have_answered, patience_ends

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.commands import COMMANDS
-from servolink.cli.main import FAILED, NO_BOARD, USAGE
+from servolink.cli.index import below
+from servolink.script import FAILED, NO_BOARD, USAGE
 from tests.cli.terminals import ESCAPE, in_pipe, in_terminal
 from tests.hostile.corpus import PAYLOADS, controls
 
@@ -160,6 +160,8 @@ TYPED = (
     "bench --requests {}",
     "demo {}",
     "completion {}",
+    "complete {}",
+    "help {}",
     "wireshark {}",
     "spy {}",
     "spy /dev/null/nowhere --pty {}",
@@ -184,7 +186,7 @@ def _folder_without_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_every_command_is_typed_to() -> None:
-    assert {*COMMANDS} <= {word for pattern in TYPED for word in pattern.split()}
+    assert {*below("")} <= {word for pattern in TYPED for word in pattern.split()}
 
 
 @pytest.mark.parametrize("kind", TEXTS)

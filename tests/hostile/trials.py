@@ -257,5 +257,7 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
 EXEMPT = {
     "demo": "reads nothing but its own virtual board, on which it stores its own captions",
     "completion": "reads nothing",
+    "help": "reads nothing",
+    "complete": "leaves out what is hostile; tests/cli/first_steps/test_completion.py has its trials",
 }
 """The other commands, and why they have no trials here."""

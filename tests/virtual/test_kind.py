@@ -89,9 +89,10 @@ def made(**options: object) -> VirtualBoard:
 
 def parsed(*args: str) -> BoardKind:
     parser = argparse.ArgumentParser(exit_on_error=False)
-    command.configure(parser)
+    for option in command.run.options:
+        option.add_to(parser)
     values = vars(parser.parse_args(args))
-    return BoardKind(**{option.name: values[option.name] for option in OPTIONS})
+    return BoardKind(**{kind.name: values[kind.name] for kind in OPTIONS})
 
 
 def test_the_samples_are_of_all_options() -> None:

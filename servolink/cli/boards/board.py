@@ -5,68 +5,33 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.commands import STORED, Command
-from servolink.cli.main import FAILED, OK, fail, usage_error
-from servolink.cli.parser import Parser
-from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
+from servolink.cli.command import STORED, Command, option
+from servolink.cli.screen.output import Table, fail, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import usage_error
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 
 
-def _command(place: str, text: str, *examples: str) -> Command:
-    return Command(STORED, place, text, tuple(f"board {one}" for one in examples), takes_board=False)
-
-
-def _talking(function: str, text: str, *examples: str) -> Command:
-    return Command(STORED, f"boards.state:{function}", text, tuple(f"board {one}" for one in examples))
-
-
-COMMANDS = {
-    "list": _command("boards.board:configure_list", "list the names of boards, and how much is known of each", "list"),
-    "show": _command(
-        "boards.board:configure_show", "show what is known of a board, and why", "show rex", "show rex --json"
-    ),
-    "set": _command(
-        "boards.set:configure",
-        "set limits that no program can exceed, and what is known of a board",
-        "set rex --angle 3=20..160 --speed 3=90 --soft-start 60",
-        "set rex --speed all=120 --byte-order big --depth 4",
-        "set rex --angle 3=unset --unset depth",
-    ),
-    "forget": _command(
-        "boards.board:configure_forget", "forget what is known of a board, with its limits", "forget rex --yes"
-    ),
-    "project-id": _talking("configure_project_id", "show or write the project id", "project-id", "project-id 7"),
-    "mode": _talking("configure_mode", "set the transmission mode", "mode 1"),
-    "memory": _talking("configure_memory", "show how much memory is free", "memory", "memory --json"),
-    "battery": _talking("configure_battery", "show the charge of the battery", "battery", "battery --json"),
-    "clear": _talking("configure_clear", "delete everything stored on the board, after a backup", "clear --yes"),
-    "dummy": _talking("configure_dummy", "send bytes that the board ignores", "dummy", "dummy 00ff00ff"),
-}
-"""As `servolink.cli.commands.COMMANDS`."""
-
 _SECONDS = ("turnaround", "clear_seconds", "interval_unit")
-
-
-def configure(parser: Parser) -> None:
-    """Add the commands of `servolink board`, which alone lists the boards."""
-    parser.set_defaults(run=run_list)
-    parser.add_commands(COMMANDS, "board_command", required=False)
 
 
 # --- list -------------------------------------------------------------------------------------------------------------
 
 
-def configure_list(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `servolink board list` has no options of its own."""
-    parser.set_defaults(run=run_list)
-
-
+@Command(
+    "board",
+    STORED,
+    help="show and set what a board is, does and is known to be",
+    examples=("board", "board show rex"),
+    takes_board=False,
+)
 def run_list(args: argparse.Namespace) -> int:
     """Print every board that has a name or a profile."""
     from servolink.discovery.names import load_aliases
@@ -95,6 +60,15 @@ def run_list(args: argparse.Namespace) -> int:
     return OK
 
 
+BOARD_LIST = replace(
+    run_list,
+    name="board list",
+    topic="",
+    help="list the names of boards, and how much is known of each",
+    examples=("board list",),
+)
+
+
 def _counts(profile: BoardProfile | None) -> dict[str, int | None]:
     if profile is None:
         return {"known_settings": None, "limits": None}
@@ -110,13 +84,10 @@ def _row(described: dict[str, Any]) -> tuple[object, ...]:
 # --- show -------------------------------------------------------------------------------------------------------------
 
 
-def configure_show(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board show`."""
-    parser.set_defaults(run=run_show)
-    add_name(parser)
+NAME = (option("name", metavar="NAME", help="as given with `servolink use`"),)
 
 
-def run_show(args: argparse.Namespace) -> int:
+def print_board(args: argparse.Namespace) -> int:
     """Print everything that is known of a board."""
     from msgspec import to_builtins
 
@@ -145,6 +116,15 @@ def run_show(args: argparse.Namespace) -> int:
         print_text("")
         print_text(f"what is unknown can be learnt: servolink doctor {name} --learn")
     return OK
+
+
+BOARD_SHOW = Command(
+    "board show",
+    help="show what is known of a board, and why",
+    examples=("board show rex", "board show rex --json"),
+    options=(*NAME,),
+    takes_board=False,
+)(print_board)
 
 
 def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
@@ -193,13 +173,13 @@ def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
 # --- forget -----------------------------------------------------------------------------------------------------------
 
 
-def configure_forget(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board forget`."""
-    parser.set_defaults(run=run_forget)
-    add_name(parser)
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-
-
+@Command(
+    "board forget",
+    help="forget what is known of a board, with its limits",
+    examples=("board forget rex --yes",),
+    options=(*NAME, option("--yes", action="store_true", help="do not ask")),
+    takes_board=False,
+)
 def run_forget(args: argparse.Namespace) -> int:
     """Remove the profile, damaged or not, after asking. The name stays."""
     from servolink.profiles.store import profile_names, profile_path, remove_profile
@@ -228,11 +208,6 @@ def run_forget(args: argparse.Namespace) -> int:
 
 
 # --- arguments --------------------------------------------------------------------------------------------------------
-
-
-def add_name(parser: argparse.ArgumentParser) -> None:
-    """Add the argument that names the board."""
-    parser.add_argument("name", metavar="NAME", help="as given with `servolink use`")
 
 
 def known_name(args: argparse.Namespace) -> tuple[str, str | None]:

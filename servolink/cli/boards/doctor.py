@@ -8,56 +8,64 @@ from dataclasses import asdict
 from typing import Any
 
 from servolink.cli.arguments import SERVO_NAME, not_empty
-from servolink.cli.main import FAILED, NO_BOARD, OK, usage_error
+from servolink.cli.command import FIRST_STEPS, Command, group, option
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import search
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.permissions import rules
 from servolink.doctor.system import SystemFacts, UsbDevice, named_usb_device, usb_device
 from servolink.errors import OpenError
+from servolink.script import FAILED, NO_BOARD, OK
 
 _PERCENTILES = (50, 90, 99)
 _FOR_LEARNING = ("write", "clear", "servo", "power_cycled", "yes")
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink doctor`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "board",
-        nargs="?",
-        type=not_empty,
-        metavar="BOARD",
-        help="address or name of the board (the only one here)",
-    )
-    parser.add_argument(
-        "--print-udev", action="store_true", help="print udev rules that allow you to use the board on Linux, and exit"
-    )
-    _add_learning(parser)
+_LEARNING = (
+    group(
+        "learning a board that has a name (see `servolink use`)",
+        option(
+            "--learn",
+            action="store_true",
+            help="measure what boards do differently, and keep it under the board's name",
+        ),
+        option(
+            "--power-cycled", action="store_true", help="the board was just switched off and on, so do not ask for that"
+        ),
+        option("--write", action="store_true", help="also store records on the board; a backup is made, and restored"),
+        option("--clear", action="store_true", help="with --write: also delete everything on it once; it is restored"),
+        option(
+            "--servo",
+            type=SERVO_NAME,
+            metavar="SERVO",
+            help="also move this servo (id or caption) a little, and time it",
+        ),
+        option("--yes", action="store_true", help="do not ask"),
+    ),
+)
 
 
-def _add_learning(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("learning a board that has a name (see `servolink use`)")
-    group.add_argument(
-        "--learn", action="store_true", help="measure what boards do differently, and keep it under the board's name"
-    )
-    group.add_argument(
-        "--power-cycled", action="store_true", help="the board was just switched off and on, so do not ask for that"
-    )
-    group.add_argument(
-        "--write", action="store_true", help="also store records on the board; a backup is made, and restored"
-    )
-    group.add_argument(
-        "--clear", action="store_true", help="with --write: also delete everything on it once; it is restored"
-    )
-    group.add_argument(
-        "--servo", type=SERVO_NAME, metavar="SERVO", help="also move this servo (id or caption) a little, and time it"
-    )
-    group.add_argument("--yes", action="store_true", help="do not ask")
-
-
+@Command(
+    "doctor",
+    FIRST_STEPS,
+    help="find out why a board does not work, and learn what it does",
+    examples=("doctor", "doctor virtual://"),
+    options=(
+        option(
+            "board", nargs="?", type=not_empty, metavar="BOARD", help="address or name of the board (the only one here)"
+        ),
+        option(
+            "--print-udev",
+            action="store_true",
+            help="print udev rules that allow you to use the board on Linux, and exit",
+        ),
+        *_LEARNING,
+    ),
+    patience="about 0.5",
+)
 def run(args: argparse.Namespace) -> int:
     """Examine the board and this computer and report, or learn the board, or print udev rules."""
     if args.learn:

@@ -8,11 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
 
-from servolink.cli.arguments import add_timeout
-from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
-from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
+from servolink.cli.arguments import timeout
+from servolink.cli.command import FIRST_STEPS, STORED, Command, one_of, option
+from servolink.cli.screen.output import Table, fail, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_interruptible, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
 from servolink.connection.probe import PATIENCE, ProbeResult, probe
@@ -30,18 +31,23 @@ from servolink.errors import InvalidAddress, OpenError, TransportError
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
+from servolink.script import FAILED, NO_BOARD, OK
 from servolink.transports.address import with_options
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
 
 
-def configure_list(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink list`."""
-    parser.set_defaults(run=run_list)
-    parser.add_argument("--probe", action="store_true", help="open each and ask whether it is a board")
-    add_timeout(parser, argparse.SUPPRESS, "with --probe: how long to wait for each response, 0.4 unless given")
-
-
+@Command(
+    "list",
+    FIRST_STEPS,
+    help="list the boards that are connected to this computer",
+    examples=("list", "list --probe"),
+    options=(
+        option("--probe", action="store_true", help="open each and ask whether it is a board"),
+        timeout("with --probe: how long to wait for each response, 0.4 unless given"),
+    ),
+    takes_board=False,
+)
 def run_list(args: argparse.Namespace) -> int:
     """Print everything that may be a board; only --probe opens anything."""
 
@@ -109,17 +115,22 @@ def _response(result: ProbeResult) -> str:
     return f"{result.response.byte_order} endian, project {result.response.project_id or 'none'}{mode}"
 
 
-def configure_use(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink use`."""
-    parser.set_defaults(run=run_use)
-    parser.add_argument("name", nargs="?", metavar="NAME", help="of letters, digits, - and _")
-    parser.add_argument("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it")
-    parser.add_argument("--yes", action="store_true", help="give the name of another board without asking")
-    instead = parser.add_mutually_exclusive_group()
-    instead.add_argument("--list", action="store_true", help="print all names")
-    instead.add_argument("--remove", metavar="NAME", help="forget a name")
-
-
+@Command(
+    "use",
+    FIRST_STEPS,
+    help="give a board a name, for --board and for programs",
+    examples=("use left-arm virtual://", "use --list", "use --remove left-arm"),
+    options=(
+        option("name", nargs="?", metavar="NAME", help="of letters, digits, - and _"),
+        option("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it"),
+        option("--yes", action="store_true", help="give the name of another board without asking"),
+        one_of(
+            option("--list", action="store_true", help="print all names"),
+            option("--remove", metavar="NAME", help="forget a name"),
+        ),
+    ),
+    takes_board=False,
+)
 def run_use(args: argparse.Namespace) -> int:
     """Keep, print or forget names; nothing is opened."""
     given = [args.name, args.address].count(None)
@@ -222,11 +233,12 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
     return {"name": name, "url": alias.url, "serial_number": alias.serial_number}
 
 
-def configure_info(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `servolink info` has no options of its own."""
-    parser.set_defaults(run=run_info)
-
-
+@Command(
+    "info",
+    STORED,
+    help="show project id, memory, battery and what is stored on the board",
+    examples=("info", "info --json", "info --timeout 10"),
+)
 def run_info(args: argparse.Namespace) -> int:
     """Ask for everything and print it."""
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import msgspec
 
-from servolink.cli.main import FAILED, OK, usage_error
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm, wait_for_enter
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.client.names import ALL, servo_id
 from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
@@ -32,6 +32,7 @@ from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
 from servolink.profiles.store import load_profile, save_profile
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
+from servolink.script import FAILED, OK
 from servolink.transports.registry import create
 
 _NOTHING = "nothing was changed on the board"

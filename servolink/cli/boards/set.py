@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
-from servolink.cli.boards.board import add_name, known_name, label, limit_rows, run_show, value_text
-from servolink.cli.main import OK, usage_error
+from servolink.cli.boards.board import NAME, known_name, label, limit_rows, print_board, value_text
+from servolink.cli.command import Command, Option, group, option
 from servolink.cli.screen.output import Table, print_error, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.errors import InvalidAddress, RequestTimeout, TransportError
+from servolink.profiles.profile import About, BoardSettings, fields_of
+from servolink.profiles.store import in_shell, setting_from_text
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.profiles.profile import BoardProfile, SafetyLimits
@@ -28,49 +32,99 @@ _ANGLE = number(-0x8000, 0x7FFF, "degrees")
 _COMMON = ("byte_order", "caption_encoding")  # settings whose options every command has
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board set`: one for each limit and setting."""
-    from servolink.profiles.profile import BoardSettings, fields_of
-    from servolink.profiles.store import in_shell
-
-    parser.set_defaults(run=run)
-    add_name(parser)
-    limits = parser.add_argument_group("limits, which programs can only tighten")
-    limits.add_argument(
-        "--angle",
-        action="append",
-        default=[],
-        type=_angle,
-        metavar="SERVO=LOW..HIGH",
-        help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in place of an "
-        "id is looked up on the board, and the id is kept",
-    )
-    limits.add_argument(
-        "--speed",
-        action="append",
-        default=[],
-        type=_speed,
-        metavar="SERVO=N",
-        help="most degrees per second of a servo, or of all=N; 3=unset and all=unset remove it",
-    )
-    limits.add_argument(
-        "--soft-start",
-        type=SPEED,
-        metavar="N",
-        help="most degrees per second of the first movement from an unknown pose",
-    )
-    settings = parser.add_argument_group("settings (and --byte-order, --caption-encoding)")
-    for name, (_, about) in fields_of(BoardSettings).items():
-        if name not in _COMMON:
-            option = f"--{name.replace('_', '-')}"
-            metavar = "NAME,..." if name == "unsupported" else "VALUE"
-            help_text = in_shell(f"{about.meaning} ({about.wanted})")
-            settings.add_argument(option, type=_setting(name), metavar=metavar, help=help_text)
-    settings.add_argument(
-        "--unset", action="append", default=[], type=_unsettable, metavar="NAME", help="forget a setting, or soft-start"
-    )
+def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
+    servo, value = _assigned(text)
+    if servo == _ALL:
+        raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
+    if value == _UNSET:
+        return SERVO_NAME(servo), None
+    if (pair := _PAIR.fullmatch(value)) is None:
+        raise argparse.ArgumentTypeError(f"must be like 3=20..160 or 3=unset, not {text!r}")
+    low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
+    if low > high:
+        raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
+    return SERVO_NAME(servo), (low, high)
 
 
+def _speed(text: str) -> tuple[int | str, float | None]:
+    servo, value = _assigned(text)
+    return SERVO_NAME(servo), None if value == _UNSET else SPEED(value)
+
+
+def _unsettable(text: str) -> str:
+    from servolink.profiles.profile import BoardSettings
+
+    name = text.replace("-", "_")
+    if name not in (*BoardSettings.__struct_fields__, "soft_start"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a setting; `servolink board show` lists them")
+    return name
+
+
+def _setting(name: str, about: About) -> Option:
+    """Return the option of a setting."""
+
+    def read(text: str) -> Any:
+        try:
+            return setting_from_text(name, text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    metavar = "NAME,..." if name == "unsupported" else "VALUE"
+    help_text = in_shell(f"{about.meaning} ({about.wanted})")
+    return option(f"--{name.replace('_', '-')}", type=read, metavar=metavar, help=help_text)
+
+
+@Command(
+    "board set",
+    help="set limits that no program can exceed, and what is known of a board",
+    examples=(
+        "board set rex --angle 3=20..160 --speed 3=90 --soft-start 60",
+        "board set rex --speed all=120 --byte-order big --depth 4",
+        "board set rex --angle 3=unset --unset depth",
+    ),
+    options=(
+        *NAME,
+        group(
+            "limits, which programs can only tighten",
+            option(
+                "--angle",
+                action="append",
+                default=[],
+                type=_angle,
+                metavar="SERVO=LOW..HIGH",
+                help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in "
+                "place of an id is looked up on the board, and the id is kept",
+            ),
+            option(
+                "--speed",
+                action="append",
+                default=[],
+                type=_speed,
+                metavar="SERVO=N",
+                help="most degrees per second of a servo, or of all=N; 3=unset and all=unset remove it",
+            ),
+            option(
+                "--soft-start",
+                type=SPEED,
+                metavar="N",
+                help="most degrees per second of the first movement from an unknown pose",
+            ),
+        ),
+        group(
+            "settings (and --byte-order, --caption-encoding)",
+            *(_setting(name, about) for name, (_, about) in fields_of(BoardSettings).items() if name not in _COMMON),
+            option(
+                "--unset",
+                action="append",
+                default=[],
+                type=_unsettable,
+                metavar="NAME",
+                help="forget a setting, or soft-start",
+            ),
+        ),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Change the profile and keep it. What a user sets is certain."""
     from servolink.profiles.profile import BoardSettings
@@ -116,11 +170,7 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
 
 
 def _set(
-    args: argparse.Namespace,
-    name: str,
-    given: dict[str, Any],
-    unset: dict[str, Any],
-    ids: Mapping[int | str, int],
+    args: argparse.Namespace, name: str, given: dict[str, Any], unset: dict[str, Any], ids: Mapping[int | str, int]
 ) -> int:
     from msgspec.structs import replace
 
@@ -141,7 +191,7 @@ def _set(
     if missing := _missing_servos(changed):
         print_error(f"servolink: {name} was learnt to have no servo {', '.join(map(str, missing))}")
     if args.json:
-        return run_show(args)
+        return print_board(args)
     print_text(f"{name} is set; kept in {path}")
     for servo, servo_id in ids.items():
         if isinstance(servo, str):
@@ -182,49 +232,8 @@ def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:
         values[servo_id] = value
 
 
-def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
-    servo, value = _assigned(text)
-    if servo == _ALL:
-        raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
-    if value == _UNSET:
-        return SERVO_NAME(servo), None
-    if (pair := _PAIR.fullmatch(value)) is None:
-        raise argparse.ArgumentTypeError(f"must be like 3=20..160 or 3=unset, not {text!r}")
-    low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
-    if low > high:
-        raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
-    return SERVO_NAME(servo), (low, high)
-
-
-def _speed(text: str) -> tuple[int | str, float | None]:
-    servo, value = _assigned(text)
-    return SERVO_NAME(servo), None if value == _UNSET else SPEED(value)
-
-
 def _assigned(text: str) -> tuple[str, str]:
     servo, equals, value = text.rpartition("=")  # a caption may contain `=`
     if not equals:
         raise argparse.ArgumentTypeError(f"must be SERVO=VALUE, not {text!r}")
     return servo, value
-
-
-def _setting(name: str) -> Callable[[str], Any]:
-    """Return a type for the values of a setting."""
-    from servolink.profiles.store import setting_from_text
-
-    def read(text: str) -> Any:
-        try:
-            return setting_from_text(name, text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return read
-
-
-def _unsettable(text: str) -> str:
-    from servolink.profiles.profile import BoardSettings
-
-    name = text.replace("-", "_")
-    if name not in (*BoardSettings.__struct_fields__, "soft_start"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a setting; `servolink board show` lists them")
-    return name

@@ -6,10 +6,12 @@ import argparse
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import Command, option
 from servolink.cli.screen.output import Table, counted, print_json, print_table, print_text
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -18,12 +20,12 @@ if TYPE_CHECKING:
 _DUMMY = bytes(range(16))
 
 
-def configure_project_id(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board project-id`."""
-    parser.set_defaults(run=run_project_id)
-    parser.add_argument("id", nargs="?", type=whole_number(0, 2**31 - 1), metavar="ID", help="write this one; 0: none")
-
-
+@Command(
+    "board project-id",
+    help="show or write the project id",
+    examples=("board project-id", "board project-id 7"),
+    options=(option("id", nargs="?", type=whole_number(0, 2**31 - 1), metavar="ID", help="write this one; 0: none"),),
+)
 def run_project_id(args: argparse.Namespace) -> int:
     """Print the project id, or write another one and read it back."""
     from servolink.project.model import is_unfinished
@@ -59,17 +61,19 @@ async def refuse_marker(board: Board, project_id: int) -> None:
         raise ProjectError(f"{UNFINISHED_IMPORT}; another project id would hide it; {UNTOUCHED}")
 
 
-def configure_mode(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board mode`."""
-    parser.set_defaults(run=run_mode)
-    parser.add_argument(
-        "mode",
-        type=whole_number(0, 1),
-        metavar="0|1",
-        help="1: the protocol of servolink; 0: an older one, until a command sets 1 again",
-    )
-
-
+@Command(
+    "board mode",
+    help="set the transmission mode",
+    examples=("board mode 1",),
+    options=(
+        option(
+            "mode",
+            type=whole_number(0, 1),
+            metavar="0|1",
+            help="1: the protocol of servolink; 0: an older one, until a command sets 1 again",
+        ),
+    ),
+)
 def run_mode(args: argparse.Namespace) -> int:
     """Set the transmission mode."""
 
@@ -85,11 +89,7 @@ def run_mode(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state=UNTOUCHED)
 
 
-def configure_memory(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `servolink board memory` has no options of its own."""
-    parser.set_defaults(run=run_memory)
-
-
+@Command("board memory", help="show how much memory is free", examples=("board memory", "board memory --json"))
 def run_memory(args: argparse.Namespace) -> int:
     """Print the memory."""
 
@@ -105,11 +105,7 @@ def run_memory(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state=UNTOUCHED)
 
 
-def configure_battery(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `servolink board battery` has no options of its own."""
-    parser.set_defaults(run=run_battery)
-
-
+@Command("board battery", help="show the charge of the battery", examples=("board battery", "board battery --json"))
 def run_battery(args: argparse.Namespace) -> int:
     """Print the charge."""
 
@@ -124,13 +120,15 @@ def run_battery(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state=UNTOUCHED)
 
 
-def configure_clear(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board clear`."""
-    parser.set_defaults(run=run_clear)
-    parser.add_argument("--no-backup", action="store_true", help="save no backup; what is deleted is lost")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-
-
+@Command(
+    "board clear",
+    help="delete everything stored on the board, after a backup",
+    examples=("board clear --yes",),
+    options=(
+        option("--no-backup", action="store_true", help="save no backup; what is deleted is lost"),
+        option("--yes", action="store_true", help="do not ask"),
+    ),
+)
 def run_clear(args: argparse.Namespace) -> int:
     """Delete everything, after a backup, and read back that nothing is left."""
     from servolink.cli.projects.apply import BoardImport
@@ -159,12 +157,12 @@ def _question(plan: Plan) -> str:
     return f"delete everything stored on the board ({counted(len(plan.changes), 'change')})?"
 
 
-def configure_dummy(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink board dummy`."""
-    parser.set_defaults(run=run_dummy)
-    parser.add_argument("data", nargs="?", metavar="HEX", help=f"which bytes, at most 65,535 ({_DUMMY.hex()})")
-
-
+@Command(
+    "board dummy",
+    help="send bytes that the board ignores",
+    examples=("board dummy", "board dummy 00ff00ff"),
+    options=(option("data", nargs="?", metavar="HEX", help=f"which bytes, at most 65,535 ({_DUMMY.hex()})"),),
+)
 def run_dummy(args: argparse.Namespace) -> int:
     """Send bytes, and return when the board answers another request."""
     try:

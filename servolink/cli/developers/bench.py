@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.main import OK
+from servolink.cli.command import DEVELOPERS, Command, option
 from servolink.cli.screen.live import counting
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -17,6 +17,7 @@ from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.packet import Query
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.script import OK
 
 _QUERIES: tuple[tuple[str, Query[Any]], ...] = (
     ("shortest response: free memory", QueryMemorySizeRequest()),
@@ -26,14 +27,17 @@ _QUERIES: tuple[tuple[str, Query[Any]], ...] = (
 _PERCENTILES = (50, 90, 99)
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink bench`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "--requests", type=whole_number(1, 100_000), default=200, metavar="N", help="how many of each kind (200)"
-    )
-
-
+@Command(
+    "bench",
+    DEVELOPERS,
+    help="measure round trips to the board",
+    examples=("bench", "bench --requests 20 --json"),
+    options=(
+        option(
+            "--requests", type=whole_number(1, 100_000), default=200, metavar="N", help="how many of each kind (200)"
+        ),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Measure each kind of query in turn; nothing on the board is changed."""
 

@@ -9,8 +9,7 @@ from io import BufferedReader
 from typing import Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.commands import late
-from servolink.cli.main import FAILED, OK
+from servolink.cli.command import DEVELOPERS, Command, one_of, option
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.escaping import escape
@@ -19,52 +18,30 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame, encode_frame
 from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.parser import FrameParser
+from servolink.script import FAILED, OK
 
 _BLOCK = 0x10000  # bytes read at once, and the most in one `skipped` object
 _MAX_LINE = 1 << 22  # several times the longest packet in JSON
 _SHOWN_BYTES = 32  # of what is not a frame, in text for people
 
 
-def configure_encode(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink encode`."""
-    parser.set_defaults(run=run_encode)
-    parser.add_argument(
-        "objects",
-        nargs="*",
-        default=[],
-        metavar="OBJECT",
-        help="a packet as a JSON object; if there is none, one is read from each line of standard input",
-    )
-
-
-def configure_decode(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink decode`."""
-    parser.set_defaults(run=run_decode)
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("frames", nargs="*", default=[], metavar="HEX", help="frames in hex, or the bytes of one frame")
-    source.add_argument(
-        "--hex", type=not_empty, metavar="FILE", help="read a frame in hex from each line (-: standard input)"
-    )
-    source.add_argument("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (-: standard input)")
-
-
-def configure_request(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink request`."""
-    from servolink.cli.motion.move import add_limits  # which needs asyncio; decoding does not
-
-    parser.set_defaults(run=late("developers.request:run"))
-    parser.add_argument(
-        "object",
-        metavar="OBJECT",
-        help='a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
-    )
-    parser.add_argument(
-        "--no-backup", action="store_true", help="save no backup before something is written or deleted"
-    )
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-    add_limits(parser)
-
-
+@Command(
+    "decode",
+    DEVELOPERS,
+    help="turn frames into readable packets",
+    examples=("decode 134c051d344e0100070b",),
+    options=(
+        one_of(
+            option("frames", nargs="*", default=[], metavar="HEX", help="frames in hex, or the bytes of one frame"),
+            option(
+                "--hex", type=not_empty, metavar="FILE", help="read a frame in hex from each line (-: standard input)"
+            ),
+            option("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (-: standard input)"),
+            required=True,
+        ),
+    ),
+    takes_board=False,
+)
 def run_decode(args: argparse.Namespace) -> int:
     """Print a packet for each frame. Return 1 if anything is not a packet."""
     codec = _codec(args)
@@ -85,6 +62,22 @@ def _codec(args: argparse.Namespace) -> Codec:
     return Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
 
 
+@Command(
+    "encode",
+    DEVELOPERS,
+    help="turn packets into frames",
+    examples=('encode \'{"packet":"QueryServoRequest","fields":{"servo_id":7}}\'',),
+    options=(
+        option(
+            "objects",
+            nargs="*",
+            default=[],
+            metavar="OBJECT",
+            help="a packet as a JSON object; if there is none, one is read from each line of standard input",
+        ),
+    ),
+    takes_board=False,
+)
 def run_encode(args: argparse.Namespace) -> int:
     """Print a frame for each object, and errors among them with --json. Return 1 if anything is not a packet."""
     codec = _codec(args)

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servolink.cli.boards.state import refuse_marker
+from servolink.cli.command import DEVELOPERS, Command, option
 from servolink.cli.developers.packets import lines_for, parse_object
-from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.motion.move import limits_of
+from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import print_error, print_json, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
-from servolink.client.board import Board
+from servolink.cli.usage import usage_error
 from servolink.errors import EncodeError
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest
 from servolink.protocol.json_form import packet_from_json, packet_to_json
-from servolink.protocol.packet import Command, Packet, Request, Result
+from servolink.protocol.packet import Command as PacketCommand
+from servolink.protocol.packet import Packet, Request, Result
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.servos import SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
+from servolink.script import FAILED, OK
+
+if TYPE_CHECKING:
+    from servolink.client.board import Board
 
 _DELETES: tuple[type[Packet], ...] = (ClearAllDataRequest, *(kind.delete_class for kind in RECORD_TYPES))
 _OVERWRITES: tuple[type[Packet], ...] = (
@@ -33,6 +38,26 @@ _OVERWRITES: tuple[type[Packet], ...] = (
 """Requests after which something that is on the board may be gone."""
 
 
+@Command(
+    "request",
+    DEVELOPERS,
+    help="send one packet of the protocol and print the response",
+    examples=(
+        'request \'{"QueryServoRequest": {"servo_id": 1}}\'',
+        'request \'{"DeleteActionRequest": {"action_id": 2}}\' --yes',
+    ),
+    options=(
+        option(
+            "object",
+            metavar="OBJECT",
+            help='a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
+        ),
+        option("--no-backup", action="store_true", help="save no backup before something is written or deleted"),
+        option("--yes", action="store_true", help="do not ask"),
+        *LIMITS,
+    ),
+    needs_records=True,
+)
 def run(args: argparse.Namespace) -> int:
     """Send the packet and print the response. Return 1 if the board refuses."""
     packet = _packet(args)
@@ -51,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
             await _save(board, args)
         name = type(packet).__name__
         interruption.state = f"{name} may have been sent"
-        if isinstance(packet, Command):
+        if isinstance(packet, PacketCommand):
             await board.send(packet)
             _print(args, {"sent": name}, f"{name} was sent; boards do not answer it")
             return OK
@@ -75,7 +100,7 @@ def _packet(args: argparse.Namespace) -> Any:
         [(name, fields)] = value.items()
         value = {"packet": name, "fields": fields}
     packet = packet_from_json(value)
-    if not isinstance(packet, Request | Command):
+    if not isinstance(packet, Request | PacketCommand):
         raise EncodeError(f"{type(packet).__name__} comes from a board; give a request")
     return packet
 

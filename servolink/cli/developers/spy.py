@@ -12,14 +12,25 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import listening, new_file, not_empty, whole_number
+from servolink.cli.command import DEVELOPERS, Command, one_of, option
 from servolink.cli.developers.packets import lines_for
-from servolink.cli.main import NO_BOARD, OK, fail, usage_error
-from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text, text_width
+from servolink.cli.screen.output import (
+    Table,
+    fail,
+    is_terminal,
+    print_error,
+    print_json,
+    print_table,
+    print_text,
+    text_width,
+)
 from servolink.cli.screen.terminal import end_process
+from servolink.cli.usage import usage_error
 from servolink.errors import ConnectionLost
 from servolink.escaping import escape
 from servolink.platforms.signals import handled
 from servolink.protocol.json_form import packet_to_json
+from servolink.script import NO_BOARD, OK
 from servolink.spy.learning import Passed
 
 if TYPE_CHECKING:
@@ -33,34 +44,37 @@ _PATIENCE = 2.0  # seconds, at the end, for what has not been looked at
 _SWITCH = 0.0002  # seconds for which the thread that looks on may keep the relay waiting
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink spy`."""
-    parser.set_defaults(run=run)
-    parser.description = (
-        "Stand between a board and any other program: pass every byte on unchanged, show the packets in them, and say "
-        "at the end what they tell about the board. Nothing else is sent.\n\n"
-        "Ctrl-C is its normal end, with exit code 0."
-    )
-    parser.add_argument("port", type=not_empty, metavar="PORT", help="serial port or TCP address of the board")
-    side = parser.add_mutually_exclusive_group()
-    side.add_argument(
-        "--pty",
-        nargs="?",
-        const="",
-        metavar="LINK",
-        help="make a serial port for the program, and link to it at LINK (the default)",
-    )
-    side.add_argument("--tcp", type=listening, metavar="HOST:PORT", help="serve the program over TCP instead")
-    parser.add_argument(
-        "--baudrate",
-        type=whole_number(50, 12_000_000),
-        metavar="N",
-        help="of the board's port (with --pty the one that the program sets, 115200 at first)",
-    )
-    parser.add_argument("--record", type=new_file, metavar="FILE", help="record to a new file, such as out.mcap")
-    parser.add_argument("--quiet", action="store_true", help="show no packets, only what was learnt")
-
-
+@Command(
+    "spy",
+    DEVELOPERS,
+    help="look on while another program uses a board, and learn from it",
+    details="It stands between a board and any other program, passes every byte on unchanged, shows the packets in "
+    "them, and says at the end what they tell about the board. Nothing else is sent.\n\n"
+    "Ctrl-C is its normal end, with exit code 0.",
+    examples=("spy /dev/ttyACM0 --pty /tmp/board", "spy COM3 --tcp 127.0.0.1:7878 --record out.mcap"),
+    options=(
+        option("port", type=not_empty, metavar="PORT", help="serial port or TCP address of the board"),
+        one_of(
+            option(
+                "--pty",
+                nargs="?",
+                const="",
+                metavar="LINK",
+                help="make a serial port for the program, and link to it at LINK (the default)",
+            ),
+            option("--tcp", type=listening, metavar="HOST:PORT", help="serve the program over TCP instead"),
+        ),
+        option(
+            "--baudrate",
+            type=whole_number(50, 12_000_000),
+            metavar="N",
+            help="of the board's port (with --pty the one that the program sets, 115200 at first)",
+        ),
+        option("--record", type=new_file, metavar="FILE", help="record to a new file, such as out.mcap"),
+        option("--quiet", action="store_true", help="show no packets, only what was learnt"),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Look on until Ctrl-C, or until the board is gone."""
     before = sys.getswitchinterval()

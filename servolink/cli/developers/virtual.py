@@ -8,22 +8,24 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import listening, whole_number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import DEVELOPERS, Command, Option, group, option
 from servolink.cli.screen.live import can_draw
 from servolink.cli.screen.output import print_error
 from servolink.cli.screen.terminal import single_keys
+from servolink.cli.usage import usage_error
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
 from servolink.files import MIB, read_file, reason
 from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.platforms.signals import not_ignored
 from servolink.protocol.codec import Codec
+from servolink.script import OK
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.faults import Faults
 from servolink.virtual.board import VirtualBoard
@@ -35,53 +37,95 @@ from servolink.virtual.state_file import StateFile
 from servolink.virtual.transport import StateSaver
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink virtual`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\nCtrl-C is its normal end, with exit code 0."
-    parser.add_argument(
-        "--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"
-    )
-    parser.add_argument("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one")
-    parser.add_argument(
-        "--usbip", metavar="HOST:PORT", type=listening, help="export a USB device over USB/IP; its usual port is 3240"
-    )
-    parser.add_argument(
-        "--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"
-    )
-    parser.add_argument(
-        "--seed",
-        type=whole_number(-(2**63), 2**63 - 1),
-        default=0,
-        metavar="N",
-        help="boards with the same number differ in nothing (0)",
-    )
-    parser.add_argument(
-        "--faults",
-        type=_faults,
-        metavar="NAME=VALUE,...",
-        help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
-    )
-    parser.add_argument(
-        "--state", type=_state, metavar="FILE", help="load what is stored from it, and save every change to it"
-    )
-    parser.add_argument(
-        "--script",
-        type=_script,
-        default=[],
-        metavar="FILE",
-        help="what people do to the board, such as: 1.5 press 3",
-    )
-    _add_kind(parser)
+def _kind(kind: KindOption) -> Option:
+    """Return the option of a property of boards."""
+
+    def read(text: str) -> Any:
+        try:
+            return kind.read(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    flag = "--" + kind.name.replace("_", "-")
+    if kind.is_flag:
+        return option(flag, action="store_true", help=kind.meaning)
+    help_text = f"{kind.meaning} ({kind.default_text})"
+    return option(flag, type=read, default=kind.default, metavar=kind.unit, help=help_text)
 
 
+def _faults(text: str) -> Faults:
+    try:
+        return Faults.parse(text)
+    except TransportUnavailable as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _state(text: str) -> Path:
+    """Return the path. Check now that saving will be possible, as nothing is lost yet."""
+    path = Path(text)
+    folder = Path(os.path.realpath(path)).parent
+    if not folder.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} does not exist; create it, or take another name")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} cannot be written; take another one")
+    return path
+
+
+def _script(text: str) -> list[Event]:
+    try:
+        return parse_script(read_file(Path(text), MIB).decode())
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text}: {reason(error)}") from None
+
+
+@Command(
+    "virtual",
+    DEVELOPERS,
+    help="serve a virtual board over a pseudo-terminal, TCP or USB/IP",
+    details="Ctrl-C is its normal end, with exit code 0.",
+    examples=("virtual", "virtual --tcp 127.0.0.1:7878 --servos 4", "virtual --state arm.state --faults drop=0.01"),
+    options=(
+        option("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"),
+        option("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one"),
+        option(
+            "--usbip",
+            metavar="HOST:PORT",
+            type=listening,
+            help="export a USB device over USB/IP; its usual port is 3240",
+        ),
+        option("--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"),
+        option(
+            "--seed",
+            type=whole_number(-(2**63), 2**63 - 1),
+            default=0,
+            metavar="N",
+            help="boards with the same number differ in nothing (0)",
+        ),
+        option(
+            "--faults",
+            type=_faults,
+            metavar="NAME=VALUE,...",
+            help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
+        ),
+        option("--state", type=_state, metavar="FILE", help="load what is stored from it, and save every change to it"),
+        option(
+            "--script",
+            type=_script,
+            default=[],
+            metavar="FILE",
+            help="what people do to the board, such as: 1.5 press 3",
+        ),
+        group("kind of board", *map(_kind, OPTIONS)),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     board = VirtualBoard(
         args.servos,
         args.seed,
         Codec(args.byte_order or "little", args.caption_encoding or "utf-8"),
-        BoardKind(**{option.name: getattr(args, option.name) for option in OPTIONS}),
+        BoardKind(**{kind.name: getattr(args, kind.name) for kind in OPTIONS}),
     )
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
     if unknown := sorted(pushed - board.servos.keys()):
@@ -182,55 +226,3 @@ def _keyboard(board: VirtualBoard) -> Iterator[None]:
         if there:
             print(HELP, file=sys.stderr, flush=True)
         yield
-
-
-def _add_kind(parser: argparse.ArgumentParser) -> None:
-    """Add an option for everything in which boards differ."""
-    group = parser.add_argument_group("kind of board")
-    for option in OPTIONS:
-        flag = "--" + option.name.replace("_", "-")
-        if option.is_flag:
-            group.add_argument(flag, action="store_true", help=option.meaning)
-        else:
-            group.add_argument(
-                flag,
-                type=_kind_type(option),
-                default=option.default,
-                metavar=option.unit,
-                help=f"{option.meaning} ({option.default_text})",
-            )
-
-
-def _kind_type(option: KindOption) -> Callable[[str], Any]:
-    def read(text: str) -> Any:
-        try:
-            return option.read(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
-
-    return read
-
-
-def _faults(text: str) -> Faults:
-    try:
-        return Faults.parse(text)
-    except TransportUnavailable as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _state(text: str) -> Path:
-    """Return the path. Check now that saving will be possible, as nothing is lost yet."""
-    path = Path(text)
-    folder = Path(os.path.realpath(path)).parent
-    if not folder.is_dir():
-        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} does not exist; create it, or take another name")
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise argparse.ArgumentTypeError(f"{text}: the folder {folder} cannot be written; take another one")
-    return path
-
-
-def _script(text: str) -> list[Event]:
-    try:
-        return parse_script(read_file(Path(text), MIB).decode())
-    except (OSError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{text}: {reason(error)}") from None

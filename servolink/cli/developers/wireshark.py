@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import argparse
 
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import DEVELOPERS, Command, option
 from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.usage import usage_error
+from servolink.script import OK
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink wireshark`."""
-    parser.set_defaults(run=run)
-    parser.description = (
-        "Print a dissector for Wireshark: Lua that reads every packet, over TCP and in captures of a line.\n\n"
-        "--byte-order and --caption-encoding set what its preferences are at first; without --byte-order it finds the "
-        "order of each frame."
-    )
-    parser.add_argument("--install", action="store_true", help="write it into the folder of personal plugins instead")
-
-
+@Command(
+    "wireshark",
+    DEVELOPERS,
+    help="print or install a dissector with which Wireshark reads packets",
+    details="The dissector is Lua that reads every packet, over TCP and in captures of a line.\n\n"
+    "--byte-order and --caption-encoding set what its preferences are at first; without --byte-order it finds the "
+    "order of each frame.",
+    examples=("wireshark --install", "wireshark --byte-order big --caption-encoding big5"),
+    options=(option("--install", action="store_true", help="write it into the folder of personal plugins instead"),),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Print or install the dissector."""
     from servolink.wireshark.dissector import dissector, install

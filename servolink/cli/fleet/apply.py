@@ -8,13 +8,15 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import file_path, whole_number
+from servolink.cli.command import Command, option
 from servolink.cli.fleet.boards import NOBODY
-from servolink.cli.fleet.broker import add_broker, add_groups, fleet_of
-from servolink.cli.main import FAILED, NO_BOARD, OK, fail, usage_error
+from servolink.cli.fleet.broker import BROKER, GROUPS, fleet_of
 from servolink.cli.screen.live import PHASES
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.output import Table, counted, fail, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
+from servolink.cli.usage import usage_error
+from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
     from servolink.control.messages import Applied
@@ -29,38 +31,30 @@ _MOST_PARALLEL = 200
 _UNCHANGED = "nothing was changed on any board"
 
 
-def configure_apply(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet apply`."""
-    parser.set_defaults(run=run_apply)
-    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
-    parser.add_argument("--replace", action="store_true", help="delete everything first, instead of what differs only")
-    parser.add_argument("--no-backup", action="store_true", help="keep no backups")
-    parser.add_argument("--fail-fast", action="store_true", help="begin no further board after a failure")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-    _add_choice(parser)
-
-
-def configure_export(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet export`."""
-    parser.set_defaults(run=run_export)
-    parser.add_argument(
-        "folder", type=file_path, metavar="FOLDER", help="for a file BOARD.servolink.json of each board"
-    )
-    parser.add_argument("--yes", action="store_true", help="replace project files without asking")
-    _add_choice(parser)
-
-
-def _add_choice(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--parallel", type=whole_number(1, _MOST_PARALLEL), default=8, metavar="N", help="boards at a time (8)"
-    )
-    add_groups(parser)
-    add_broker(parser)
+_CHOICE = (
+    option("--parallel", type=whole_number(1, _MOST_PARALLEL), default=8, metavar="N", help="boards at a time (8)"),
+    *GROUPS,
+    *BROKER,
+)
 
 
 # --- apply ------------------------------------------------------------------------------------------------------------
 
 
+@Command(
+    "fleet apply",
+    help="make many boards hold what a project file holds, after a backup of each",
+    examples=("fleet apply robot.servolink.json --yes", "fleet apply robot.servolink.json --on rex --parallel 1 --yes"),
+    options=(
+        option("file", type=file_path, metavar="FILE", help="a project file"),
+        option("--replace", action="store_true", help="delete everything first, instead of what differs only"),
+        option("--no-backup", action="store_true", help="keep no backups"),
+        option("--fail-fast", action="store_true", help="begin no further board after a failure"),
+        option("--yes", action="store_true", help="do not ask"),
+        *_CHOICE,
+    ),
+    takes_board=False,
+)
 def run_apply(args: argparse.Namespace) -> int:
     """Show what would change on each board, ask, and write to all that differ."""
     from servolink.project.project_file import read_project_file
@@ -198,6 +192,17 @@ def _question(plans: dict[str, BoardPlan]) -> str:
 # --- export -----------------------------------------------------------------------------------------------------------
 
 
+@Command(
+    "fleet export",
+    help="write the content of each board into a project file",
+    examples=("fleet export boards --yes",),
+    options=(
+        option("folder", type=file_path, metavar="FOLDER", help="for a file BOARD.servolink.json of each board"),
+        option("--yes", action="store_true", help="replace project files without asking"),
+        *_CHOICE,
+    ),
+    takes_board=False,
+)
 def run_export(args: argparse.Namespace) -> int:
     """Write a file for each board, after asking if there are some already."""
     from servolink.errors import ProjectError

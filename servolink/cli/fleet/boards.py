@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.fleet.broker import add_broker, fleet_of
-from servolink.cli.main import FAILED, NO_BOARD, OK, fail
-from servolink.cli.screen.output import Table, counted, print_json, print_table, print_text
+from servolink.cli.command import Command, option
+from servolink.cli.fleet.broker import BROKER, fleet_of
+from servolink.cli.screen.output import Table, counted, fail, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
+from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
     from servolink.fleet.roster import BoardSeen
@@ -19,12 +20,13 @@ if TYPE_CHECKING:
 NOBODY = "no board has joined this broker under this prefix: run `servolink fleet join` on the machine of a board"
 
 
-def configure_list(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet list`."""
-    parser.set_defaults(run=run_list)
-    add_broker(parser)
-
-
+@Command(
+    "fleet list",
+    help="list the boards, with their batteries and problems",
+    examples=("fleet list",),
+    options=(*BROKER,),
+    takes_board=False,
+)
 def run_list(args: argparse.Namespace) -> int:
     """Print every board that the broker knows; return 0 if one is connected."""
 
@@ -93,12 +95,13 @@ def problems_of(boards: Iterable[BoardSeen]) -> list[str]:
     return found
 
 
-def configure_doctor(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet doctor`."""
-    parser.set_defaults(run=run_doctor)
-    add_broker(parser)
-
-
+@Command(
+    "fleet doctor",
+    help="find out what is wrong with the broker, the network and the boards",
+    examples=("fleet doctor",),
+    options=(*BROKER,),
+    takes_board=False,
+)
 def run_doctor(args: argparse.Namespace) -> int:
     """Examine the fleet; return 0 if nothing is wrong, else 1."""
 
@@ -125,14 +128,17 @@ def run_doctor(args: argparse.Namespace) -> int:
 _UNCHANGED = "nothing was forgotten"
 
 
-def configure_forget(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet forget`."""
-    parser.set_defaults(run=run_forget)
-    parser.add_argument("boards", nargs="+", type=not_empty, metavar="BOARD", help="name of a board that is offline")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-    add_broker(parser)
-
-
+@Command(
+    "fleet forget",
+    help="remove boards that have left for good from the list",
+    examples=("fleet forget rex --yes",),
+    options=(
+        option("boards", nargs="+", type=not_empty, metavar="BOARD", help="name of a board that is offline"),
+        option("--yes", action="store_true", help="do not ask"),
+        *BROKER,
+    ),
+    takes_board=False,
+)
 def run_forget(args: argparse.Namespace) -> int:
     """Remove what the broker keeps of boards that are offline, after asking."""
     refuse_without_answer(args)

@@ -9,14 +9,16 @@ import os
 from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING
 
-from servolink.cli.arguments import add_timeout, board_name, file_path, not_empty, number
-from servolink.cli.fleet.broker import BROKER_VARIABLE, access_of, add_access
-from servolink.cli.main import OK, usage_error
+from servolink.cli.arguments import board_name, file_path, not_empty, number, timeout
+from servolink.cli.command import Command, group, option
+from servolink.cli.fleet.broker import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
 from servolink.cli.screen.output import counted, print_error, print_json, print_text, text_width
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.errors import TransportUnavailable, install_extra
 from servolink.escaping import escape
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.fleet.join import Fleet, Here
@@ -24,46 +26,47 @@ if TYPE_CHECKING:
 _MOST_HZ = 100.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet join`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument(
-        "broker",
-        nargs="?",
-        type=not_empty,
-        metavar="URL",
-        help=f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE})",
-    )
-    parser.add_argument(
-        "boards", nargs="*", type=not_empty, metavar="BOARD", help="names or addresses (all that are here)"
-    )
-    parser.add_argument(
-        "--name", type=board_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"
-    )
-    parser.add_argument(
-        "--policy",
-        type=file_path,
-        metavar="FILE",
-        help="what may be done from afar (fleet.toml in the user's config folder)",
-    )
-    parser.add_argument(
-        "--hz",
-        type=number(0.0, _MOST_HZ, "times a second"),
-        default=10.0,
-        metavar="N",
-        help="how often the servos are sent; 0 for never (10)",
-    )
-    group = parser.add_argument_group("Home Assistant")
-    group.add_argument("--home-assistant", action="store_true", help="have Home Assistant find the boards")
-    group.add_argument("--numbers", action="store_true", help="let it set the angle of each servo, too")
-    group.add_argument(
-        "--discovery-prefix", type=not_empty, metavar="TEXT", help="where it looks for devices (homeassistant)"
-    )
-    add_timeout(parser, None, "how long to wait for each response of a board, 3 unless given")
-    add_access(parser)
-
-
+@Command(
+    "fleet join",
+    help="let the boards of this machine take part in a fleet",
+    details=ENDLESS,
+    examples=("fleet join mqtt://teacher.local", "fleet join mqtt://teacher.local virtual:// --name rex"),
+    options=(
+        option(
+            "broker",
+            nargs="?",
+            type=not_empty,
+            metavar="URL",
+            help=f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE})",
+        ),
+        option("boards", nargs="*", type=not_empty, metavar="BOARD", help="names or addresses (all that are here)"),
+        option("--name", type=board_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"),
+        option(
+            "--policy",
+            type=file_path,
+            metavar="FILE",
+            help="what may be done from afar (fleet.toml in the user's config folder)",
+        ),
+        option(
+            "--hz",
+            type=number(0.0, _MOST_HZ, "times a second"),
+            default=10.0,
+            metavar="N",
+            help="how often the servos are sent; 0 for never (10)",
+        ),
+        group(
+            "Home Assistant",
+            option("--home-assistant", action="store_true", help="have Home Assistant find the boards"),
+            option("--numbers", action="store_true", help="let it set the angle of each servo, too"),
+            option(
+                "--discovery-prefix", type=not_empty, metavar="TEXT", help="where it looks for devices (homeassistant)"
+            ),
+        ),
+        *ACCESS,
+        timeout("how long to wait for each response of a board, 3 unless given"),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Join until Ctrl-C or SIGTERM."""
     broker = args.broker or os.environ.get(BROKER_VARIABLE)

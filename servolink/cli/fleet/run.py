@@ -6,29 +6,36 @@ import argparse
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME, number
+from servolink.cli.command import Command, option
 from servolink.cli.fleet.boards import NOBODY
-from servolink.cli.fleet.broker import add_broker, add_groups, fleet_of
-from servolink.cli.main import FAILED, NO_BOARD, OK, fail
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.fleet.broker import BROKER, GROUPS, fleet_of
+from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
     from servolink.fleet.stopping import Stopped
     from servolink.fleet.together import RanTogether
 
 
-def configure_run(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet run`."""
-    parser.set_defaults(run=run_together)
-    parser.add_argument("name", type=RECORD_NAME, metavar="NAME", help="caption or id of an action or a macro")
-    parser.add_argument(
-        "--type", dest="kind", choices=("action", "macro"), help="which of them, where boards have both of that name"
-    )
-    parser.add_argument("--anyway", action="store_true", help="start the others if some boards cannot")
-    add_groups(parser)
-    add_broker(parser)
-
-
+@Command(
+    "fleet run",
+    help="start an action or a macro on many boards at the same moment",
+    examples=("fleet run Wave", "fleet run Wave --on rex,fido --anyway"),
+    options=(
+        option("name", type=RECORD_NAME, metavar="NAME", help="caption or id of an action or a macro"),
+        option(
+            "--type",
+            dest="kind",
+            choices=("action", "macro"),
+            help="which of them, where boards have both of that name",
+        ),
+        option("--anyway", action="store_true", help="start the others if some boards cannot"),
+        *GROUPS,
+        *BROKER,
+    ),
+    takes_board=False,
+)
 def run_together(args: argparse.Namespace) -> int:
     """Prepare all boards, and start them with one message."""
 
@@ -80,19 +87,22 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
         print_text(f"it takes {ran.duration:g} s")
 
 
-def configure_stop(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet stop`."""
-    parser.set_defaults(run=run_stop)
-    parser.add_argument(
-        "--within",
-        type=number(0.1, 3600, "seconds"),
-        default=5.0,
-        metavar="SECONDS",
-        help="when a board that does not answer counts as silent (5)",
-    )
-    add_broker(parser)
-
-
+@Command(
+    "fleet stop",
+    help="stop all servos of all boards",
+    examples=("fleet stop",),
+    options=(
+        option(
+            "--within",
+            type=number(0.1, 3600, "seconds"),
+            default=5.0,
+            metavar="SECONDS",
+            help="when a board that does not answer counts as silent (5)",
+        ),
+        *BROKER,
+    ),
+    takes_board=False,
+)
 def run_stop(args: argparse.Namespace) -> int:
     """Stop every board, again and again until each has answered or is silent."""
 

@@ -8,14 +8,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number
+from servolink.cli.command import Command, option
 from servolink.cli.fleet.boards import battery_of, described, problems_of, state_of
-from servolink.cli.fleet.broker import add_broker, fleet_of
-from servolink.cli.main import OK
+from servolink.cli.fleet.broker import BROKER, fleet_of
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, plain_lines, print_json, print_text, text_width
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
 from servolink.escaping import escape
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.fleet.client import Fleet
@@ -26,14 +27,17 @@ _MOST_PROBLEMS = 5
 _LOW = 20.0  # percent
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink fleet watch`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
-    add_broker(parser)
-
-
+@Command(
+    "fleet watch",
+    help="show all boards live, in one table",
+    details=f"{ENDLESS}",
+    examples=("fleet watch --seconds 2",),
+    options=(
+        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+        *BROKER,
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Show the boards until the time is over, until `q` is pressed or until Ctrl-C."""
     draws = not args.json and can_draw()

@@ -7,23 +7,27 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number, whole_number
-from servolink.cli.main import OK
+from servolink.cli.command import MOVE, Command, option
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, run_with_board
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
     from servolink.client.events import ButtonEvents
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink events`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument("--count", type=whole_number(1, 10**9), metavar="N", help="end after N events")
-    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
-
-
+@Command(
+    "events",
+    MOVE,
+    help="show button events as they come",
+    details=f"{ENDLESS}",
+    examples=("events --seconds 2", "events --seconds 1 --json"),
+    options=(
+        option("--count", type=whole_number(1, 10**9), metavar="N", help="end after N events"),
+        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Print events until there are enough, or until Ctrl-C."""
 

@@ -6,17 +6,20 @@ import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
-from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.command import MOVE, Command, group, one_of, option
 from servolink.cli.motion.servos import are, listed, print_servos, reported
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.errors import ProfileError, RequestError, ServolinkError
 from servolink.motion.angles import Adc, Angle, Degrees
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -30,44 +33,22 @@ _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
 _FINISHING = "and the servos finish it; `servolink stop` stops them"
 
 
-def configure_move(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink move`."""
-    parser.set_defaults(run=run_move)
-    parser.add_argument(
-        "targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 hip=-45 or all=0"
-    )
-    pace = parser.add_mutually_exclusive_group()
-    pace.add_argument(
-        "--duration", type=number(0.01, 327.67, "seconds"), metavar="SECONDS", help="how long it takes, 0.01 to 327.67"
-    )
-    pace.add_argument(
-        "--speed",
-        type=SPEED,
-        metavar="N",
-        help=f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)",
-    )
-    parser.add_argument(
-        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
-    )
-    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
-    parser.add_argument("--adc", action="store_true", help="angles are raw ADC readings; needs --duration")
-    add_limits(parser)
-
-
-def add_limits(parser: argparse.ArgumentParser) -> None:
-    """Add the options that limit movements; they hold besides the limits of the board's profile."""
-    limits = parser.add_argument_group("limits, besides those of `servolink board show`")
-    limits.add_argument(
-        "--limit",
-        nargs=2,
-        type=float,
-        metavar=("LOW", "HIGH"),
-        help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
-    )
-    limits.add_argument("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second")
-    limits.add_argument(
-        "--soft-start", type=SPEED, metavar="N", help="begin with N degrees per second at most, wherever servos are"
-    )
+LIMITS = (
+    group(
+        "limits, besides those of `servolink board show`",
+        option(
+            "--limit",
+            nargs=2,
+            type=float,
+            metavar=("LOW", "HIGH"),
+            help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
+        ),
+        option("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second"),
+        option(
+            "--soft-start", type=SPEED, metavar="N", help="begin with N degrees per second at most, wherever servos are"
+        ),
+    ),
+)
 
 
 def limits_of(args: argparse.Namespace) -> dict[str, Any]:
@@ -78,6 +59,52 @@ def limits_of(args: argparse.Namespace) -> dict[str, Any]:
     return {"angle_limits": angles, "speed_cap": args.speed_cap, "soft_start": args.soft_start}
 
 
+def servo_angle(text: str) -> tuple[int | str, int]:
+    """Return servo (id or caption) and angle of a text such as `1=90` or `hip=90`, for argparse."""
+    found = _TARGET.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
+    try:
+        servo = SERVO_NAME(found[1])
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE; the servo {error}") from None
+    name = f"servo {servo}" if isinstance(servo, int) else repr(servo)
+    if not _WHOLE.fullmatch(found[2]):
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be a whole number of degrees, not {found[2]}")
+    if not -(2**15) <= int(found[2]) < 2**15:
+        raise argparse.ArgumentTypeError(f"the angle of {name} must be from -32768 to 32767, not {found[2]}")
+    return servo, int(found[2])
+
+
+@Command(
+    "move",
+    MOVE,
+    help="move servos to angles",
+    examples=("move 1=90 2=-45", "move 1=30 --speed 20 --no-wait", "move 1=80 --limit -90 90 --duration 0.5"),
+    options=(
+        option("targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 hip=-45 or all=0"),
+        one_of(
+            option(
+                "--duration",
+                type=number(0.01, 327.67, "seconds"),
+                metavar="SECONDS",
+                help="how long it takes, 0.01 to 327.67",
+            ),
+            option(
+                "--speed",
+                type=SPEED,
+                metavar="N",
+                help=f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)",
+            ),
+        ),
+        option(
+            "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
+        ),
+        option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+        option("--adc", action="store_true", help="angles are raw ADC readings; needs --duration"),
+        *LIMITS,
+    ),
+)
 def run_move(args: argparse.Namespace) -> int:
     """Move, unless a servo is missing or would ignore it: nothing is sent then."""
     kind = Adc if args.adc else Degrees
@@ -168,33 +195,16 @@ def _print(moves: Sequence[_Move], seconds: float, *, as_json: bool) -> None:
     print_table(Table([*known], [*zip(*known.values(), strict=True)]))
 
 
-def servo_angle(text: str) -> tuple[int | str, int]:
-    """Return servo (id or caption) and angle of a text such as `1=90` or `hip=90`, for argparse."""
-    found = _TARGET.fullmatch(text)
-    if found is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
-    try:
-        servo = SERVO_NAME(found[1])
-    except argparse.ArgumentTypeError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE; the servo {error}") from None
-    name = f"servo {servo}" if isinstance(servo, int) else repr(servo)
-    if not _WHOLE.fullmatch(found[2]):
-        raise argparse.ArgumentTypeError(f"the angle of {name} must be a whole number of degrees, not {found[2]}")
-    if not -(2**15) <= int(found[2]) < 2**15:
-        raise argparse.ArgumentTypeError(f"the angle of {name} must be from -32768 to 32767, not {found[2]}")
-    return servo, int(found[2])
-
-
 _WARNING = "released servos are limp, and raised limbs fall"
 
 
-def configure_stop(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `servolink stop` has no options of its own."""
-    parser.set_defaults(
-        run=run_stop, alternative="; `servolink stop` stops all servos, `servolink servo hold SERVO` one"
-    )
-
-
+@Command(
+    "stop",
+    MOVE,
+    help="stop all servos and keep holding them",
+    examples=("stop",),
+    hint="; `servolink stop` stops all servos, `servolink servo hold SERVO` one",
+)
 def run_stop(args: argparse.Namespace) -> int:
     """Stop, and print what the servos then report."""
 
@@ -223,15 +233,23 @@ def run_stop(args: argparse.Namespace) -> int:
         return run_with_board(args, talk, profile=BoardProfile(), **options)
 
 
-def configure_release(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink release`."""
-    parser.set_defaults(run=run_release)
-    parser.add_argument(
-        "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
-    )
-    parser.add_argument("--yes", action="store_true", help=f"do not ask: {_WARNING}")
-
-
+@Command(
+    "release",
+    MOVE,
+    help="let servos go limp",
+    examples=("release --yes", "release 1 2 --yes --json"),
+    options=(
+        option(
+            "servos",
+            nargs="*",
+            default=[],
+            type=SERVO_NAME,
+            metavar="SERVO",
+            help="which servos, by id or caption (all)",
+        ),
+        option("--yes", action="store_true", help=f"do not ask: {_WARNING}"),
+    ),
+)
 def run_release(args: argparse.Namespace) -> int:
     """Release servos, and print what the servos then report."""
     from servolink.protocol.servos import ALL_SERVOS
@@ -251,6 +269,9 @@ def run_release(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk)
+
+
+SERVO_RELEASE = replace(run_release, name="servo release", topic="", examples=("servo release 1 2 --yes",))
 
 
 async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:

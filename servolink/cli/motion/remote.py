@@ -9,16 +9,18 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME
-from servolink.cli.main import OK, usage_error
-from servolink.cli.motion.move import add_limits, limits_of
+from servolink.cli.command import MOVE, Command, option
+from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, reported
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, keys_in, single_keys
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.errors import EncodeError, NotFound, Rejected, RequestError, ServolinkError
 from servolink.protocol.records import Button, JoystickTable
+from servolink.script import OK
 
 if TYPE_CHECKING:  # and imported late: --help needs none of it
     from servolink.client.board import Board
@@ -28,20 +30,22 @@ _PAGES = "Tab: keys for the next buttons"
 _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` starts them"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink remote`."""
-    parser.set_defaults(run=run)
-    parser.description = (
-        f"{parser.description}\n\nKeys: {_HELP}. {_PAGES}, if there are more buttons than letters. A tap runs the "
-        "macros for press and up; a long press those for press and, 0.8 s later, for long press, and its release the "
-        "one for up. Ctrl-C stops all servos and ends."
-    )
-    parser.add_argument(
-        "--table", type=RECORD_NAME, metavar="NAME", help="which joystick table, by caption or id (the active one)"
-    )
-    add_limits(parser)
-
-
+@Command(
+    "remote",
+    MOVE,
+    help="press the buttons of a joystick table by keys",
+    details=f"Keys: {_HELP}. {_PAGES}, if there are more buttons than letters. A tap runs the "
+    "macros for press and up; a long press those for press and, 0.8 s later, for long press, and its release the "
+    "one for up. Ctrl-C stops all servos and ends.",
+    examples=("remote", "remote --table 1 --speed-cap 90"),
+    options=(
+        option(
+            "--table", type=RECORD_NAME, metavar="NAME", help="which joystick table, by caption or id (the active one)"
+        ),
+        *LIMITS,
+    ),
+    needs_records=True,
+)
 def run(args: argparse.Namespace) -> int:
     """Show what the keys do, and obey them until somebody ends it."""
     if args.json or not can_ask() or not is_terminal():

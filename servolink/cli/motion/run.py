@@ -6,16 +6,18 @@ import argparse
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, nullcontext, suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_NAME
-from servolink.cli.main import OK
-from servolink.cli.motion.move import add_limits, limits_of, make_ready
+from servolink.cli.command import MOVE, Command, option
+from servolink.cli.motion.move import LIMITS, limits_of, make_ready
 from servolink.cli.motion.servos import are, listed, warn_of_missing
 from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import is_terminal, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.errors import ServolinkError
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -34,31 +36,24 @@ class _Servos(NamedTuple):
     """Those of them that are stopped or released, and will not move."""
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink run`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("kind", choices=("action", "macro"), metavar="action|macro", help="what to run")
-    _add_options(parser)
+_OPTIONS = (
+    option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in `servolink actions`"),
+    option("--wait", action="store_true", help="wait until it is over and the servos rest; Ctrl-C then stops them"),
+    option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+    *LIMITS,
+)
 
 
-def configure_stored(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink action run` and `servolink macro run`."""
-    parser.set_defaults(run=run, kind=None)
-    _add_options(parser)
-
-
-def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in `servolink actions`")
-    parser.add_argument(
-        "--wait", action="store_true", help="wait until it is over and the servos rest; Ctrl-C then stops them"
-    )
-    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
-    add_limits(parser)
-
-
+@Command(
+    "run",
+    MOVE,
+    help="run an action or a macro stored on the board",
+    examples=("run action 1", "run macro 1 --start --wait"),
+    options=(option("kind", choices=("action", "macro"), metavar="action|macro", help="what to run"), *_OPTIONS),
+    needs_records=True,
+)
 def run(args: argparse.Namespace) -> int:
     """Run it. Without --wait, return at once: the board does not report the end."""
-    args.kind = args.kind or args.command
 
     async def talk(board: Board, interruption: Interruption) -> int:
         found = await read_run(board, args.kind, args.record)
@@ -74,6 +69,24 @@ def run(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk, **limits_of(args))
+
+
+ACTION_RUN = replace(
+    run,
+    name="action run",
+    topic="",
+    help="run an action",
+    examples=("action run 1", "action run 1 --start"),
+    options=_OPTIONS,
+    defaults={"kind": "action"},
+)
+MACRO_RUN = replace(
+    ACTION_RUN,
+    name="macro run",
+    help="start a macro",
+    examples=("macro run 1", "macro run 1 --start"),
+    defaults={"kind": "macro"},
+)
 
 
 async def play(board: Board, interruption: Interruption, found: Run, *, shown: bool) -> None:

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.main import OK
+from servolink.cli.command import MOVE, Command, option
 from servolink.cli.screen.output import Table, print_error, print_json, print_table
 from servolink.cli.session import Interruption, is_answered, run_with_board
 from servolink.errors import NotFound, Rejected, RequestTimeout
 from servolink.motion.angles import Angle
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
     from servolink.client.servos import Servo
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servos`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("--adc", action="store_true", help="angles as raw ADC readings instead of degrees")
-
-
+@Command(
+    "servos",
+    MOVE,
+    help="show angle, current and temperature of each servo",
+    examples=("servos", "servos --adc", "servos --json"),
+    options=(option("--adc", action="store_true", help="angles as raw ADC readings instead of degrees"),),
+)
 def run(args: argparse.Namespace) -> int:
     """Print the servos."""
 
@@ -32,6 +35,9 @@ def run(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
+
+
+SERVO_LIST = replace(run, name="servo list", topic="", examples=("servo list", "servo list --json"))
 
 
 async def known_captions(board: Board) -> dict[int, str]:

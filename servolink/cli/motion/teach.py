@@ -17,7 +17,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from servolink.cli.arguments import SERVO_NAME, file_path, number, or_caption, whole_number
-from servolink.cli.main import FAILED, INTERRUPTED, OK, usage_error
+from servolink.cli.command import MOVE, Command, option
 from servolink.cli.motion.move import check_can_release, chosen_servos, may_release
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
 from servolink.cli.motion.servos import are, listed, reported
@@ -25,6 +25,7 @@ from servolink.cli.motion.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.screen.output import counted, is_terminal, print_error, print_json, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.names import button_id
 from servolink.client.servos import Servo
@@ -38,52 +39,54 @@ from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
 from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
 from servolink.protocol.records import Action, Macro
+from servolink.script import FAILED, INTERRUPTED, OK
 
 _SPEED_CAP = 120.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink teach`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"
-    )
-    parser.add_argument(
-        "servos",
-        nargs="*",
-        default=[],
-        type=SERVO_NAME,
-        metavar="SERVO",
-        help="the servos to release, by id or caption (all)",
-    )
-    parser.add_argument("--file", type=file_path, metavar="FILE", help="write into this project file, not to the board")
-    parser.add_argument(
-        "--button",
-        type=or_caption(whole_number(0, 2**32 - 1)),
-        metavar="BUTTON",
-        help="the button that records poses (any): its id, or its caption in the active joystick table",
-    )
-    parser.add_argument(
-        "--interval",
-        type=number(SHORTEST, LONGEST, "seconds"),
-        metavar="S",
-        help="time to each pose, in place of the time it took",
-    )
-    parser.add_argument(
-        "--speed-cap",
-        type=number(1, 10_000, "degrees per second"),
-        default=_SPEED_CAP,
-        metavar="D",
-        help=f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
-    )
-    parser.add_argument(
-        "--play",
-        action=argparse.BooleanOptionalAction,
-        help="play from the board what was taught, starting its servos one by one (asks, but not with --yes)",
-    )
-    parser.add_argument("--yes", action="store_true", help="do not ask whether the servos may go limp")
-
-
+@Command(
+    "teach",
+    MOVE,
+    help="record poses of limbs that are moved by hand",
+    examples=("teach Wave 1 2", "teach Nod --file robot.servolink.json --interval 0.5"),
+    options=(
+        option("name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"),
+        option(
+            "servos",
+            nargs="*",
+            default=[],
+            type=SERVO_NAME,
+            metavar="SERVO",
+            help="the servos to release, by id or caption (all)",
+        ),
+        option("--file", type=file_path, metavar="FILE", help="write into this project file, not to the board"),
+        option(
+            "--button",
+            type=or_caption(whole_number(0, 2**32 - 1)),
+            metavar="BUTTON",
+            help="the button that records poses (any): its id, or its caption in the active joystick table",
+        ),
+        option(
+            "--interval",
+            type=number(SHORTEST, LONGEST, "seconds"),
+            metavar="S",
+            help="time to each pose, in place of the time it took",
+        ),
+        option(
+            "--speed-cap",
+            type=number(1, 10_000, "degrees per second"),
+            default=_SPEED_CAP,
+            metavar="D",
+            help=f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
+        ),
+        option(
+            "--play",
+            action=argparse.BooleanOptionalAction,
+            help="play from the board what was taught, starting its servos one by one (asks, but not with --yes)",
+        ),
+        option("--yes", action="store_true", help="do not ask whether the servos may go limp"),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Release the servos, record poses, hold the servos again and write the poses."""
     check_can_release(args)

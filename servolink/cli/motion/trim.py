@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import MOVE, Command, option
 from servolink.cli.motion.move import chosen_servos, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, reported
@@ -21,11 +21,13 @@ from servolink.cli.screen.live import can_draw, follow
 from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_json, print_text, text_width
 from servolink.cli.screen.terminal import can_ask, cleanup, keys_in, single_keys
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.servos import Servo
 from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.records import ServoParameter
+from servolink.script import OK
 
 if TYPE_CHECKING:  # and imported late: --help needs none of it
     from servolink.client.board import Board
@@ -46,29 +48,6 @@ _SELECT = {"down": 1, "n": 1, "tab": 1, "up": -1, "p": -1}
 _UNSTORED = "no correction was stored"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink trim`."""
-    parser.set_defaults(run=run, yes=True)
-    parser.description = (
-        f"{parser.description}\n\nKeys: {'; '.join(_HELP)}.\n\nEach nudge moves the servo. What is stored as its "
-        "correction is the old one and all nudges. The protocol does not say how the board applies a correction: check "
-        "the servos afterwards. `servolink rollback` brings the old corrections back."
-    )
-    parser.add_argument(
-        "servos", nargs="*", default=[], type=SERVO_NAME, metavar="SERVO", help="which servos, by id or caption (all)"
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        type=nudge_argument,
-        metavar="SERVO=+N",
-        dest="nudges",
-        help="nudge a servo by N degrees and store, without keys; may be given again",
-    )
-    parser.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
-
-
 def nudge_argument(text: str) -> tuple[int | str, int]:
     """Return servo (id or caption) and degrees of a text such as `3=+4` or `hip=-2`, for argparse."""
     found = _NUDGE.fullmatch(text)
@@ -79,6 +58,36 @@ def nudge_argument(text: str) -> tuple[int | str, int]:
     return SERVO_NAME(found[1]), whole_number(-2 * MOST_TRIM, 2 * MOST_TRIM)(found[2])
 
 
+@Command(
+    "trim",
+    MOVE,
+    help="nudge servos until they stand right, and store their corrections",
+    details=f"Keys: {'; '.join(_HELP)}.\n\nEach nudge moves the servo. What is stored as its "
+    "correction is the old one and all nudges. The protocol does not say how the board applies a correction: check "
+    "the servos afterwards. `servolink rollback` brings the old corrections back.",
+    examples=("trim --set 3=+4", "trim --set 1=-2 --set 2=+1 --json"),
+    options=(
+        option(
+            "servos",
+            nargs="*",
+            default=[],
+            type=SERVO_NAME,
+            metavar="SERVO",
+            help="which servos, by id or caption (all)",
+        ),
+        option(
+            "--set",
+            action="append",
+            default=[],
+            type=nudge_argument,
+            metavar="SERVO=+N",
+            dest="nudges",
+            help="nudge a servo by N degrees and store, without keys; may be given again",
+        ),
+        option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+    ),
+    defaults={"yes": True},
+)
 def run(args: argparse.Namespace) -> int:
     """Nudge by keys or as `--set` says, then store, unless somebody leaves without it."""
     if args.nudges and args.servos:

@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
-from servolink.cli.main import FAILED, OK, fail, usage_error
+from servolink.cli.command import MOVE, Command, option
 from servolink.cli.motion.move import chosen_servos
 from servolink.cli.motion.servos import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
-from servolink.cli.screen.output import angle_text, print_error, print_json, print_text
+from servolink.cli.screen.output import angle_text, fail, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.screen.terminal import can_ask, confirm, single_keys
 from servolink.cli.session import ENDLESS, Interruption, is_answered, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.alarms import RaisedAlarm
 from servolink.errors import ConnectionLost, NotFound, ServolinkError
 from servolink.files import open_file, reason
 from servolink.motion.angles import Angle
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.cli.screen.servo_picture import Watched
@@ -32,47 +34,57 @@ _MOST_HZ = 50.0
 _BATTERY_EVERY = 10.0  # seconds
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink watch`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument(
-        "servos",
-        nargs="*",
-        default=[],
-        type=SERVO_NAME,
-        metavar="SERVO",
-        help="which servos to show, by id or caption (all)",
-    )
-    parser.add_argument(
-        "--hz",
-        type=number(0.1, _MOST_HZ, "readings a second"),
-        default=10.0,
-        metavar="N",
-        help="readings a second (10)",
-    )
-    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
-    parser.add_argument(
-        "--csv", type=new_file, metavar="FILE", help="also write a row for each servo and reading, for a spreadsheet"
-    )
-    parser.add_argument("--yes", action="store_true", help="replace FILE without asking")
-    parser.add_argument(
-        "--alarm",
-        type=alarm,
-        action="append",
-        default=[],
-        metavar="RULE",
-        help="such as 'temperature_raw>300' or 'current_raw>800 for 0.5s', about any servo; may be repeated",
-    )
-    parser.add_argument(
-        "--on-alarm",
-        choices=("warn", "stop", "exit"),
-        default="warn",
-        metavar="warn|stop|exit",
-        help="say so (warn), stop and hold all servos too, or exit with code 1",
-    )
-
-
+@Command(
+    "watch",
+    MOVE,
+    help="show all servos live, with alarms and a file for spreadsheets",
+    details=f"{ENDLESS}",
+    examples=(
+        "watch --seconds 2",
+        "watch 1 2 --hz 50 --seconds 1 --json",
+        "watch --alarm 'current_raw>800 for 0.5s' --seconds 1",
+    ),
+    options=(
+        option(
+            "servos",
+            nargs="*",
+            default=[],
+            type=SERVO_NAME,
+            metavar="SERVO",
+            help="which servos to show, by id or caption (all)",
+        ),
+        option(
+            "--hz",
+            type=number(0.1, _MOST_HZ, "readings a second"),
+            default=10.0,
+            metavar="N",
+            help="readings a second (10)",
+        ),
+        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+        option(
+            "--csv",
+            type=new_file,
+            metavar="FILE",
+            help="also write a row for each servo and reading, for a spreadsheet",
+        ),
+        option("--yes", action="store_true", help="replace FILE without asking"),
+        option(
+            "--alarm",
+            type=alarm,
+            action="append",
+            default=[],
+            metavar="RULE",
+            help="such as 'temperature_raw>300' or 'current_raw>800 for 0.5s', about any servo; may be repeated",
+        ),
+        option(
+            "--on-alarm",
+            choices=("warn", "stop", "exit"),
+            default="warn",
+            metavar="warn|stop|exit",
+            help="say so (warn), stop and hold all servos too, or exit with code 1",
+        ),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Show readings until the time is over, until `q` is pressed or until Ctrl-C."""
     if args.csv is not None and args.csv.is_dir():

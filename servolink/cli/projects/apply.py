@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from servolink.cli.arguments import file_path, not_empty
-from servolink.cli.main import FAILED, OK
+from servolink.cli.command import PROJECTS, Command, option
 from servolink.cli.projects.export import backup_named
 from servolink.cli.projects.plan import plan_to_json, print_plan
 from servolink.cli.screen.live import PHASES, shown_progress
@@ -21,38 +21,27 @@ from servolink.project.project_file import read_project_file
 from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, ProgressCallback
+from servolink.script import FAILED, OK
 
 T = TypeVar("T")
 
 _NAMED = 5  # records that the question names
 
 
-def configure_apply(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink apply`."""
-    parser.set_defaults(run=_apply)
-    parser.description = (
-        "Make the board hold exactly what a project file holds: records that the file lacks are deleted. "
-        "Before anything changes, the content of the board is saved in a backup, which `servolink rollback` restores."
-    )
-    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
-    parser.add_argument("--replace", action="store_true", help="if anything differs, delete and write everything")
-    parser.add_argument("--no-backup", action="store_true", help="save no backup; what is replaced is lost")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-
-
-def configure_rollback(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink rollback`."""
-    parser.set_defaults(run=_roll_back)
-    parser.add_argument(
-        "backup",
-        nargs="?",
-        type=not_empty,
-        metavar="BACKUP",
-        help="a number of `servolink backups`, or a file (the last)",
-    )
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-
-
+@Command(
+    "apply",
+    PROJECTS,
+    help="make the board hold what a project file holds, after a backup",
+    details="The board then holds exactly what the file holds: records that the file lacks are deleted. Before "
+    "anything changes, the content of the board is saved in a backup, which `servolink rollback` restores.",
+    examples=("apply robot.servolink.json --yes", "apply robot.servolink.json --replace --yes"),
+    options=(
+        option("file", type=file_path, metavar="FILE", help="a project file"),
+        option("--replace", action="store_true", help="if anything differs, delete and write everything"),
+        option("--no-backup", action="store_true", help="save no backup; what is replaced is lost"),
+        option("--yes", action="store_true", help="do not ask"),
+    ),
+)
 def _apply(args: argparse.Namespace) -> int:
     project, unchecked, _ = read_project_file(args.file)  # before any question: it may be missing
     refuse_without_answer(args)
@@ -63,11 +52,7 @@ def _apply(args: argparse.Namespace) -> int:
 
         async def work(on_progress: ProgressCallback) -> ApplyResult:
             return await board.apply_project(
-                project,
-                replace=args.replace,
-                backup=not args.no_backup,
-                unchecked=unchecked,
-                on_progress=on_progress,
+                project, replace=args.replace, backup=not args.no_backup, unchecked=unchecked, on_progress=on_progress
             )
 
         ways_out = (
@@ -80,6 +65,23 @@ def _apply(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state=UNTOUCHED)
 
 
+@Command(
+    "rollback",
+    PROJECTS,
+    help="bring back what was on the board before the last import",
+    examples=("rollback --yes",),
+    options=(
+        option(
+            "backup",
+            nargs="?",
+            type=not_empty,
+            metavar="BACKUP",
+            help="a number of `servolink backups`, or a file (the last)",
+        ),
+        option("--yes", action="store_true", help="do not ask"),
+    ),
+    needs_records=True,
+)
 def _roll_back(args: argparse.Namespace) -> int:
     given = backup_named(args.backup) if args.backup else None
     store = BackupStore()

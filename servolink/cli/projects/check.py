@@ -6,9 +6,10 @@ import argparse
 import re
 
 from servolink.cli.arguments import SERVO_NAME, whole_number
-from servolink.cli.main import FAILED, OK, usage_error
-from servolink.cli.projects.source import add_source, is_address, with_project
+from servolink.cli.command import Command, option
+from servolink.cli.projects.source import SOURCE, is_address, with_project
 from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.cli.usage import usage_error
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.fix import fix_project
@@ -19,21 +20,36 @@ from servolink.project.records import find, find_servo
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.servos import ALL_SERVOS
+from servolink.script import FAILED, OK
 
 _IDS = re.compile(r"([0-9]{1,3})(?:-([0-9]{1,3}))?", re.ASCII)
 _STYLES = {"error": "red", "warning": "yellow"}
 
 
-def configure_check(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project check`."""
-    parser.set_defaults(run=run_check)
-    add_source(parser)
-    parser.add_argument("--fix", action="store_true", help="repair in the file what has one right solution")
-    parser.add_argument("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11")
-    parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
-    parser.add_argument("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board")
+def _servo_ids(text: str) -> frozenset[int]:
+    """Read a number of servos, or a list of ids."""
+    parts = [_IDS.fullmatch(part.strip()) for part in text.split(",")]
+    found = frozenset(
+        servo_id for part in parts if part for servo_id in range(int(part[1]), int(part[2] or part[1]) + 1)
+    )
+    if None in parts or not found or max(found) > 0xFE:
+        raise argparse.ArgumentTypeError(f"must be a number of servos, or a list of ids as in 1-8,11, not {text!r}")
+    return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found
 
 
+@Command(
+    "project check",
+    help="find what is wrong with a project, and repair it",
+    examples=("project check robot.servolink.json", "project check robot.servolink.json --fix"),
+    options=(
+        *SOURCE,
+        option("--fix", action="store_true", help="repair in the file what has one right solution"),
+        option("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11"),
+        option("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed"),
+        option("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board"),
+    ),
+    takes_board=False,
+)
 def run_check(args: argparse.Namespace) -> int:
     """Print a line for each problem; return 0 if none is left, else 1."""
     if args.fix and is_address(args.source):
@@ -77,46 +93,41 @@ def _print(args: argparse.Namespace, found: list[Diagnostic], fixes: list[str]) 
     print_text(f"{args.source}: {counted(len(found), 'problem') if found else 'no problems'}")
 
 
-def _servo_ids(text: str) -> frozenset[int]:
-    """Read a number of servos, or a list of ids."""
-    parts = [_IDS.fullmatch(part.strip()) for part in text.split(",")]
-    found = frozenset(
-        servo_id for part in parts if part for servo_id in range(int(part[1]), int(part[2] or part[1]) + 1)
-    )
-    if None in parts or not found or max(found) > 0xFE:
-        raise argparse.ArgumentTypeError(f"must be a number of servos, or a list of ids as in 1-8,11, not {text!r}")
-    return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found
-
-
 _NUMBER = r"[+-]?[0-9]{1,5}(?:\.[0-9]{1,3})?"
 _SERVO_LIMIT = re.compile(rf"(.+)=({_NUMBER}):({_NUMBER})", re.DOTALL)
 
 
-def configure_preflight(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project preflight`."""
-    parser.set_defaults(run=run_preflight)
-    add_source(parser)
-    parser.add_argument("record", nargs="?", metavar="NAME", help="only this action or macro, and what it runs")
-    parser.add_argument("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed")
-    parser.add_argument(
-        "--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="angles of all servos, in degrees"
-    )
-    parser.add_argument(
-        "--servo-limit",
-        action="append",
-        default=[],
-        type=_servo_limit,
-        metavar="SERVO=LOW:HIGH",
-        help="angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
-    )
-    parser.add_argument(
-        "--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"
-    )
-    parser.add_argument(
-        "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
-    )
+def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
+    found = _SERVO_LIMIT.fullmatch(text)
+    if found is None or float(found[2]) > float(found[3]):
+        raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
+    return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))
 
 
+@Command(
+    "project preflight",
+    help="find movements that are too fast or go too far",
+    examples=("project preflight robot.servolink.json --speed-cap 120",),
+    options=(
+        *SOURCE,
+        option("record", nargs="?", metavar="NAME", help="only this action or macro, and what it runs"),
+        option("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed"),
+        option("--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="angles of all servos, in degrees"),
+        option(
+            "--servo-limit",
+            action="append",
+            default=[],
+            type=_servo_limit,
+            metavar="SERVO=LOW:HIGH",
+            help="angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
+        ),
+        option("--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"),
+        option(
+            "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
+        ),
+    ),
+    takes_board=False,
+)
 def run_preflight(args: argparse.Namespace) -> int:
     """Print the movements that are too fast or go too far; return 0 if there are none, else 1."""
     if args.speed_cap is None and not args.limit and not args.servo_limit and args.profile is None:
@@ -160,10 +171,3 @@ def _profile(args: argparse.Namespace) -> ProfileInUse:
     if (profile := load_profile(args.profile)) is None:
         usage_error(args, f"{args.profile!r} has no profile; `servolink board` lists those that there are")
     return ProfileInUse(args.profile, profile)
-
-
-def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
-    found = _SERVO_LIMIT.fullmatch(text)
-    if found is None or float(found[2]) > float(found[3]):
-        raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
-    return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 
 from servolink.cli.arguments import SERVO_NAME, file_path, new_file, number, or_caption, whole_number
-from servolink.cli.main import OK, usage_error
-from servolink.cli.projects.source import add_force, add_output, add_source, with_project, write_edited, write_new
+from servolink.cli.command import Command, option
+from servolink.cli.projects.source import FORCE, OUTPUT, SOURCE, with_project, write_edited, write_new
 from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.cli.usage import usage_error
 from servolink.project.adjust import rename_record, rename_servo, scale_project
 from servolink.project.build import build_project
 from servolink.project.fix import fix_project
@@ -18,47 +19,14 @@ from servolink.project.project_file import load_project, schema_text
 from servolink.project.records import find, find_servo
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Action
+from servolink.script import OK
 
 
-def configure_scale_time(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project scale-time`."""
-    parser.set_defaults(run=run_edit, edit=_scaled)
-    add_source(parser)
-    parser.add_argument(
-        "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
-    )
-    parser.add_argument(
-        "actions", nargs="*", default=[], metavar="ACTION", help="caption or id; without any, everything and all pauses"
-    )
-    add_output(parser)
-
-
-def configure_merge(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project merge`."""
-    parser.set_defaults(run=run_edit, edit=_merged)
-    parser.description = (
-        f"{parser.description}\n\nIf an id means two different records, the one of OTHER gets a new id."
-    )
-    add_source(parser)
-    parser.add_argument("other", type=file_path, metavar="OTHER", help="the project file to add to it")
-    add_output(parser)
-
-
-def configure_rename(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project rename`."""
-    parser.set_defaults(run=run_edit, edit=_renamed)
-    add_source(parser)
-    parser.add_argument(
-        "kind", choices=("action", "macro", "table", "servo"), metavar="action|macro|table|servo", help="what to rename"
-    )
-    parser.add_argument(
-        "record",
-        type=or_caption(whole_number(-(2**31), 2**31 - 1)),
-        metavar="NAME",
-        help="its caption or id, which `project show` prints",
-    )
-    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
-    add_output(parser)
+def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
+    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
+    result, changes = scale_project(project, args.factor, actions or None)
+    result, fixes = fix_project(result)
+    return result, changes + fixes
 
 
 def run_edit(args: argparse.Namespace) -> int:
@@ -72,15 +40,45 @@ def run_edit(args: argparse.Namespace) -> int:
     return with_project(args, write)
 
 
-def _scaled(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
-    actions = [find(project, name, (ACTION,)).action_id for name in args.actions]
-    result, changes = scale_project(project, args.factor, actions or None)
-    result, fixes = fix_project(result)
-    return result, changes + fixes
+PROJECT_SCALE_TIME = Command(
+    "project scale-time",
+    help="make actions, or everything, slower or faster",
+    examples=(
+        "project scale-time robot.servolink.json 2 -o slow.servolink.json",
+        "project scale-time robot.servolink.json 0.5 Bow --in-place",
+    ),
+    options=(
+        *SOURCE,
+        option(
+            "factor", type=number(1e-6, 1e6, "times"), metavar="FACTOR", help="2 takes twice as long, 0.5 half as long"
+        ),
+        option(
+            "actions",
+            nargs="*",
+            default=[],
+            metavar="ACTION",
+            help="caption or id; without any, everything and all pauses",
+        ),
+        *OUTPUT,
+    ),
+    defaults={"edit": _scaled},
+    takes_board=False,
+)(run_edit)
 
 
 def _merged(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
     return merge_projects(project, load_project(args.other, unchecked=True))
+
+
+PROJECT_MERGE = Command(
+    "project merge",
+    help="merge two projects into one",
+    details="If an id means two different records, the one of OTHER gets a new id.",
+    examples=("project merge robot.servolink.json other.json -o all.json",),
+    options=(*SOURCE, option("other", type=file_path, metavar="OTHER", help="the project file to add to it"), *OUTPUT),
+    defaults={"edit": _merged},
+    takes_board=False,
+)(run_edit)
 
 
 def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[str]]:
@@ -92,6 +90,32 @@ def _renamed(args: argparse.Namespace, project: Project) -> tuple[Project, list[
     return rename_record(project, record, args.caption)
 
 
+PROJECT_RENAME = Command(
+    "project rename",
+    help="give an action, a macro, a table or a servo another caption",
+    examples=("project rename robot.servolink.json action 1 Hello --in-place",),
+    options=(
+        *SOURCE,
+        option(
+            "kind",
+            choices=("action", "macro", "table", "servo"),
+            metavar="action|macro|table|servo",
+            help="what to rename",
+        ),
+        option(
+            "record",
+            type=or_caption(whole_number(-(2**31), 2**31 - 1)),
+            metavar="NAME",
+            help="its caption or id, which `project show` prints",
+        ),
+        option("caption", metavar="CAPTION", help="the new caption, at most 32 bytes"),
+        *OUTPUT,
+    ),
+    defaults={"edit": _renamed},
+    takes_board=False,
+)(run_edit)
+
+
 _HOW = (
     "A servo mounted as the mirror image of another turns the other way, so each servo gets the opposite of its "
     "partner's angle, unless --same-sign names it. Servos without a partner keep their angle. The partner of 'left "
@@ -99,30 +123,46 @@ _HOW = (
 )
 
 
-def configure_mirror(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project mirror`."""
-    parser.set_defaults(run=run_mirror)
-    parser.description = f"{parser.description}\n\n{_HOW}"
-    add_source(parser)
-    parser.add_argument(
-        "records", nargs="+", metavar="NAME", help="actions or macros: captions, ids, or as in action:3"
-    )
-    parser.add_argument(
-        "--map",
-        type=_pairs,
-        metavar="1=2,hip=3",
-        help="pairs, ids or captions, in place of those that captions suggest; 5=5 gets the opposite angle",
-    )
-    parser.add_argument(
-        "--same-sign",
-        type=_servos,
-        default=(),
-        metavar="5,hip",
-        help="servos, by id or caption, that take their partner's angle unchanged",
-    )
-    add_output(parser)
+def _pairs(text: str) -> list[tuple[int | str, int | str]]:
+    """Return the pairs in a text such as `1=2,hip=3`."""
+    pairs = []
+    for part in text.split(","):
+        one, separator, other = part.partition("=")
+        if not separator:
+            raise argparse.ArgumentTypeError(f"must be pairs of servos, as in 1=2,hip=3, not {part!r}")
+        pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
+    return pairs
 
 
+def _servos(text: str) -> tuple[int | str, ...]:
+    return tuple(SERVO_NAME(part.strip()) for part in text.split(","))
+
+
+@Command(
+    "project mirror",
+    help="add actions and macros with left and right exchanged",
+    details=f"{_HOW}",
+    examples=("project mirror robot.servolink.json Bow --map 1=2 -o both.json",),
+    options=(
+        *SOURCE,
+        option("records", nargs="+", metavar="NAME", help="actions or macros: captions, ids, or as in action:3"),
+        option(
+            "--map",
+            type=_pairs,
+            metavar="1=2,hip=3",
+            help="pairs, ids or captions, in place of those that captions suggest; 5=5 gets the opposite angle",
+        ),
+        option(
+            "--same-sign",
+            type=_servos,
+            default=(),
+            metavar="5,hip",
+            help="servos, by id or caption, that take their partner's angle unchanged",
+        ),
+        *OUTPUT,
+    ),
+    takes_board=False,
+)
 def run_mirror(args: argparse.Namespace) -> int:
     """Write the project with the mirror images."""
     return with_project(args, lambda project: _mirror(args, project))
@@ -156,33 +196,27 @@ def _partners(args: argparse.Namespace, project: Project) -> dict[int, int]:
     return partners
 
 
-def _pairs(text: str) -> list[tuple[int | str, int | str]]:
-    """Return the pairs in a text such as `1=2,hip=3`."""
-    pairs = []
-    for part in text.split(","):
-        one, separator, other = part.partition("=")
-        if not separator:
-            raise argparse.ArgumentTypeError(f"must be pairs of servos, as in 1=2,hip=3, not {part!r}")
-        pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
-    return pairs
-
-
-def _servos(text: str) -> tuple[int | str, ...]:
-    return tuple(SERVO_NAME(part.strip()) for part in text.split(","))
-
-
 _SERVOS = 16
 _MOST_SERVOS = 254
 
 
-def configure_new(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project new`."""
-    parser.set_defaults(run=run_new)
-    parser.add_argument("file", type=new_file, metavar="FILE", help="such as robot.servolink.json")
-    parser.add_argument("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})")
-    add_force(parser)
+def _count(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
+        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {text!r}")
+    return int(text)
 
 
+@Command(
+    "project new",
+    help="write a small project to start with",
+    examples=("project new arm.servolink.json --servos 6",),
+    options=(
+        option("file", type=new_file, metavar="FILE", help="such as robot.servolink.json"),
+        option("--servos", type=_count, default=_SERVOS, metavar="N", help=f"servos 1 to N ({_SERVOS})"),
+        *FORCE,
+    ),
+    takes_board=False,
+)
 def run_new(args: argparse.Namespace) -> int:
     """Write a project with a caption for each servo, and a pose with all servos at 0 degrees."""
     servo_ids = range(1, args.servos + 1)
@@ -196,17 +230,9 @@ def run_new(args: argparse.Namespace) -> int:
     return OK
 
 
-def _count(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
-        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {text!r}")
-    return int(text)
-
-
-def configure_schema(parser: argparse.ArgumentParser) -> None:
-    """Add no options."""
-    parser.set_defaults(run=run_schema)
-
-
+@Command(
+    "project schema", help="print the JSON Schema of project files", examples=("project schema",), takes_board=False
+)
 def run_schema(args: argparse.Namespace) -> int:
     """Print the schema, which is JSON with `--json` and without."""
     print(schema_text(), end="")

@@ -8,11 +8,12 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from servolink.cli.arguments import new_file
-from servolink.cli.main import FAILED, OK, usage_error
+from servolink.cli.command import PROJECTS, Command, option
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape
@@ -21,15 +22,19 @@ from servolink.project.project_file import load_project, save_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import validate_project
 from servolink.protocol.record_types import STORED_TYPES
+from servolink.script import FAILED, OK
 
 
-def configure_export(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink export`."""
-    parser.set_defaults(run=run_export)
-    parser.add_argument("file", type=new_file, metavar="FILE", help="such as robot.servolink.json")
-    parser.add_argument("--yes", action="store_true", help="replace a project file without asking")
-
-
+@Command(
+    "export",
+    PROJECTS,
+    help="write everything on the board into a project file",
+    examples=("export robot.servolink.json", "export robot.servolink.json --yes"),
+    options=(
+        option("file", type=new_file, metavar="FILE", help="such as robot.servolink.json"),
+        option("--yes", action="store_true", help="replace a project file without asking"),
+    ),
+)
 def run_export(args: argparse.Namespace) -> int:
     """Read everything from the board and write the file, whole or not at all, after asking if it exists."""
     _refuse_other_files(args.file)
@@ -83,23 +88,20 @@ def _refuse_other_files(path: Path) -> None:
             ) from error
 
 
-def configure_backups(parser: argparse.ArgumentParser) -> None:
-    """Add no options."""
-    parser.set_defaults(run=run_backups)
-
-
+@Command(
+    "backups",
+    PROJECTS,
+    help="list what was on boards before imports",
+    examples=("backups", "backups --json"),
+    takes_board=False,
+)
 def run_backups(args: argparse.Namespace) -> int:
     """List all backups, the newest last."""
     store = BackupStore()
     backups = store.backups()
     if args.json:
         described = [
-            {
-                "number": backup.number,
-                "time": backup.time.isoformat(),
-                "board": backup.board,
-                "file": str(backup.path),
-            }
+            {"number": backup.number, "time": backup.time.isoformat(), "board": backup.board, "file": str(backup.path)}
             for backup in backups
         ]
         print_json({"backups": described})

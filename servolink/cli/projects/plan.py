@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from servolink.cli.arguments import file_path
-from servolink.cli.main import FAILED, OK
+from servolink.cli.command import PROJECTS, Command, option
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -15,15 +15,19 @@ from servolink.client.board import Board
 from servolink.project.project_file import read_project_file
 from servolink.project.transfer.results import Memory, Plan
 from servolink.protocol.json_form import record_to_json
+from servolink.script import FAILED, OK
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink plan`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("file", type=file_path, metavar="FILE", help="a project file")
-    parser.add_argument("--replace", action="store_true", help="as for `servolink apply --replace`")
-
-
+@Command(
+    "plan",
+    PROJECTS,
+    help="show what a project file would change on the board",
+    examples=("plan robot.servolink.json", "plan robot.servolink.json --replace --json"),
+    options=(
+        option("file", type=file_path, metavar="FILE", help="a project file"),
+        option("--replace", action="store_true", help="as for `servolink apply --replace`"),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Print the differences; return 0 if there are none, else 1."""
     project, unchecked, _ = read_project_file(args.file)

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from servolink.cli.main import OK
-from servolink.cli.motion.move import DEFAULT_SPEED, limits_of, make_ready
+from servolink.cli.command import Command, group, option
+from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, listed
+from servolink.cli.projects.source import SOURCE
 from servolink.cli.screen.output import console, print_error, print_json, print_text
 from servolink.cli.screen.terminal import cleanup, single_keys
 from servolink.cli.session import Interruption, run_with_board
@@ -20,6 +21,7 @@ from servolink.project.model import Project
 from servolink.project.records import name_of, servos_used
 from servolink.protocol.record_types import type_of
 from servolink.protocol.records import Action, Macro
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -31,10 +33,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.main import usage_error
-from servolink.cli.motion.move import add_limits
-from servolink.cli.projects.source import add_source, is_address, with_project
+from servolink.cli.projects.source import is_address, with_project
 from servolink.cli.screen.output import Table, is_terminal, plain_lines, print_table, text_width
+from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
 from servolink.project.records import by_servo, by_type, find
 from servolink.protocol.record_types import ACTION, MACRO
@@ -47,26 +48,32 @@ if TYPE_CHECKING:
 _PAUSE = 0.04  # seconds between two drawings
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project play`."""
-    parser.set_defaults(run=run)
-    add_source(parser)
-    parser.add_argument("record", metavar="NAME", help="an action or a macro: caption, id, or as in macro:3")
-    parser.add_argument(
-        "--fast", action="store_true", help="print the chart at once, without the bars that move in real time"
-    )
-    board = parser.add_argument_group("on a real robot")
-    board.add_argument(
-        *("-b", "--board", "--url"),
-        dest="on_board",
-        type=not_empty,
-        metavar="BOARD",
-        help="play on this board, step by step, and store nothing there; a virtual one is played on without it",
-    )
-    board.add_argument("--start", action="store_true", help="start and hold servos that are stopped or released")
-    add_limits(parser)
-
-
+@Command(
+    "project play",
+    help="play an action or a macro: as a chart of its movements, or on a robot without storing it there",
+    examples=(
+        "project play robot.servolink.json Bow --fast",
+        "project play robot.servolink.json Bow --board virtual://?servos=20",
+    ),
+    options=(
+        *SOURCE,
+        option("record", metavar="NAME", help="an action or a macro: caption, id, or as in macro:3"),
+        option("--fast", action="store_true", help="print the chart at once, without the bars that move in real time"),
+        group(
+            "on a real robot",
+            option(
+                *("-b", "--board", "--url"),
+                dest="on_board",
+                type=not_empty,
+                metavar="BOARD",
+                help="play on this board, step by step, and store nothing there; a virtual one is played on without it",
+            ),
+            option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+        ),
+        *LIMITS,
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Play the record on a board, or else as a dry run, in which all servos start at 0 degrees."""
     if is_address(args.source) and not args.source.startswith("virtual:"):

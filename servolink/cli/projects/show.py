@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from servolink.cli.main import OK
-from servolink.cli.projects.source import add_source, with_project
+from servolink.cli.command import Command, option
+from servolink.cli.projects.source import SOURCE, with_project
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.stored.records import command_text, record_table
 from servolink.project.model import Project
@@ -15,17 +15,25 @@ from servolink.project.records import find, macro_seconds, total_size
 from servolink.protocol.json_form import record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, type_of
 from servolink.protocol.records import Action, MacroCommand
+from servolink.script import OK
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink project show`."""
-    parser.set_defaults(run=run)
-    add_source(parser)
-    parser.add_argument(
-        "records", nargs="*", default=[], metavar="NAME", help="show these in full: captions, ids, or as in action:3"
-    )
-
-
+@Command(
+    "project show",
+    help="show what a project contains",
+    examples=("project show robot.servolink.json", "project show robot.servolink.json Bow"),
+    options=(
+        *SOURCE,
+        option(
+            "records",
+            nargs="*",
+            default=[],
+            metavar="NAME",
+            help="show these in full: captions, ids, or as in action:3",
+        ),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Print the project, or some records of it."""
 

@@ -8,20 +8,21 @@ from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import new_file, not_empty
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import one_of, option
 from servolink.cli.screen.output import print_json, print_text
+from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
 from servolink.project.build import refuse_new_errors
 from servolink.project.model import Project
 from servolink.project.project_file import ProjectFile, load_project, read_project_file, save_project
 from servolink.project.validate import validate_project
+from servolink.script import OK
 
-
-def add_source(parser: argparse.ArgumentParser) -> None:
-    """Add the argument FILE."""
-    parser.add_argument(
+SOURCE = (
+    option(
         "source", type=not_empty, metavar="FILE", help="a project file, or the address of a board, which is only read"
-    )
+    ),
+)
 
 
 def is_address(source: str) -> bool:
@@ -53,17 +54,17 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     return then(*read) if ended == OK else ended
 
 
-def add_output(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say where to write the result."""
-    where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("-o", "--output", type=new_file, metavar="OUT", help="write the result to this file")
-    where.add_argument("--in-place", action="store_true", help="write the result to FILE itself")
-    add_force(parser)
+FORCE = (option("--force", action="store_true", help="replace an existing file"),)
 
 
-def add_force(parser: argparse.ArgumentParser) -> None:
-    """Add the option that allows replacing files."""
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
+OUTPUT = (
+    one_of(
+        option("-o", "--output", type=new_file, metavar="OUT", help="write the result to this file"),
+        option("--in-place", action="store_true", help="write the result to FILE itself"),
+        required=True,
+    ),
+    *FORCE,
+)
 
 
 def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:

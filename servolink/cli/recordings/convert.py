@@ -6,33 +6,45 @@ import argparse
 from pathlib import Path
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.main import OK, refuse_input, usage_error
-from servolink.cli.recordings.show import add_selection, selection
+from servolink.cli.command import RECORDINGS, Command, one_of, option
+from servolink.cli.recordings.show import SELECTION, selection
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.usage import refuse_input, usage_error
 from servolink.recorder.channels import CHANNELS, Recorded, Wire
 from servolink.recorder.pcapng import save_pcapng
 from servolink.recorder.reading import Recording, Selection
 from servolink.recorder.tables import write_tables
+from servolink.script import OK
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink convert`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
-    form = parser.add_mutually_exclusive_group(required=True)
-    form.add_argument("--csv", action="store_true", help="write a table for each channel, for spreadsheets")
-    form.add_argument("--pcap", action="store_true", help="write a capture of the line, for Wireshark")
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=not_empty,
-        metavar="OUT",
-        help="name of the new file, in which several tables add the names of their channels (that of FILE, beside it)",
-    )
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
-    add_selection(parser)
-
-
+@Command(
+    "convert",
+    RECORDINGS,
+    help="write a recording in the form of other tools",
+    examples=(
+        "convert out.mcap --csv",
+        "convert out.mcap --csv --channel servos -o servos.csv",
+        "convert out.mcap --pcap",
+    ),
+    options=(
+        option("file", type=not_empty, metavar="FILE", help="a recording"),
+        one_of(
+            option("--csv", action="store_true", help="write a table for each channel, for spreadsheets"),
+            option("--pcap", action="store_true", help="write a capture of the line, for Wireshark"),
+            required=True,
+        ),
+        option(
+            "-o",
+            "--output",
+            type=not_empty,
+            metavar="OUT",
+            help="name of the new file, to which several tables add the names of their channels (FILE's, beside it)",
+        ),
+        option("--force", action="store_true", help="replace an existing file"),
+        *SELECTION,
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Write the recording in another form."""
     with Recording(Path(args.file)) as recording:

@@ -7,12 +7,14 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
-from servolink.cli.main import FAILED, OK, fail, usage_error
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.command import RECORDINGS, Command, option
+from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.errors import RecordingError
 from servolink.platforms.signals import SAVING, handled
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.cli.recordings.record_view import RecordView
@@ -23,45 +25,54 @@ _UNITS = {"s": (1, "seconds"), "m": (60, "minutes"), "h": (3600, "hours")}
 _LONGEST_RING = 86400
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink record`."""
-    parser.set_defaults(run=run)
-    parser.description = f"{parser.description}\n\n{ENDLESS}"
-    parser.add_argument("file", type=new_file, metavar="FILE", help="a new file, such as out.mcap")
-    parser.add_argument("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds")
-    parser.add_argument(
-        "--hz",
-        type=number(0.0, _MOST_HZ, "readings a second"),
-        default=20.0,
-        metavar="N",
-        help="read the servos N times a second (20); 0 sends nothing to the board",
-    )
-    parser.add_argument(
-        "--ring",
-        type=_duration,
-        metavar="TIME",
-        help="keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
-    )
-    parser.add_argument("--wire", action="store_true", help="record only the bytes on the line, and send nothing")
-    parser.add_argument(
-        "--alarm",
-        type=alarm,
-        action="append",
-        default=[],
-        metavar="RULE",
-        help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
-    )
-    parser.add_argument(
-        "--repair", action="store_true", help="record nothing, but mend FILE if its end is missing, as after a crash"
-    )
-
-
 def _duration(text: str) -> float:
     """Return the seconds in a text such as `90`, `30s`, `5m` or `1h`."""
     unit, name = _UNITS.get(text[-1:], (1, "seconds"))
     return number(1, _LONGEST_RING / unit, name)(text[:-1] if text[-1:] in _UNITS else text) * unit
 
 
+@Command(
+    "record",
+    RECORDINGS,
+    help="record what happens on a board, beside other programs too",
+    details=f"{ENDLESS}",
+    examples=(
+        "record out.mcap --seconds 2",
+        "record out.mcap --hz 50 --seconds 1 --json",
+        "record out.mcap --seconds 1 --wire",
+    ),
+    options=(
+        option("file", type=new_file, metavar="FILE", help="a new file, such as out.mcap"),
+        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+        option(
+            "--hz",
+            type=number(0.0, _MOST_HZ, "readings a second"),
+            default=20.0,
+            metavar="N",
+            help="read the servos N times a second (20); 0 sends nothing to the board",
+        ),
+        option(
+            "--ring",
+            type=_duration,
+            metavar="TIME",
+            help="keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
+        ),
+        option("--wire", action="store_true", help="record only the bytes on the line, and send nothing"),
+        option(
+            "--alarm",
+            type=alarm,
+            action="append",
+            default=[],
+            metavar="RULE",
+            help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
+        ),
+        option(
+            "--repair",
+            action="store_true",
+            help="record nothing, but mend FILE if its end is missing, as after a crash",
+        ),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Record until the time is over, until `q` is pressed or until Ctrl-C; or mend a file."""
     if args.repair:

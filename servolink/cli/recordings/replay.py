@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from servolink.cli.arguments import listening, not_empty, number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import RECORDINGS, Command, option
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
 from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import usage_error
 from servolink.escaping import escape
 from servolink.listeners.bridge import serve_network, serve_terminal
 from servolink.listeners.tcp import host_and_port
@@ -31,6 +32,7 @@ from servolink.recorder.reading import Recording, Selection
 from servolink.recorder.replaying import RecordedBoardTransport
 from servolink.recorder.story import asked as in_words
 from servolink.recorder.story import duration
+from servolink.script import OK
 from servolink.transports.base import Transport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS
@@ -40,28 +42,28 @@ from servolink.virtual.state_file import load_state
 _VIRTUAL = "virtual"
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink replay`."""
-    parser.set_defaults(run=run)
-    parser.description = (
-        f"{parser.description}\n\nWithout --to, programs connect to the recorded board, until Ctrl-C, its normal end.\n"
-        "It answers as it did, as long as a program sends the same commands."
-    )
-    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording")
-    parser.add_argument("--to", type=not_empty, metavar=_VIRTUAL, help="play the commands on a virtual board")
-    parser.add_argument(
-        "--speed", type=number(0.01, 1000, "times"), default=1.0, metavar="N", help="play N times as fast (1)"
-    )
-    parser.add_argument(
-        "--state",
-        type=not_empty,
-        metavar="FILE",
-        help="with --to: what the virtual board stores (see `virtual --state`)",
-    )
-    parser.add_argument("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp)")
-    parser.add_argument("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one")
-
-
+@Command(
+    "replay",
+    RECORDINGS,
+    help="be the board of a recording, or move a virtual robot",
+    details="Without --to, programs connect to the recorded board, until Ctrl-C, its normal end.\n"
+    "It answers as it did, as long as a program sends the same commands.",
+    examples=("replay out.mcap --to virtual --speed 2", "replay out.mcap", "replay out.mcap --tcp 127.0.0.1:7878"),
+    options=(
+        option("file", type=not_empty, metavar="FILE", help="a recording"),
+        option("--to", type=not_empty, metavar=_VIRTUAL, help="play the commands on a virtual board"),
+        option("--speed", type=number(0.01, 1000, "times"), default=1.0, metavar="N", help="play N times as fast (1)"),
+        option(
+            "--state",
+            type=not_empty,
+            metavar="FILE",
+            help="with --to: what the virtual board stores (see `virtual --state`)",
+        ),
+        option("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp)"),
+        option("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one"),
+    ),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Play the commands on a virtual board, or serve the recorded board until Ctrl-C."""
     if args.to is None:

@@ -19,24 +19,18 @@ import msgspec
 
 from servolink.cli.arguments import not_empty, number
 from servolink.cli.boards.doctor import described
-from servolink.cli.main import FAILED, OK, refuse_input, usage_error
+from servolink.cli.command import RECORDINGS, Command, one_of, option
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
+from servolink.cli.usage import refuse_input, usage_error
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.system import SystemFacts
 from servolink.errors import ServolinkError
 from servolink.recorder.new_file import check_free
 from servolink.recorder.private_text import PrivateText
-from servolink.recorder.report import (
-    FACTS,
-    PROJECT,
-    RECORDING,
-    blank_recording,
-    facts_text,
-    pack,
-    write_report,
-)
+from servolink.recorder.report import FACTS, PROJECT, RECORDING, blank_recording, facts_text, pack, write_report
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -47,28 +41,37 @@ _VERSION = re.compile(r"\d+(\.\d+)*")
 _HZ = 20.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink report`."""
-    parser.set_defaults(run=run)
-    parser.description = (
-        f"{parser.description}\n\nCaptions, names, paths and serial numbers are blanked. What is in the file is "
-        "shown before it is written, and nothing is sent to anybody."
-    )
-    parser.add_argument(
-        "-o", "--output", type=not_empty, default="report.zip", metavar="OUT", help="name of the new file (report.zip)"
-    )
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument("--recording", type=not_empty, metavar="FILE", help="the last 5 minutes of this recording")
-    source.add_argument(
-        "--seconds", type=number(0, 300, "seconds"), default=10.0, metavar="N", help="record for N seconds (10); 0: not"
-    )
-    parser.add_argument(
-        "--with-project", action="store_true", help="add all that is stored on the board, with its captions"
-    )
-    parser.add_argument("--force", action="store_true", help="replace an existing file")
-    parser.add_argument("--yes", action="store_true", help="do not ask")
-
-
+@Command(
+    "report",
+    RECORDINGS,
+    help="write one file for a bug report, with nothing private in it",
+    details="Captions, names, paths and serial numbers are blanked. What is in the file is "
+    "shown before it is written, and nothing is sent to anybody.",
+    examples=("report --yes --seconds 1", "report --recording out.mcap --yes -o bug.zip"),
+    options=(
+        option(
+            "-o",
+            "--output",
+            type=not_empty,
+            default="report.zip",
+            metavar="OUT",
+            help="name of the new file (report.zip)",
+        ),
+        one_of(
+            option("--recording", type=not_empty, metavar="FILE", help="the last 5 minutes of this recording"),
+            option(
+                "--seconds",
+                type=number(0, 300, "seconds"),
+                default=10.0,
+                metavar="N",
+                help="record for N seconds (10); 0: not",
+            ),
+        ),
+        option("--with-project", action="store_true", help="add all that is stored on the board, with its captions"),
+        option("--force", action="store_true", help="replace an existing file"),
+        option("--yes", action="store_true", help="do not ask"),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Collect what is known, show what would be written, ask, and write it."""
     refuse_without_answer(args)

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 
 from servolink.cli.arguments import SERVO_ID, not_empty, number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import RECORDINGS, Command, group, option
 from servolink.cli.screen.output import (
     Table,
     console,
@@ -25,6 +25,7 @@ from servolink.cli.screen.output import (
     print_text,
     text_width,
 )
+from servolink.cli.usage import usage_error
 from servolink.escaping import escape
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.recorder.channels import CHANNELS, Recorded
@@ -32,44 +33,12 @@ from servolink.recorder.reading import Recording, Selection, base_name
 from servolink.recorder.report import RECORDING, is_zip, read_report
 from servolink.recorder.story import Line, Story, duration
 from servolink.recorder.summary import Summary
+from servolink.script import OK
 
 SECONDS = number(0, 10**9, "seconds")
 CHANNEL_NAMES = tuple(topic.removeprefix("/") for topic in CHANNELS)
 _PERCENTILES = (50, 99)
 _WHO = 10  # columns
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink show`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("file", type=not_empty, metavar="FILE", help="a recording, or a report")
-    add_selection(parser)
-
-
-def add_selection(parser: argparse.ArgumentParser) -> None:
-    """Add the options that select messages of a recording."""
-    group = parser.add_argument_group("part of the recording")
-    group.add_argument("--from", dest="since", type=SECONDS, metavar="SECONDS", help="from this second on")
-    group.add_argument("--to", dest="until", type=SECONDS, metavar="SECONDS", help="up to this second")
-    group.add_argument(
-        "--channel",
-        action="append",
-        choices=CHANNEL_NAMES,
-        default=[],
-        metavar="NAME",
-        help=f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
-    )
-    group.add_argument("--packet", type=_packet, metavar="NAME", help="only packets of this name")
-    group.add_argument("--servo", type=SERVO_ID, metavar="ID", help="only what is about this servo")
-    group.add_argument("--problems", action="store_true", help="only what went wrong")
-
-
-def selection(args: argparse.Namespace) -> Selection:
-    """Return what `args` selects."""
-    if args.since is not None and args.until is not None and args.since > args.until:
-        usage_error(args, f"--from {args.since:g} is after --to {args.until:g}")
-    topics = frozenset(f"/{name}" for name in args.channel)
-    return Selection(args.since, args.until, topics, args.packet or "", args.servo, args.problems)
 
 
 def _packet(text: str) -> str:
@@ -82,6 +51,42 @@ def _packet(text: str) -> str:
     return text
 
 
+SELECTION = (
+    group(
+        "part of the recording",
+        option("--from", dest="since", type=SECONDS, metavar="SECONDS", help="from this second on"),
+        option("--to", dest="until", type=SECONDS, metavar="SECONDS", help="up to this second"),
+        option(
+            "--channel",
+            action="append",
+            choices=CHANNEL_NAMES,
+            default=[],
+            metavar="NAME",
+            help=f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
+        ),
+        option("--packet", type=_packet, metavar="NAME", help="only packets of this name"),
+        option("--servo", type=SERVO_ID, metavar="ID", help="only what is about this servo"),
+        option("--problems", action="store_true", help="only what went wrong"),
+    ),
+)
+
+
+def selection(args: argparse.Namespace) -> Selection:
+    """Return what `args` selects."""
+    if args.since is not None and args.until is not None and args.since > args.until:
+        usage_error(args, f"--from {args.since:g} is after --to {args.until:g}")
+    topics = frozenset(f"/{name}" for name in args.channel)
+    return Selection(args.since, args.until, topics, args.packet or "", args.servo, args.problems)
+
+
+@Command(
+    "show",
+    RECORDINGS,
+    help="tell what happened in a recording, and what went wrong",
+    examples=("show out.mcap", "show out.mcap --problems", "show out.mcap --from 2 --to 5 --servo 3 --json"),
+    options=(option("file", type=not_empty, metavar="FILE", help="a recording, or a report"), *SELECTION),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Tell the story of a recording, or print its messages as JSON."""
     wanted, path = selection(args), Path(args.file)

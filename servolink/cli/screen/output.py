@@ -55,6 +55,12 @@ def print_error(text: str) -> None:
         silence(2)
 
 
+def fail(problem: Exception | str, code: int) -> int:
+    """Print what went wrong and return `code`."""
+    print_error(f"servolink: {problem}")
+    return code
+
+
 def silence(descriptor: int) -> None:
     """Discard what is written to a broken stream from now on, so that Python does not fail again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)

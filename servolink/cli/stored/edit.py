@@ -6,12 +6,12 @@ import argparse
 from functools import partial
 from typing import Any
 
-from servolink.cli.main import OK, usage_error
 from servolink.cli.screen.output import print_json, print_text
 from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
 from servolink.cli.stored.show import kind_of
+from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.names import ALL
 from servolink.errors import NotFound, ProjectError
@@ -20,6 +20,7 @@ from servolink.project.project_file import load_project
 from servolink.project.records import find, name_of, with_caption, with_id
 from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
 from servolink.protocol.record_types import RecordType
+from servolink.script import OK
 
 
 def run_add(args: argparse.Namespace) -> int:

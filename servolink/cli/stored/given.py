@@ -11,9 +11,9 @@ from typing import Any, TypeAlias
 
 from msgspec.structs import replace
 
-from servolink.cli.main import usage_error
 from servolink.cli.session import UNTOUCHED
-from servolink.cli.stored.options import DEFAULT_SECONDS, Part
+from servolink.cli.stored.verbs import DEFAULT_SECONDS, Part
+from servolink.cli.usage import usage_error
 from servolink.errors import AmbiguousName, EncodeError, NotFound, ServolinkError
 from servolink.escaping import quote
 from servolink.files import read_file, reason
@@ -37,7 +37,7 @@ def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
     given = [name for name in ("pose", "seconds", "play", *_PRESSES) if getattr(args, name, None) is not None]
     text = _json_text(args.what)
     if text is None:
-        if not given or (given == ["seconds"] and args.verb == "add"):
+        if not given or (given == ["seconds"] and args.command.endswith(" add")):
             usage_error(args, f"say what it does: {args.needed}, JSON, or --from FILE")
         return partial(_FROM_OPTIONS[kind], args)
     if given:
@@ -115,8 +115,8 @@ def _run(project: Project, part: Part) -> tuple[RecordType[Any], int]:
 
 def _table(args: argparse.Namespace, old: JoystickTable, project: Project) -> JoystickTable:
     buttons = {button.button_id: button for button in old.buttons}
-    for option, field in _PRESSES.items():
-        for button_id, macro in getattr(args, option) or ():
+    for press, field in _PRESSES.items():
+        for button_id, macro in getattr(args, press) or ():
             button = buttons.get(button_id, Button(button_id))
             buttons[button_id] = replace(button, **{field: _id(project, MACRO, macro)})
     return replace(old, buttons=tuple(buttons.values()))

@@ -12,15 +12,7 @@ from servolink.project.records import name_of
 from servolink.project.summary import caption_of, summary_of
 from servolink.project.transfer.results import Change
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, type_of
-from servolink.protocol.records import (
-    Action,
-    Button,
-    Macro,
-    MacroCommand,
-    MacroCommandType,
-    ServoParameter,
-    Step,
-)
+from servolink.protocol.records import Action, Button, Macro, MacroCommand, MacroCommandType, ServoParameter, Step
 
 _COLUMNS = {
     ACTION: ("servo", "angle", "seconds"),

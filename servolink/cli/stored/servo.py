@@ -6,89 +6,17 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
-from servolink.cli.commands import STORED, Command
-from servolink.cli.main import OK
-from servolink.cli.parser import Parser
+from servolink.cli.command import Command, option
+from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
 
 
-def _command(place: str, text: str, *examples: str) -> Command:
-    return Command(STORED, place, text, tuple(f"servo {one}" for one in examples))
-
-
-COMMANDS = {
-    "list": _command(
-        "motion.servos:configure", "show angle, current and temperature of each servo", "list", "list --json"
-    ),
-    "start": _command("stored.servo:configure_start", "start servos, which then hold and obey movements", "start 1 2"),
-    "hold": _command("stored.servo:configure_hold", "stop servos where they are, and hold them", "hold 1", "hold all"),
-    "release": _command("motion.move:configure_release", "let servos go limp", "release 1 2 --yes"),
-    "unit": _command("stored.servo:configure_unit", "set the unit of angles", "unit 1 adc", "unit all degree"),
-    "rename": _command("stored.servo:configure_rename", "give a servo a caption", "rename 3 hip"),
-    "trim": _command(
-        "stored.servo:configure_trim", "set the angle correction of a servo", "trim 3 +4", "trim 3 -2 --json"
-    ),
-}
-"""As `servolink.cli.commands.COMMANDS`."""
-
 _ANY = "id or caption, or all"
 
 
-def configure(parser: Parser) -> None:
-    """Add the commands of `servolink servo`."""
-    parser.add_commands(COMMANDS, "verb")
-
-
-def configure_start(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servo start`."""
-    parser.set_defaults(run=run_state, start=True, done="started")
-    parser.description = f"{parser.description}\n\nA servo may move to where it was sent last."
-    _add_servos(parser)
-
-
-def configure_hold(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servo hold`."""
-    parser.set_defaults(run=run_state, start=False, done="stopped and held")
-    _add_servos(parser)
-
-
-def configure_unit(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servo unit`."""
-    parser.set_defaults(run=run_unit)
-    parser.description = (
-        f"{parser.description}\n\nCommands that read or move servos set the unit that they need themselves."
-    )
-    _add_servos(parser)
-    parser.add_argument("unit", choices=("degree", "adc"), metavar="degree|adc", help="degrees or raw ADC readings")
-
-
-def configure_rename(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servo rename`."""
-    parser.set_defaults(run=run_rename, yes=True)
-    _add_servo(parser)
-    parser.add_argument("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")
-
-
-def configure_trim(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink servo trim`."""
-    parser.set_defaults(run=run_trim, yes=True)
-    _add_servo(parser)
-    parser.add_argument(
-        "degrees",
-        type=whole_number(-MOST_TRIM, MOST_TRIM),
-        metavar="DEGREES",
-        help="the new correction, -180 to 180; 0 for none. It replaces the old one",
-    )
-
-
-def _add_servos(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("servos", nargs="+", type=SERVO_NAME, metavar="SERVO", help=_ANY)
-
-
-def _add_servo(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption")
+_SERVOS = (option("servos", nargs="+", type=SERVO_NAME, metavar="SERVO", help=_ANY),)
 
 
 def run_state(args: argparse.Namespace) -> int:
@@ -107,6 +35,36 @@ def run_state(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, state="no servo was changed")
 
 
+SERVO_START = Command(
+    "servo start",
+    help="start servos, which then hold and obey movements",
+    details="A servo may move to where it was sent last.",
+    examples=("servo start 1 2",),
+    options=(*_SERVOS,),
+    defaults={"start": True, "done": "started"},
+)(run_state)
+SERVO_HOLD = Command(
+    "servo hold",
+    help="stop servos where they are, and hold them",
+    examples=("servo hold 1", "servo hold all"),
+    options=(*_SERVOS,),
+    defaults={"start": False, "done": "stopped and held"},
+)(run_state)
+
+
+_SERVO = (option("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption"),)
+
+
+@Command(
+    "servo unit",
+    help="set the unit of angles",
+    details="Commands that read or move servos set the unit that they need themselves.",
+    examples=("servo unit 1 adc", "servo unit all degree"),
+    options=(
+        *_SERVOS,
+        option("unit", choices=("degree", "adc"), metavar="degree|adc", help="degrees or raw ADC readings"),
+    ),
+)
 def run_unit(args: argparse.Namespace) -> int:
     """Set the unit of angles."""
     from servolink.cli.screen.output import print_json, print_text
@@ -149,11 +107,33 @@ async def _find_servos(
     return found, captions
 
 
+@Command(
+    "servo rename",
+    help="give a servo a caption",
+    examples=("servo rename 3 hip",),
+    options=(*_SERVO, option("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")),
+    defaults={"yes": True},
+)
 def run_rename(args: argparse.Namespace) -> int:
     """Give a servo another caption."""
     return _change(args, servo_caption=args.caption)
 
 
+@Command(
+    "servo trim",
+    help="set the angle correction of a servo",
+    examples=("servo trim 3 +4", "servo trim 3 -2 --json"),
+    options=(
+        *_SERVO,
+        option(
+            "degrees",
+            type=whole_number(-MOST_TRIM, MOST_TRIM),
+            metavar="DEGREES",
+            help="the new correction, -180 to 180; 0 for none. It replaces the old one",
+        ),
+    ),
+    defaults={"yes": True},
+)
 def run_trim(args: argparse.Namespace) -> int:
     """Set the angle correction of a servo."""
     return _change(args, adjusted_degree=args.degrees)

@@ -6,38 +6,15 @@ import argparse
 from typing import Any
 
 from servolink.cli.arguments import RECORD_NAME
-from servolink.cli.main import OK
+from servolink.cli.command import STORED, Command, option
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.stored import NOUNS, a
 from servolink.cli.stored.records import record_table
 from servolink.client.board import Board
 from servolink.protocol.json_form import record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink actions`, `macros` or `tables`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "record", nargs="?", type=RECORD_NAME, metavar="NAME", help="show this one in full; caption or id"
-    )
-
-
-def configure_list(parser: argparse.ArgumentParser) -> None:
-    """Set what runs; `list` has no options of its own."""
-    parser.set_defaults(run=run, record=None)
-
-
-def configure_show(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `show`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
-
-
-def kind_of(args: argparse.Namespace) -> RecordType[Any]:
-    """Return the type of record that the command is about."""
-    kinds: dict[str, RecordType[Any]] = {"action": ACTION, "macro": MACRO, "table": TABLE}
-    return kinds[args.command.removesuffix("s")]
+from servolink.script import OK
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,6 +34,44 @@ def run(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk)
+
+
+NAME = option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
+_ANY_NAME = option("record", nargs="?", type=RECORD_NAME, metavar="NAME", help="show this one in full; caption or id")
+COMMANDS = tuple(
+    command(run)
+    for noun, several in NOUNS.items()
+    for command in (
+        Command(
+            f"{noun}s",
+            STORED,
+            help=f"list the {several} stored on the board, or show one",
+            examples=(f"{noun}s", f"{noun}s 1"),
+            options=(_ANY_NAME,),
+            needs_records=True,
+        ),
+        Command(
+            f"{noun} list",
+            help=f"list the {several} stored on the board",
+            examples=(f"{noun} list",),
+            defaults={"record": None},
+            needs_records=True,
+        ),
+        Command(
+            f"{noun} show",
+            help=f"show {a(noun)} in full",
+            examples=(f"{noun} show 1", f"{noun} show 1 --json"),
+            options=(NAME,),
+            needs_records=True,
+        ),
+    )
+)
+
+
+def kind_of(args: argparse.Namespace) -> RecordType[Any]:
+    """Return the type of record that the command is about."""
+    kinds: dict[str, RecordType[Any]] = {"action": ACTION, "macro": MACRO, "table": TABLE}
+    return kinds[args.command.partition(" ")[0].removesuffix("s")]
 
 
 async def _print_list(board: Board, kind: RecordType[Any], *, json: bool) -> None:

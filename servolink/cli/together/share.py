@@ -7,58 +7,65 @@ import asyncio
 from contextlib import AsyncExitStack
 
 from servolink.cli.arguments import board_name, listening, number
-from servolink.cli.main import OK, usage_error
+from servolink.cli.command import TOGETHER, Command, group, one_of, option
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, choose_board, run_interruptible
+from servolink.cli.usage import usage_error
+from servolink.script import OK
 
 _MOST_SECONDS = 3600.0
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink share`."""
-    parser.set_defaults(run=run)
-    parser.add_argument(
-        "--name", type=board_name, metavar="NAME", help="programs call the board share://NAME (the name of the board)"
-    )
-    parser.add_argument(
-        "--tcp",
-        metavar="HOST:PORT",
-        type=listening,
-        help="also serve TCP, for programs in any language; port 0 takes a free one",
-    )
-    parser.add_argument(
-        "--watch-tcp", metavar="HOST:PORT", type=listening, help="the same for programs that may only read"
-    )
-    parser.add_argument(
-        "--pty", nargs="?", const="", metavar="LINK", help="also serve a serial port, and link to it at LINK"
-    )
-    parser.add_argument(
-        "--unit", choices=("degree", "adc"), default="degree", help="angle unit of programs that set none (degree)"
-    )
-    parser.add_argument(
-        "--door-byte-order",
-        choices=("little", "big"),
-        help="byte order of programs behind --tcp and --pty (that of the board)",
-    )
-    parser.add_argument(
-        "--lease-seconds",
-        type=number(0.0, _MOST_SECONDS, "seconds"),
-        default=10.0,
-        metavar="N",
-        help="how long after its last movement a program alone may move the servos (10)",
-    )
-    group = parser.add_argument_group("to a hub that runs")
-    instead = group.add_mutually_exclusive_group()
-    instead.add_argument("--status", action="store_true", help="show its programs and counters")
-    instead.add_argument(
-        "--take",
-        metavar="NAME",
-        type=board_name,
-        help="end the lease of the program that moves the servos, and keep it out",
-    )
-    instead.add_argument("--give", metavar="NAME", type=board_name, help="let it move them again")
-
-
+@Command(
+    "share",
+    TOGETHER,
+    help="share one board among programs that use it at the same time",
+    examples=("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
+    options=(
+        option(
+            "--name",
+            type=board_name,
+            metavar="NAME",
+            help="programs call the board share://NAME (the name of the board)",
+        ),
+        option(
+            "--tcp",
+            metavar="HOST:PORT",
+            type=listening,
+            help="also serve TCP, for programs in any language; port 0 takes a free one",
+        ),
+        option("--watch-tcp", metavar="HOST:PORT", type=listening, help="the same for programs that may only read"),
+        option("--pty", nargs="?", const="", metavar="LINK", help="also serve a serial port, and link to it at LINK"),
+        option(
+            "--unit", choices=("degree", "adc"), default="degree", help="angle unit of programs that set none (degree)"
+        ),
+        option(
+            "--door-byte-order",
+            choices=("little", "big"),
+            help="byte order of programs behind --tcp and --pty (that of the board)",
+        ),
+        option(
+            "--lease-seconds",
+            type=number(0.0, _MOST_SECONDS, "seconds"),
+            default=10.0,
+            metavar="N",
+            help="how long after its last movement a program alone may move the servos (10)",
+        ),
+        group(
+            "to a hub that runs",
+            one_of(
+                option("--status", action="store_true", help="show its programs and counters"),
+                option(
+                    "--take",
+                    metavar="NAME",
+                    type=board_name,
+                    help="end the lease of the program that moves the servos, and keep it out",
+                ),
+                option("--give", metavar="NAME", type=board_name, help="let it move them again"),
+            ),
+        ),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Share the board until Ctrl-C or SIGTERM, or talk to a hub that runs."""
     if args.status or args.take or args.give:

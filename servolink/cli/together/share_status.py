@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
-from servolink.cli.main import OK, usage_error
 from servolink.cli.screen.output import print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.together.share_view import facts, programs
+from servolink.cli.usage import usage_error
 from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting
 from servolink.control.messages import LeaseNow
@@ -21,6 +21,7 @@ from servolink.control.status import HubStatus
 from servolink.discovery.hubs import candidates, hub_of
 from servolink.discovery.names import resolve_url
 from servolink.errors import OpenError
+from servolink.script import OK
 
 _LIMIT = 5.0  # seconds for the hub to answer
 _SCHEME = "share://"

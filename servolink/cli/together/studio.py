@@ -8,10 +8,12 @@ import re
 from contextlib import AsyncExitStack
 from ipaddress import ip_address
 
-from servolink.cli.main import OK, refuse_board, usage_error
+from servolink.cli.command import FIRST_STEPS, Command, group, option
 from servolink.cli.screen.output import print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import refuse_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
+from servolink.script import OK
 
 _MOST_PORT = 65535
 _NAME = r"(?:[\w.-]+|\[[0-9A-Fa-f:.]+\])"
@@ -20,27 +22,6 @@ _NOT_ENCRYPTED = (
     "the studio is not encrypted: everybody in this network who reads along can do what these addresses allow; "
     "put it behind a proxy that speaks TLS"
 )
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink studio`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("--demo", action="store_true", help="use a new virtual board, whatever is plugged in")
-    parser.add_argument("--port", type=_port, default=0, metavar="N", help="port of the page; 0: as last time (0)")
-    parser.add_argument("--no-browser", action="store_true", help="only print the address")
-    group = parser.add_argument_group("for tablets and other machines")
-    group.add_argument(
-        "--host", default="127.0.0.1", type=_place, metavar="ADDRESS", help="where to listen; *: everywhere (127.0.0.1)"
-    )
-    group.add_argument(
-        "--allow-host",
-        action="append",
-        default=[],
-        type=_host,
-        metavar="NAME",
-        help="a name or address under which other machines reach this one, or https://NAME of a proxy that speaks TLS; "
-        "may be repeated",
-    )
 
 
 def _port(text: str) -> int:
@@ -72,6 +53,36 @@ def _host(text: str) -> str:
     return text
 
 
+@Command(
+    "studio",
+    FIRST_STEPS,
+    help="see and move the robot in the browser",
+    examples=("studio", "studio --demo", "studio --no-browser --port 8765"),
+    options=(
+        option("--demo", action="store_true", help="use a new virtual board, whatever is plugged in"),
+        option("--port", type=_port, default=0, metavar="N", help="port of the page; 0: as last time (0)"),
+        option("--no-browser", action="store_true", help="only print the address"),
+        group(
+            "for tablets and other machines",
+            option(
+                "--host",
+                default="127.0.0.1",
+                type=_place,
+                metavar="ADDRESS",
+                help="where to listen; *: everywhere (127.0.0.1)",
+            ),
+            option(
+                "--allow-host",
+                action="append",
+                default=[],
+                type=_host,
+                metavar="NAME",
+                help="a name or address under which other machines reach this one, or https://NAME of a proxy that "
+                "speaks TLS; may be repeated",
+            ),
+        ),
+    ),
+)
 def run(args: argparse.Namespace) -> int:
     """Serve the studio until Ctrl-C or SIGTERM."""
     if args.demo:

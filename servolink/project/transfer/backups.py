@@ -92,6 +92,11 @@ class BackupStore:
         """Return all backups, the newest last."""
         return sorted(filter(None, map(_backup, self._files("backups"))))
 
+    def latest(self, *urls: str) -> Path | None:
+        """Return the newest backup of the board at one of these addresses; None if there is none."""
+        boards = set(map(_slug, urls))
+        return next((backup.path for backup in reversed(self.backups()) if backup.board in boards), None)
+
     def path_of(self, name: str) -> Path:
         """Return the path of the backup of this name."""
         return self.folder / "backups" / name

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.developers import demo
-from servolink.cli.developers import demo_stage as stage
-from servolink.cli.developers.demo import STEPS
-from servolink.cli.developers.demo_stage import FaultyLine
+from servolink.cli.first_steps import demo
+from servolink.cli.first_steps import demo_stage as stage
+from servolink.cli.first_steps.demo import STEPS
+from servolink.cli.first_steps.demo_stage import FaultyLine
 from servolink.transports.memory import MemoryTransport
 from tests import processes
 from tests.cli.programs import Said, call, environment, in_terminal, program

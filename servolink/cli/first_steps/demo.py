@@ -15,12 +15,13 @@ from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 
-from servolink.cli.developers.demo_stage import FaultyLine, Outcome, Scene, Stage
-from servolink.cli.main import FAILED, OK, refuse_board
+from servolink.cli.command import FIRST_STEPS, Command, option
+from servolink.cli.first_steps.demo_stage import FaultyLine, Outcome, Scene, Stage
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table
 from servolink.cli.screen.terminal import cleanup
 from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.usage import refuse_board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
 from servolink.platforms.pseudo_terminals import AVAILABLE
@@ -36,6 +37,7 @@ from servolink.protocol.records import (
     ServoParameter,
 )
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
+from servolink.script import FAILED, OK
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
@@ -274,12 +276,14 @@ def _targets(action: Action) -> dict[int, int]:
     return {step.servo_id: step.degree for step in action.steps}
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """Add the options of `servolink demo`."""
-    parser.set_defaults(run=run)
-    parser.add_argument("--fast", action="store_true", help="do the same with quick movements and no time to read")
-
-
+@Command(
+    "demo",
+    FIRST_STEPS,
+    help="show all of it on a virtual board, in about 10 seconds",
+    examples=("demo", "demo --json"),
+    options=(option("--fast", action="store_true", help="do the same with quick movements and no time to read"),),
+    takes_board=False,
+)
 def run(args: argparse.Namespace) -> int:
     """Play all steps: 0, or 1 if a check failed."""
     refuse_board(args, "the demo has virtual boards of its own; leave out --board")

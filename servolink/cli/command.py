@@ -1,0 +1,122 @@
+"""A command, declared once, beside its code: name, topic, help, examples, options and the function that runs it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import Any, NamedTuple, TypeAlias, TypedDict, Unpack
+
+FIRST_STEPS = "first steps"
+MOVE = "move"
+RECORDINGS = "recordings"
+STORED = "what is stored"
+PROJECTS = "projects"
+TOGETHER = "together"
+DEVELOPERS = "for developers"
+
+TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, RECORDINGS, DEVELOPERS)
+"""In the order of `servolink --help`."""
+
+PATIENCE = "3"
+"""Seconds of `--timeout` of most commands if they are not given."""
+
+Run: TypeAlias = Callable[[argparse.Namespace], int]
+
+
+class Settings(TypedDict, total=False):
+    """Settings of an option, as `ArgumentParser.add_argument` takes them."""
+
+    action: str | type[argparse.Action]
+    choices: Iterable[str]
+    const: Any
+    default: Any
+    dest: str
+    help: str
+    metavar: str | tuple[str, ...]
+    nargs: int | str
+    type: Callable[[str], Any]
+
+
+class Option(NamedTuple):
+    """One option or argument."""
+
+    names: tuple[str, ...]
+    settings: Settings
+
+    def add_to(self, parser: Any) -> None:
+        """Add it to a parser or a group of one."""
+        parser.add_argument(*self.names, **self.settings)
+
+
+class Group(NamedTuple):
+    """Options under a title of their own, or of which one at most may be given."""
+
+    options: tuple[Option | Group, ...]
+    title: str = ""
+    """Empty for options that exclude each other."""
+    required: bool = False
+
+    def add_to(self, parser: Any) -> None:
+        """Add it to a parser or a group of one."""
+        add = parser.add_argument_group if self.title else parser.add_mutually_exclusive_group
+        into = add(self.title) if self.title else add(required=self.required)
+        for each in self.options:
+            each.add_to(into)
+
+
+def late(place: str) -> Run:
+    """Return the function at `place`, such as `stored.edit:run_add`; its module is imported when it runs."""
+    module, _, function = place.partition(":")
+
+    def run(args: argparse.Namespace) -> int:
+        return int(getattr(import_module(f"servolink.cli.{module}"), function)(args))
+
+    return run
+
+
+def option(*names: str, **settings: Unpack[Settings]) -> Option:
+    """Return an option, declared as `ArgumentParser.add_argument` takes it."""
+    return Option(names, settings)
+
+
+def group(title: str, *options: Option | Group) -> Group:
+    """Return options that the help shows under a title of their own."""
+    return Group(options, title)
+
+
+def one_of(*options: Option, required: bool = False) -> Group:
+    """Return options that exclude each other."""
+    return Group(options, required=required)
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command. It is the decorator of the function that runs it; without one, it has subcommands."""
+
+    name: str
+    """As it is typed, such as `move` or `project show`."""
+    topic: str = ""
+    """Where `servolink --help` lists it; empty for subcommands."""
+    help: str = field(kw_only=True)
+    details: str = ""
+    """Said in its own help, below `help`."""
+    examples: tuple[str, ...] = ()
+    """Words after `servolink`, each for a board of its own; a test runs all of them on virtual boards."""
+    options: tuple[Option | Group, ...] = ()
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+    """Values that the function finds in its arguments beside those of options."""
+    takes_board: bool = True
+    """Whether it has the options `--board` and `--timeout`."""
+    patience: str = PATIENCE
+    """Seconds of its own `--timeout` if they are not given."""
+    needs_records: bool = False
+    """Whether its examples need something stored on the board."""
+    hint: str = ""
+    """Said to people who give it arguments though it takes none."""
+    run: Run | None = None
+
+    def __call__(self, run: Run) -> Command:
+        """Return this command, run by a function."""
+        return replace(self, run=run)

@@ -1,0 +1,1 @@
+"""Commands for the first steps: the demo, help, and completion in the shell."""

@@ -1,0 +1,22 @@
+"""`servolink help`: as `--help`."""
+
+from __future__ import annotations
+
+import argparse
+
+from servolink.cli.command import FIRST_STEPS, Command, option
+from servolink.cli.parser import parser_of
+
+
+@Command(
+    "help",
+    FIRST_STEPS,
+    help="explain a command, as --help does",
+    examples=("help", "help move", "help project play"),
+    options=(option("words", nargs="*", metavar="COMMAND", help="which command (all, by topic)"),),
+    takes_board=False,
+)
+def run(args: argparse.Namespace) -> int:
+    """Print the help, and end."""
+    parser_of().parse_args([*args.words, "--help"])
+    raise AssertionError  # --help ends the program

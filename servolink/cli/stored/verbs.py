@@ -1,0 +1,196 @@
+"""`add`, `set`, `rename` and `delete` of actions, macros and tables: their options; what runs them is imported late."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, or_caption, whole_number
+from servolink.cli.command import Command, Option, late, option
+from servolink.cli.motion.move import servo_angle
+from servolink.cli.stored import NOUNS, a
+
+DEFAULT_SECONDS = 1.0
+"""Of an action, if none are given."""
+
+_WHAT = r"(?:(action|macro|wait):|(?=name:)|(?![^:]*:))(.+?)"  # a colon after another word is a typing error
+_PART = re.compile(rf"{_WHAT}(?:x([0-9]+))?(?:@([0-9]+))?", re.ASCII | re.DOTALL)
+_BUTTON = whole_number(0, 2**32 - 1)
+_MACRO_OR_NONE = or_caption(whole_number(0, 2**31 - 1))
+
+
+class Part(NamedTuple):
+    """A part of a macro, as it is typed."""
+
+    word: str
+    """`action`, `macro`, `wait`, or empty for a caption of an action or a macro."""
+    value: int | str
+    """Id or caption; for `wait` milliseconds."""
+    loop: int
+    ratio: int
+
+
+def _each(read: Callable[[str], Any], text: str) -> list[Any]:
+    return [read(part) for part in text.split(",")]
+
+
+def _part(text: str) -> Part:
+    found = _PART.fullmatch(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be CAPTION, action:NAME, macro:NAME or wait:SECONDS, with x3 to repeat it and @50 for half "
+            "the speed"
+        )
+    word, value = found[1] or "", found[2]
+    loop = whole_number(0, 0x7FFF)(found[3] or "1")
+    ratio = whole_number(1, 100)(found[4] or "100")
+    if word == "wait":
+        return Part(word, round(number(0, 2_147_483, "seconds")(value) * 1000), loop, ratio)
+    name = RECORD_NAME(value)
+    if not word and isinstance(name, int):
+        raise argparse.ArgumentTypeError(f"{text!r} must say of what it is the id, as in action:{name} or macro:{name}")
+    return Part(word, name, loop, ratio)
+
+
+def _assigned(text: str) -> tuple[int, int | str]:
+    button, equals, macro = text.partition("=")
+    if not equals:
+        raise argparse.ArgumentTypeError(f"{text!r} must be BUTTON=MACRO, such as 7=1")
+    return _BUTTON(button), _MACRO_OR_NONE(macro)
+
+
+def _action(seconds: str) -> tuple[Option, ...]:
+    """Return the options that describe an action; it takes `seconds` unless another duration is given."""
+    return (
+        option(
+            "--pose",
+            type=partial(_each, servo_angle),
+            metavar="SERVO=ANGLE,...",
+            help="where servos go, as in 1=30,hip=-10 or all=0",
+        ),
+        option(
+            "--seconds",
+            type=number(0, 327.67, "seconds"),
+            metavar="N",
+            help=f"duration in steps of 0.01 s ({seconds})",
+        ),
+    )
+
+
+_MACRO = (
+    option(
+        "--play",
+        type=partial(_each, _part),
+        metavar="PART,...",
+        help="one after the other: CAPTION, action:NAME, macro:NAME or wait:SECONDS; x3 repeats, @50 is half the speed",
+    ),
+)
+_TABLE = tuple(
+    option(
+        name,
+        action="append",
+        type=_assigned,
+        metavar="BUTTON=MACRO",
+        help=f"start a macro, by caption or id, when a button {when}; 0: none",
+    )
+    for name, when in (("--press", "is pressed"), ("--long-press", "is held down"), ("--up", "is released"))
+)
+_NAME = option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
+
+
+class _About(NamedTuple):
+    """Differences between actions, macros and tables."""
+
+    options: tuple[Option, ...]
+    """Options that say what a record does."""
+    needed: str
+    """Options of which a new record needs one, in words."""
+    new: str
+    """Example of a new one."""
+    in_file: str
+    """Caption of one in the project file of examples."""
+    change: str
+    """Example of a change."""
+    unused: int
+    """Id, in examples, of one that nothing runs, so that it may be deleted."""
+
+
+_TYPES = {
+    "action": _About(_action("as before"), "--pose", "Wave --pose 1=30,2=-10 --seconds 0.5", "Bow", "--seconds 2", 2),
+    "macro": _About(
+        _MACRO, "--play", "Dance --play action:1,wait:0.5,action:1x3@50", "Greet", "--play action:1,wait:1", 2
+    ),
+    "table": _About(_TABLE, "--press, --long-press or --up", "Left --press 7=1 --up 8=1", "Pad", "--long-press 3=1", 1),
+}
+_JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) with it"
+
+
+def _source(what: str) -> Option:
+    return option("--from", dest="source", type=file_path, metavar="FILE", help=f"take {what}, of this project file")
+
+
+def _commands(noun: str, about: _About) -> Iterator[Command]:
+    """Yield the commands that change records of one type."""
+    defaults = {"yes": True, "needed": about.needed}
+    yield Command(
+        f"{noun} add",
+        help=f"store {a(noun)}",
+        examples=(f"{noun} add {about.new}", f"{noun} add --from robot.servolink.json {about.in_file}"),
+        options=(
+            option("what", metavar="CAPTION", help=f"its caption, at most 32 bytes; or {_JSON}"),
+            *(_action(f"{DEFAULT_SECONDS:g}") if noun == "action" else about.options),
+            option("--id", type=RECORD_ID, metavar="ID", help="its id (the lowest free one)"),
+            _source("the record CAPTION, with all that it runs"),
+        ),
+        defaults=defaults,
+        needs_records=True,
+        run=late("stored.edit:run_add"),
+    )
+    yield Command(
+        f"{noun} set",
+        help=f"change {a(noun)}",
+        examples=(f"{noun} set 1 {about.change}",),
+        options=(
+            _NAME,
+            option("what", nargs="?", metavar="RECORD", help=f"{_JSON}; what it leaves out stays"),
+            *about.options,
+            _source("the record RECORD, by caption or id"),
+        ),
+        defaults=defaults,
+        needs_records=True,
+        run=late("stored.edit:run_set"),
+    )
+    yield Command(
+        f"{noun} rename",
+        help=f"give {a(noun)} another caption",
+        examples=(f"{noun} rename 1 Hello",),
+        options=(_NAME, option("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")),
+        defaults=defaults,
+        needs_records=True,
+        run=late("stored.edit:run_rename"),
+    )
+    yield Command(
+        f"{noun} delete",
+        help=f"delete {NOUNS[noun]}, after a backup",
+        examples=(f"{noun} delete {about.unused} --yes",),
+        options=(
+            option("record", nargs="+", type=RECORD_NAME, metavar="NAME", help="captions or ids, as in the list"),
+            option("--yes", action="store_true", help="do not ask"),
+        ),
+        needs_records=True,
+        run=late("stored.edit:run_delete"),
+    )
+
+
+TABLE_ACTIVATE = Command(
+    "table activate",
+    help="make a joystick table the one that buttons obey",
+    examples=("table activate 1",),
+    options=(_NAME,),
+    needs_records=True,
+    run=late("stored.edit:run_activate"),
+)
+COMMANDS = tuple(command for noun, about in _TYPES.items() for command in _commands(noun, about))
