@@ -150,6 +150,11 @@ class Connection:
         return self._window.writes.bound
 
     @property
+    def pace(self) -> float:
+        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        return self._window.known_pace
+
+    @property
     def has_waiting(self) -> bool:
         """Whether somebody waits until less is under way."""
         return bool(self._scheduler.waiting)

@@ -51,8 +51,10 @@ class Window:
         """Whether there is anything to learn."""
         if not learn:
             self.queries.depth, self.writes.depth = depth, write_depth
-        self.pace = self._known_pace = bytes_per_second
-        """Bytes per second of the line, 0 if they are unknown."""
+        self.known_pace = bytes_per_second
+        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        self.pace = bytes_per_second
+        """Bytes per second of the line, as known or measured; 0 if they are unknown."""
         self._bytes = self._seconds = 0.0  # of responses that came one behind the other
         self._responses = 0
         self._bulks = 0
@@ -90,7 +92,7 @@ class Window:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
         self._bytes += size
         self._seconds += seconds
-        self.pace = max(self._known_pace, self._bytes / max(self._seconds, 1e-9))
+        self.pace = max(self.known_pace, self._bytes / max(self._seconds, 1e-9))
 
 
 class Waiting(Struct, eq=False):

@@ -48,7 +48,7 @@ def project_table(project: Any) -> str:
 
 def plan_table(plan: Any) -> str:
     """Return a `Plan` as a table in HTML, with one row for each change."""
-    title = f"{len(plan.changes) + len(plan.inconsistencies)} differences, about {plan.seconds:.1f} s"
+    title = f"{len(plan.changes) + len(plan.inconsistencies)} differences, about {max(1, round(plan.seconds))} s"
     return html_table(("record", "on the board", "afterwards"), _plan_rows(plan), title)
 
 

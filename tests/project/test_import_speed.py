@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path
+
 import pytest
+from msgspec.structs import replace
 
 from benchmarks import import_speed
-from benchmarks.import_speed import CDC, FEW, GOALS, SERIAL, BoardLine, Case
+from benchmarks.import_speed import CDC, FEW, FTDI, GOALS, SERIAL, BoardLine, Case
 from benchmarks.wire import Line
 from servolink.client.connect import connect
+from servolink.project.transfer.plan import Cost, estimated_seconds
 from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import ACTION
 from servolink.virtual.board import VirtualBoard
@@ -21,6 +26,33 @@ from tests.virtual_time import run
 )
 def test_imports_take_no_longer_than_their_goals(case: Case, line: Line, depth: int, most: float) -> None:
     assert import_speed.seconds_of(case, line, depth) <= most
+
+
+@pytest.mark.parametrize("line", [FTDI, CDC])
+@pytest.mark.parametrize(("held", "wanted"), [(0, 1), (0, 50), (50, 50), (50, 0)])
+def test_a_plan_says_how_long_the_import_takes(line: Line, held: int, wanted: int, tmp_path: Path) -> None:
+    board = VirtualBoard(2, kind=BoardKind(memory=2**20))
+    session = board.attach(lambda _: None)
+    for action in import_speed.library(held).actions:
+        session.receive(Codec().encode(ACTION.add(replace(action, action_caption="old"))), 0.0)
+
+    async def main() -> None:
+        project, loop = import_speed.library(wanted), asyncio.get_running_loop()
+        async with connect(BoardLine(line, board)) as connected:
+            plan = await connected.plan_project(project)
+            begun = loop.time()
+            await connected.apply_project(project, folder=tmp_path)
+            assert plan.seconds == pytest.approx(loop.time() - begun, rel=0.2)
+
+    run(main())
+
+
+@pytest.mark.parametrize("pace", [0.0, 11520.0])
+def test_the_same_again_is_estimated_to_take_the_same_time(pace: float) -> None:
+    reading = Cost(10, 2000)
+    assert estimated_seconds(reading, reading, 0.5, pace) == pytest.approx(0.5)
+    assert estimated_seconds(Cost(), reading, 0.5, pace) == 0
+    assert estimated_seconds(Cost(10, 4000), reading, 0.5, pace) == pytest.approx(0.5 + (2000 / pace if pace else 0))
 
 
 @pytest.mark.parametrize("depth", [1, 4])

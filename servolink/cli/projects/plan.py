@@ -91,7 +91,7 @@ def print_plan(plan: Plan) -> None:
     facts = [
         ("differences", len(plan.changes) + len(plan.inconsistencies)),
         ("transfer", f"{plan.wire_bytes:,} bytes in {plan.requests:,} requests, with backup and verification"),
-        ("takes about", f"{plan.seconds:.0f} s" if plan.seconds >= 1 else "less than a second"),
+        ("takes about", f"{max(1, round(plan.seconds))} s"),
         ("memory free", _memory_text(plan.memory)),
     ]
     print_text("")

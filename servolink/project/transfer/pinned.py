@@ -36,6 +36,11 @@ class Line(Protocol):
         """How many requests may ever be under way while one of them is a change."""
         ...
 
+    @property
+    def pace(self) -> float:
+        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        ...
+
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context in which much is transferred."""
         ...

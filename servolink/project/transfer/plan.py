@@ -45,14 +45,12 @@ async def plan_project(
         *(f"{name} is listed and not returned" for name in content.missing()),
     )
     cost = _cost(board.codec, content, project, replace=replace) if changes or inconsistencies else Cost()
-    reading = cost_of_reading(content, project)
     return Plan(
         changes,
         inconsistencies,
         cost.requests,
         cost.wire_bytes,
-        # A line is limited by its bytes or by its requests; after a short reading it is not known which.
-        round(taken * max(cost.requests / reading.requests, cost.wire_bytes / reading.wire_bytes), 3),
+        round(estimated_seconds(cost, cost_of_reading(content, project), taken, board.connection.pace), 3),
         await memory_after(board, content, project),
         is_unfinished(content.project_id),
     )
@@ -113,6 +111,17 @@ class Cost(Struct, frozen=True):
     def __add__(self, other: Cost) -> Cost:
         """Return both together."""
         return Cost(self.requests + other.requests, self.wire_bytes + other.wire_bytes)
+
+
+def estimated_seconds(cost: Cost, reading: Cost, taken: float, pace: float) -> float:
+    """Return the time for `cost` on a line on which `reading` has `taken` so many seconds.
+
+    Bytes take their time on a line of `pace` bytes per second; 0 stands for unknown, as of USB, where they take hardly
+    any. The rest is round trips, which take as long as those of the reading.
+    """
+    on_line = cost.wire_bytes / pace if pace else 0.0
+    reading_on_line = reading.wire_bytes / pace if pace else 0.0
+    return on_line + cost.requests * max(taken - reading_on_line, 0.0) / reading.requests
 
 
 def _cost(codec: Codec, content: Content, project: Project, *, replace: bool) -> Cost:

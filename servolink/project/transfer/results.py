@@ -82,7 +82,7 @@ class Plan(Struct, frozen=True):
     wire_bytes: int
     """In both directions, on a line without damage."""
     seconds: float
-    """Estimated from the time that reading the board took."""
+    """Estimated from the time that reading the board took; boards that store slowly take longer."""
     memory: Memory | None
     """None if the board does not answer when it is asked for its memory."""
     is_unfinished: bool

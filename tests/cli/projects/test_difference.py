@@ -105,7 +105,7 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
     assert [" ".join(line.split()) for line in said[2:]] == [
         "differences 1",
         "transfer 300 bytes in 20 requests, with backup and verification",
-        "takes about less than a second",
+        "takes about 1 s",
         "memory free 100 bytes, afterwards 143",
     ]
     assert plan_to_json(plan)["inconsistencies"] == ["action 1 is listed more than once"]

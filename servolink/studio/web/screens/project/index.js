@@ -114,7 +114,7 @@ function Facts({ plan: { changes, wire_bytes: bytes, estimated_seconds: time, me
   return html`<dl class="facts">
     <div><dt>${t("project.changes")}</dt><dd>${changes.length}</dd></div>
     <div><dt>${t("project.on_the_line")}</dt><dd>${bytes.toLocaleString()} <small>${t("project.bytes")}</small></dd></div>
-    <div><dt>${t("project.takes")}</dt><dd>${time < 10 ? time.toFixed(1) : Math.round(time)} <small>s</small></dd></div>
+    <div><dt>${t("project.takes")}</dt><dd>${Math.max(1, Math.round(time))} <small>s</small></dd></div>
     <div><dt>${t("project.memory_then")}</dt><dd>${used === null ? "?" : used.toFixed(1)} <small>%</small></dd></div>
   </dl>`;
 }
