@@ -52,7 +52,7 @@ class Hub:
         self.motions = Motions(board)
         """How motions are sent to the board, and how long they last."""
         self._tasks = Tasks()
-        self._keeper = LeaseKeeper(
+        self.leases = LeaseKeeper(
             name,
             self.motions,
             units,
@@ -62,13 +62,14 @@ class Hub:
             stop_board=self._stop_unwatched,
             tasks=self._tasks,
         )
+        """The motion lease, as it is taken, given, asked for and kept alive by programs."""
         self.stops = StopCounter()
         """Stops of servos, each of which ends all motions that were asked for."""
         sender = PacketSender(
             board,
             self.motions,
             self.stops,
-            self._keeper,
+            self.leases,
             units,
             self._buttons,
             self._alone,
@@ -77,7 +78,7 @@ class Hub:
         )
         self._upstream = Upstream(board, sender)
         self._stopping = Stops(
-            board, self.stops, sender, self._upstream, self._keeper, tell=self.tell, follow=self._over
+            board, self.stops, sender, self._upstream, self.leases, tell=self.tell, follow=self._over
         )
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
@@ -114,13 +115,13 @@ class Hub:
         if lease is not None and lease.dead_man is not None:
             with suppress(ServolinkError):
                 await self.stop("the hub, which ends,")
-            self.give_lease(lease.session)
+            self.leases.give(lease.session)
         for program in list(self.programs.values()):
             if program.on_end is not None:
                 program.on_end()
             program.leave()
         await self._upstream.close()
-        self._keeper.close()
+        self.leases.close()
         await self._tasks.close()
         await self._stopping.close()
         await self._buttons.close()
@@ -161,7 +162,7 @@ class Hub:
         """End what a program that leaves has here; see `Program.leave`."""
         if self.programs.get(program.session_id) is not program:
             return
-        self._keeper.left(program.session_id)  # which names it
+        self.leases.left(program.session_id)  # which names it
         del self.programs[program.session_id]
         self._responses_to_left += program.counters.responses
         self._upstream.waiting.drop(program.queue)
@@ -229,7 +230,7 @@ class Hub:
         if program is None:
             raise ConnectionLost("the session has ended; connect again")
         if self.lease is not None and self.lease.session != session_id:
-            raise MotionRefused(f"nothing was stopped: {self.lease_reason(session_id)}")
+            raise MotionRefused(f"nothing was stopped: {self.leases.reason(session_id)}")
         await self._stopping.end_move(program, servo_ids)
 
     def _stop_unwatched(self, reason: str) -> None:
@@ -271,33 +272,7 @@ class Hub:
     @property
     def lease(self) -> LeaseStatus | None:
         """Which program may move the robot; None if none has."""
-        return self._keeper.status
-
-    def take_lease(
-        self, session_id: str, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
-    ) -> bool:
-        """Give the lease to a program if it is free, or with `force`. Return whether it has the lease now.
-
-        If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped. With
-        `is_beat` this counts as one.
-        """
-        return self._keeper.take(session_id, dead_man=dead_man, force=force, is_beat=is_beat)
-
-    def lease_reason(self, session_id: str) -> str:
-        """Return why a program may not move the servos, and what to do; empty if it may."""
-        return self._keeper.reason(session_id)
-
-    def give_lease(self, session_id: str) -> None:
-        """Free the lease if this program holds it. A motion ends by itself."""
-        self._keeper.give(session_id)
-
-    def ask_for_lease(self, session_id: str) -> None:
-        """Tell the holder of the lease that this program asks for it."""
-        self._keeper.ask(session_id)
-
-    def beat(self, session_id: str) -> None:
-        """Count a sign of life of a program that holds the lease with a dead-man time."""
-        self._keeper.beat(session_id)
+        return self.leases.status
 
     # --- exclusive use ------------------------------------------------------------------------------------------
 

@@ -83,12 +83,12 @@ def test_a_refused_movement_is_an_error_that_names_the_holder() -> None:
                 await other.release()
             assert (await other.servo(1)).angle == 60
             await other.stop()
-            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
+            await other.connection.hub.leases.take(force=True)  # type: ignore[union-attr]
             await other.set_servo("all", start=True, hold=True)
             await other.move({1: 0}, duration=0.05, wait=True)
             with pytest.raises(MotionRefused, match="moved by"):
                 await one.move({1: 60}, duration=0.05)
-            hub.give_lease(hub.lease.session if hub.lease else "")
+            hub.leases.give(hub.lease.session if hub.lease else "")
             await one.move({1: 60}, duration=0.05)
 
     with_hub(main)
@@ -122,7 +122,7 @@ def test_a_motion_whose_lease_is_taken_away_is_refused_with_the_reason(use: Call
             moving = asyncio.ensure_future(use(one))
             while (await other.servo(1)).angle < 5:
                 assert not moving.done()
-            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
+            await other.connection.hub.leases.take(force=True)  # type: ignore[union-attr]
             await other.move({1: 0}, duration=0.05)
             with pytest.raises(MotionRefused, match=r"interrupted: the servos of rex are moved by .* --take rex"):
                 await moving
@@ -140,7 +140,7 @@ def test_an_import_begins_only_if_it_may_turn_servos() -> None:
             assert await other.project_id() == 7
             assert await other.actions() == ()
             await other.export_project()
-            hub.give_lease(hub.lease.session if hub.lease else "")
+            hub.leases.give(hub.lease.session if hub.lease else "")
             await other.apply_project(Project(actions=(WAVE,)), replace=True)
             await until(lambda: hub.lease is None)  # given back
             await one.rollback_project()
@@ -208,7 +208,7 @@ def test_what_waits_for_who_has_the_board_alone_is_not_sent_after_a_stop_of_some
                 await after
                 assert [servo.is_start for servo in await other.servos()] == [False, False, True]
                 await third.stop()
-                hub.give_lease(hub.lease.session if hub.lease else "")
+                hub.leases.give(hub.lease.session if hub.lease else "")
 
     with_hub(main)
 
@@ -224,7 +224,7 @@ def test_what_a_program_plays_ends_when_another_one_stops_the_board(by_program: 
             while (await other.servo(1)).angle < 5:
                 await asyncio.sleep(0.01)
             await (other.stop() if by_program else hub.stop("a page"))
-            hub.give_lease(hub.lease.session if hub.lease else "")
+            hub.leases.give(hub.lease.session if hub.lease else "")
             await other.set_servo("all", start=True, hold=True)
             here = (await other.servo(1)).angle
             with pytest.raises(RequestError, match="ended by a stop"):

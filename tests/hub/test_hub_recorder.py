@@ -79,7 +79,7 @@ def test_the_end_of_the_hub_ends_it(folder: Path) -> None:
             async with here.program("page") as page:
                 await page.call("recorder.start")
             await asyncio.sleep(3)  # it goes on without the program
-            assert here.interface.recorder.is_recording
+            assert here.interface.recorder.now().is_recording
 
     run(main())
     (path,) = folder.iterdir()
@@ -97,7 +97,7 @@ def test_a_forgotten_recording_is_ended(full: bool, tmp_path: Path, monkeypatch:
         async with shared() as here, here.program("page") as page:
             recorder = _small(here.hub, tmp_path / "here", 10**9 if full else 2000)
             await recorder.start("page", hz=0, wire_only=False)
-            while recorder.is_recording:
+            while recorder.now().is_recording:
                 await page.call("servos.list")
                 await asyncio.sleep(0.1)
             assert "was ended" in (await page.until("problem"))["text"]

@@ -117,7 +117,7 @@ class Angler:
                 self.raw.send(ExecuteActionExRequest(POSES[unit].action_id))
 
     def _take_lease(self) -> None:
-        self._hub.take_lease(self.raw.session.session_id, force=True)
+        self._hub.leases.take(self.raw.session.session_id, force=True)
 
     async def _work(self) -> None:
         while True:

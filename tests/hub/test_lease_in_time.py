@@ -109,21 +109,21 @@ class Leases(RuleBasedStateMachine):
         session = self.session(who)
         self.pass_time(0.1)
         self.follow(self.model.take(session, self.time, dead_man=dead_man, force=force), self.time)
-        assert self.hub.take_lease(session, dead_man=dead_man, force=force) == (self.model.holder == session)
+        assert self.hub.leases.take(session, dead_man=dead_man, force=force) == (self.model.holder == session)
 
     @rule(who=names)
     def give(self, who: str) -> None:
         session = self.session(who)
         self.pass_time(0.1)
         self.model.give(session, self.time)
-        self.hub.give_lease(session)
+        self.hub.leases.give(session)
 
     @rule(who=names)
     def beat(self, who: str) -> None:
         session = self.session(who)
         self.pass_time(0.1)
         self.model.beat(session, self.time)
-        self.hub.beat(session)
+        self.hub.leases.beat(session)
 
     @rule(who=names, seconds=st.sampled_from([0.1, 1.0, 8.0]))
     def move(self, who: str, seconds: float) -> None:

@@ -137,14 +137,14 @@ def test_the_lease_is_given_back_asked_for_and_taken_over_openly() -> None:
         ann, bob = there.join("ann"), there.join("bob")
         first, second = ann.session.session_id, bob.session.session_id
         await there.move(ann)
-        there.hub.ask_for_lease(second)
-        assert not there.hub.take_lease(second)
-        assert there.hub.take_lease(second, force=True)
+        there.hub.leases.ask(second)
+        assert not there.hub.leases.take(second)
+        assert there.hub.leases.take(second, force=True)
         assert await there.move(bob)
         assert not await there.move(ann)
-        there.hub.give_lease(first)  # which it has not got any more
+        there.hub.leases.give(first)  # which it has not got any more
         assert there.hub.status().lease is not None
-        there.hub.give_lease(second)
+        there.hub.leases.give(second)
         assert there.hub.status().lease is None
         changes = there.of(LeaseNotice)
         assert [(change.event, change.by, change.lease and change.lease.session) for change in changes] == [
@@ -167,7 +167,7 @@ def test_what_still_waits_when_the_lease_is_taken_over_is_not_sent() -> None:
         await asyncio.sleep(0.1)
         ann.send(MOVE)  # waits behind the slow query
         await asyncio.sleep(0.1)
-        there.hub.take_lease(bob.session.session_id, force=True)
+        there.hub.leases.take(bob.session.session_id, force=True)
         await asyncio.sleep(3)
         assert len(there.motions) == 1
 
@@ -182,7 +182,7 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_waits_for_its_units(
         await asyncio.sleep(0.1)
         ann.send(MOVE)
         await asyncio.sleep(0.1)
-        there.hub.take_lease(bob.session.session_id, force=True)
+        there.hub.leases.take(bob.session.session_id, force=True)
         await asyncio.sleep(3)
         assert there.motions == []
         assert there.sessions_of(RefusedNotice) == [ann.session.session_id]
@@ -207,11 +207,11 @@ def test_a_motion_is_not_sent_if_the_lease_is_lost_while_it_is_checked(
         ann.send(packet)
         await asyncio.sleep(seconds)
         before = len(there.motions)
-        there.hub.take_lease(bob.session.session_id, force=True)
+        there.hub.leases.take(bob.session.session_id, force=True)
         await asyncio.sleep(20)
         assert len(there.motions) == before
         assert ["moved by bob" in one.reason for one in there.of(RefusedNotice)] == [True]
-        there.hub.give_lease(bob.session.session_id)
+        there.hub.leases.give(bob.session.session_id)
         ann.send(packet)
         await asyncio.sleep(20)
         assert isinstance(there.motions[-1], type(packet))
@@ -226,7 +226,7 @@ def test_a_soft_start_whose_lease_is_taken_away_is_refused_with_the_reason(packe
         ann.send(packet)
         await asyncio.sleep(1)
         assert len(there.motions) == 1
-        there.hub.take_lease(bob.session.session_id, force=True)
+        there.hub.leases.take(bob.session.session_id, force=True)
         bob.send(START)  # which no soft start comes before
         await asyncio.sleep(20)
         assert there.motions[1:] == [START]
@@ -309,11 +309,11 @@ def test_the_board_stops_within_400_ms_of_the_last_beat(programs: int) -> None:
             other = there.join(f"program {number}")
             for _ in range(60):
                 other.send(QueryServoListRequest())
-        assert there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        assert there.hub.leases.take(studio.session.session_id, dead_man=0.35)
         studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
         for _ in range(20):
             await asyncio.sleep(0.1)
-            there.hub.beat(studio.session.session_id)
+            there.hub.leases.beat(studio.session.session_id)
         last_beat = now()
         assert stops(there) == []
         await asyncio.sleep(5)
@@ -329,9 +329,9 @@ def test_the_board_stops_within_400_ms_of_the_last_beat(programs: int) -> None:
 def test_a_holder_with_a_dead_man_time_that_vanishes_stops_the_board_at_once() -> None:
     async def use(there: World) -> None:
         studio = there.join("studio")
-        there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        there.hub.leases.take(studio.session.session_id, dead_man=0.35)
         await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
-        there.hub.beat(studio.session.session_id)
+        there.hub.leases.beat(studio.session.session_id)
         left = now()
         studio.session.leave()
         await asyncio.sleep(5)
@@ -346,7 +346,7 @@ def test_a_hub_that_ends_stops_the_board_only_if_somebody_watched_over_it(dead_m
     async def main() -> None:
         async with world() as there:
             studio = there.join("studio")
-            there.hub.take_lease(studio.session.session_id, dead_man=dead_man)
+            there.hub.leases.take(studio.session.session_id, dead_man=dead_man)
             await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
         assert len(stops(there)) == (dead_man is not None)
 
@@ -365,7 +365,7 @@ def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: 
             notices: list[Struct] = []
             hub.listen(lambda notice, session: notices.append(notice))
             studio = RawProgram(hub, "studio")
-            hub.take_lease(studio.session.session_id, dead_man=0.35)
+            hub.leases.take(studio.session.session_id, dead_man=0.35)
             studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
             await asyncio.sleep(0.1)
             socket.pull()
@@ -384,7 +384,7 @@ def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: 
 def test_a_stop_that_cannot_be_confirmed_is_reported() -> None:
     async def use(there: World) -> None:
         studio = there.join("studio")
-        there.hub.take_lease(studio.session.session_id, dead_man=0.35)
+        there.hub.leases.take(studio.session.session_id, dead_man=0.35)
         await there.move(studio)
         there.fake.usual_of[QueryServoRequest] = LOST
         await asyncio.sleep(10)

@@ -102,8 +102,12 @@ class LeaseKeeper:
         self._units.release()
         self._report(self._lease.stopped(self._loop.time()))
 
-    def take(self, session: str, *, dead_man: float | None, force: bool, is_beat: bool) -> bool:
-        """Give the lease to `session` if it is free, or with `force`. Return whether it has it now."""
+    def take(self, session: str, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True) -> bool:
+        """Give the lease to `session` if it is free, or with `force`. Return whether `session` has the lease now.
+
+        If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped. With
+        `is_beat` this counts as one.
+        """
         self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force, is_beat=is_beat))
         return self._lease.holder == session
 
@@ -112,7 +116,7 @@ class LeaseKeeper:
         return self._gate.reason(session, self._loop.time())
 
     def give(self, session: str) -> None:
-        """Free the lease if `session` holds it."""
+        """Free the lease if `session` holds it. A motion ends by itself."""
         self._report(self._lease.give(session, self._loop.time()))
 
     def ask(self, session: str) -> None:

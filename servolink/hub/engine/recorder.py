@@ -8,9 +8,9 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
 from servolink.client.board import Board
+from servolink.control.messages import RecordingEntry, RecordingNow
 from servolink.control.notifications import ProblemNotice, RecordingNotice
 from servolink.errors import RecordingError, ServolinkError
 from servolink.files import MIB, user_folder
@@ -29,15 +29,6 @@ _LEAST_FREE = 256 * MIB
 _SUFFIX = ".mcap"
 _LOOK_EVERY = 1.0  # seconds
 _PRIVATE = 0o700
-
-
-class StoredRecording(NamedTuple):
-    """A recording in the folder of the hub."""
-
-    name: str
-    size: int
-    ended: str
-    """When it was last written to: ISO 8601, UTC."""
 
 
 class HubRecorder:
@@ -62,15 +53,21 @@ class HubRecorder:
         self._latest: RecorderStatus | None = None
         self._changing = asyncio.Lock()
 
-    @property
-    def is_recording(self) -> bool:
-        """Whether the hub is recording."""
-        return self._recorder is not None
-
-    @property
-    def status(self) -> RecorderStatus | None:
-        """The state of the recording, or of the latest one; None before the first."""
-        return self._latest if self._recorder is None else self._recorder.status
+    def now(self) -> RecordingNow:
+        """Return the state of the recording, or of the latest one."""
+        status = self._latest if self._recorder is None else self._recorder.status
+        if status is None:
+            return RecordingNow(is_recording=False)
+        return RecordingNow(
+            self._recorder is not None,
+            Path(status.path).name,
+            status.path,
+            round(status.seconds, 3),
+            status.size,
+            status.messages,
+            status.dropped,
+            status.problem,
+        )
 
     def folder(self) -> Path:
         """Return the folder of the recordings. Raise OSError for a user without a home."""
@@ -119,15 +116,15 @@ class HubRecorder:
         self._recorder.mark(text, who=who)
         self._hub.tell(RecordingNotice("marked", who, self._recorder.wanted.path.name, text))
 
-    def stored(self) -> list[StoredRecording]:
+    def stored(self) -> list[RecordingEntry]:
         """Return the recordings in the folder, the newest last."""
-        found = list[tuple[float, StoredRecording]]()
+        found = list[tuple[float, RecordingEntry]]()
         with suppress(OSError), os.scandir(self.folder()) as entries:
             for entry in entries:
                 if entry.name.endswith(_SUFFIX) and entry.is_file(follow_symlinks=False):
                     status = entry.stat(follow_symlinks=False)
                     ended = datetime.fromtimestamp(status.st_mtime, UTC).isoformat(timespec="seconds")
-                    found.append((status.st_mtime, StoredRecording(entry.name, status.st_size, ended)))
+                    found.append((status.st_mtime, RecordingEntry(entry.name, status.st_size, ended)))
         return [recording for _, recording in sorted(found)]
 
     async def close(self) -> None:

@@ -247,8 +247,8 @@ class Control:
         """
         self._check_joined()
         dead_man = self._dead_man if dead_man is None else dead_man
-        if not self.hub.take_lease(self.session, force=force, dead_man=dead_man, is_beat=is_beat):
-            raise LeaseRefused(f"nothing was moved: {self.hub.lease_reason(self.session)}")
+        if not self.hub.leases.take(self.session, force=force, dead_man=dead_man, is_beat=is_beat):
+            raise LeaseRefused(f"nothing was moved: {self.hub.leases.reason(self.session)}")
         return self.hub.lease
 
     @property
@@ -285,7 +285,7 @@ class Control:
             yield
         finally:
             if lease is None or lease.session != self.session:
-                self.hub.give_lease(self.session)
+                self.hub.leases.give(self.session)
 
     async def hold(self, reason: str) -> None:
         """Hold the board alone, as soon as no other program does."""

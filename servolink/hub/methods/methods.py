@@ -99,21 +99,21 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
 def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
     """Give the lease back; programs from which it was taken over may have it again. A motion ends by itself."""
     caller.control.prepared = None
-    caller.control.hub.give_lease(caller.control.session)
+    caller.control.hub.leases.give(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
 
 
 @METHODS.add("lease.beat", Role.WATCH)
 def lease_beat(caller: Caller, params: NoParams) -> Done:
     """Say that the program still watches over the motion, if it took the lease with `dead_man`."""
-    caller.control.hub.beat(caller.control.session)
+    caller.control.hub.leases.beat(caller.control.session)
     return Done()
 
 
 @METHODS.add("lease.ask", Role.WATCH)
 def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
     """Ask the holder for the lease: it gets a notification, and decides."""
-    caller.control.hub.ask_for_lease(caller.control.session)
+    caller.control.hub.leases.ask(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
 
 

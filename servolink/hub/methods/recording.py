@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from pathlib import Path
 
 from servolink.control.messages import (
     Done,
     NoParams,
     RecorderMark,
     RecorderStart,
-    RecordingEntry,
     RecordingList,
     RecordingNow,
     Tapping,
@@ -35,7 +33,7 @@ def tap_start(caller: Caller, params: TapStart) -> Tapping:
 
 @METHODS.add("tap.stop", Role.WATCH)
 def tap_stop(caller: Caller, params: NoParams) -> Done:
-    """Send what is left of the notifications `tap`, and no more."""
+    """Send the remaining notifications `tap`, and end the tap."""
     caller.tap.stop()
     return Done()
 
@@ -51,14 +49,14 @@ async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
     RecordingError if something is being recorded already.
     """
     await caller.recorder.start(caller.control.who, hz=params.hz, wire_only=params.wire_only)
-    return _now(caller)
+    return caller.recorder.now()
 
 
 @METHODS.add("recorder.stop", Role.RUN)
 async def recorder_stop(caller: Caller, params: NoParams) -> RecordingNow:
     """End the recording, and return what it was. RecordingError if nothing is being recorded."""
     await caller.recorder.stop(caller.control.who)
-    return _now(caller)
+    return caller.recorder.now()
 
 
 @METHODS.add("recorder.mark", Role.RUN)
@@ -71,7 +69,7 @@ def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
 @METHODS.add("recorder.status", Role.WATCH)
 def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
     """Return the state of the recording, or of the latest one."""
-    return _now(caller)
+    return caller.recorder.now()
 
 
 @METHODS.add("recorder.list", Role.WATCH)
@@ -79,21 +77,4 @@ async def recorder_list(caller: Caller, params: NoParams) -> RecordingList:
     """Return the recordings in the folder."""
     recorder = caller.recorder
     found = await asyncio.to_thread(recorder.stored)
-    entries = tuple(RecordingEntry(each.name, each.size, each.ended) for each in found)
-    return RecordingList(str(recorder.folder()), entries)
-
-
-def _now(caller: Caller) -> RecordingNow:
-    status = caller.recorder.status
-    if status is None:
-        return RecordingNow(is_recording=False)
-    return RecordingNow(
-        caller.recorder.is_recording,
-        Path(status.path).name,
-        status.path,
-        round(status.seconds, 3),
-        status.size,
-        status.messages,
-        status.dropped,
-        status.problem,
-    )
+    return RecordingList(str(recorder.folder()), tuple(found))
