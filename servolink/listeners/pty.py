@@ -12,7 +12,7 @@ from urllib.parse import quote
 from servolink.errors import OpenError
 from servolink.files import reason
 from servolink.listeners.accept import RareWarning
-from servolink.listeners.conversation import HIGH, LOW, MOST_UNREAD, Conversation
+from servolink.listeners.accepted import HIGH, LOW, MOST_UNREAD, ProgramHandler
 from servolink.platforms.pseudo_terminals import PseudoTerminal
 
 LOOK = 0.05
@@ -22,14 +22,14 @@ _TERMINALS = "/dev/"
 
 
 class ServedTerminal:
-    """Pseudo-terminal with a conversation for each program that opens it.
+    """Pseudo-terminal with a handler for each program that opens it.
 
     Settings and unread bytes of one program are gone before the next program.
     """
 
     def __init__(
         self,
-        begin: Callable[[ServedTerminal], Conversation],
+        begin: Callable[[ServedTerminal], ProgramHandler],
         *,
         high: int = HIGH,
         low: int = LOW,
@@ -39,7 +39,7 @@ class ServedTerminal:
     ) -> None:
         """Make the terminal, look for a program every `look` seconds, and call `begin` when one opens the terminal.
 
-        A conversation is paused above `high` unread bytes and resumed at `low`. Programs find `baudrate`, unless 0;
+        A handler is paused above `high` unread bytes and resumed at `low`. Programs find `baudrate`, unless 0;
         `on_baudrate` is called with each other rate that a program sets, before the bytes sent at that rate. Raise
         TransportUnavailable on Windows.
         """
@@ -50,8 +50,8 @@ class ServedTerminal:
         self._on_baudrate = on_baudrate
         self._loop = asyncio.get_running_loop()
         self._warning = RareWarning()
-        self._conversation: Conversation | None = None
-        self._is_paused = False  # the conversation
+        self._handler: ProgramHandler | None = None
+        self._is_paused = False  # the handler
         self._unread = bytearray()
         self._timer: asyncio.TimerHandle | None = None
         self._terminal = PseudoTerminal()
@@ -60,7 +60,7 @@ class ServedTerminal:
         self._hang_up()
 
     def close(self) -> None:
-        """End the conversation, and remove the terminal."""
+        """Tell the handler that the program is gone, and remove the terminal."""
         self._leave()
         if self._timer is not None:
             self._timer.cancel()
@@ -68,52 +68,52 @@ class ServedTerminal:
 
     def send(self, data: bytes) -> None:
         """Send bytes to the program as an AcceptedConnection does; drop bytes without a program or without room."""
-        if self._conversation is None:
+        if self._handler is None:
             self._look()
-        conversation = self._conversation
-        if conversation is None:
+        handler = self._handler
+        if handler is None:
             return
         if len(self._unread) + len(data) > MOST_UNREAD:
             self._warning.log("%s: responses are dropped, as the program does not read them", self.name)
             return
         is_first = not self._unread
         self._unread += data
-        if is_first and conversation.waiting:
+        if is_first and handler.waiting:
             self._loop.call_soon(self._flush)
         elif is_first:
             self._flush()
         if len(self._unread) > self._high and not self._is_paused:
             self._is_paused = True
-            conversation.pause()
+            handler.pause()
 
     # --- coming and going ---------------------------------------------------------------------------------------
 
     def _look(self) -> None:
-        """Begin a conversation if a program has opened the terminal."""
+        """Get a handler if a program has opened the terminal."""
         data = self._terminal.read()
         if data is not None:
-            self._conversation = self._begin(self)
-            self._conversation.on_room = self._resume
+            self._handler = self._begin(self)
+            self._handler.on_room = self._resume
             self._resume()
-            self._receive(self._conversation, data)
+            self._receive(self._handler, data)
 
     def _watch(self) -> None:
         """Look for changes that the system does not report."""
         self._timer = None
-        if self._conversation is None:
+        if self._handler is None:
             self._look()
-        elif self._conversation.is_full and self._terminal.is_closed():
+        elif self._handler.is_full and self._terminal.is_closed():
             self._hang_up()
         self._follow_baudrate()
         self._watch_later()
 
     def _watch_later(self) -> None:
-        conversation = self._conversation
-        if self._timer is None and (conversation is None or conversation.is_full or self._on_baudrate is not None):
-            self._timer = self._loop.call_later(self._look_pause if conversation is None else LOOK, self._watch)
+        handler = self._handler
+        if self._timer is None and (handler is None or handler.is_full or self._on_baudrate is not None):
+            self._timer = self._loop.call_later(self._look_pause if handler is None else LOOK, self._watch)
 
     def _hang_up(self) -> None:
-        """End the conversation and renew the terminal."""
+        """Tell the handler that the program is gone, and renew the terminal."""
         self._leave()
         self._terminal.renew(self._first_baudrate)
         self._baudrate = self._terminal.baudrate()
@@ -124,12 +124,12 @@ class ServedTerminal:
         self._terminal.on_writable(None)
         self._unread.clear()
         self._is_paused = False
-        if self._conversation is not None:
-            conversation, self._conversation = self._conversation, None
-            conversation.leave()
+        if self._handler is not None:
+            handler, self._handler = self._handler, None
+            handler.leave()
 
     def _follow_baudrate(self) -> None:
-        if self._on_baudrate is not None and self._conversation is not None:
+        if self._on_baudrate is not None and self._handler is not None:
             baudrate = self._terminal.baudrate()
             if baudrate not in {0, self._baudrate}:  # 0 hangs up
                 self._baudrate = baudrate
@@ -138,27 +138,27 @@ class ServedTerminal:
     # --- bytes --------------------------------------------------------------------------------------------------
 
     def _resume(self) -> None:
-        if self._conversation is not None:
+        if self._handler is not None:
             self._terminal.on_readable(self._readable)
 
     def _readable(self) -> None:
         data = self._terminal.read()
-        if data is None or self._conversation is None:
+        if data is None or self._handler is None:
             self._hang_up()
         else:
-            self._receive(self._conversation, data)
+            self._receive(self._handler, data)
 
-    def _receive(self, conversation: Conversation, data: bytes) -> None:
+    def _receive(self, handler: ProgramHandler, data: bytes) -> None:
         self._follow_baudrate()
         if data:
-            conversation.receive(data)
-        if conversation.is_full and self._conversation is conversation:
+            handler.receive(data)
+        if handler.is_full and self._handler is handler:
             self._terminal.on_readable(None)
             self._watch_later()
 
     def _flush(self) -> None:
-        conversation = self._conversation
-        if conversation is None:
+        handler = self._handler
+        if handler is None:
             return
         written = self._terminal.write(self._unread)
         if not written and self._terminal.is_closed():  # noticed here only while reading pauses
@@ -168,7 +168,7 @@ class ServedTerminal:
         self._terminal.on_writable(self._flush if self._unread else None)
         if self._is_paused and len(self._unread) <= self._low:
             self._is_paused = False
-            conversation.resume()
+            handler.resume()
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
 
-from servolink.listeners.conversation import AcceptedConnection, serve_connections
+from servolink.listeners.accepted import AcceptedConnection, serve_connections
 from servolink.listeners.pty import ServedTerminal, address_of
 from servolink.listeners.tcp import listening_sockets, place_of
 from servolink.spy.relay import Relay

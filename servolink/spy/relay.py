@@ -15,7 +15,7 @@ Tap: TypeAlias = Callable[[float, Direction, bytes], None]
 
 
 class Relay:
-    """Conversation of one program at a time with the port of the board; nothing is added."""
+    """Handler of one program at a time, which passes bytes to and from the port of the board and adds none."""
 
     waiting = 0
 
@@ -69,7 +69,7 @@ class Relay:
     # --- from the program ---------------------------------------------------------------------------------------
 
     def join(self, sink: Callable[[bytes], object]) -> Relay:
-        """Begin the conversation with a program, to which `sink` sends; return this object."""
+        """Handle a program, to which `sink` sends; return this object."""
         self.sink = sink
         self.has_program = True
         self._on_program(True)  # noqa: FBT003 - it is there
@@ -94,7 +94,7 @@ class Relay:
         self._board.resume_reading()
 
     def leave(self) -> None:
-        """End the conversation: the program is gone."""
+        """Forget the program, which is gone."""
         self.on_room = None
         self.has_program = False
         self._board.resume_reading()

@@ -26,8 +26,8 @@ HID_INTERVAL = 0.001
 _OPENING_LIMIT = 10.0  # seconds for the first request of a host
 
 
-class Conversation:
-    """The conversation with a host that has the device."""
+class Attachment:
+    """Attachment of the device to a host, from the import to the end of the connection."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, serial_number: str) -> None:
         """Plug a new device with `serial_number` into the host."""
@@ -118,11 +118,11 @@ class UsbIpServer:
             async with asyncio.timeout(_OPENING_LIMIT):
                 await self._welcome(reader, writer)
             if self._host is writer:
-                conversation = Conversation(reader, writer, self._serial_number)
-                with self._use(conversation.device):
-                    await conversation.serve()
+                attachment = Attachment(reader, writer, self._serial_number)
+                with self._use(attachment.device):
+                    await attachment.serve()
         except (DecodeError, OSError, EOFError):
-            return  # the usual end of a conversation, and that of one with something else than a host
+            return  # usual end, also for anything that is not a host
         finally:
             if self._host is writer:
                 self._host = None

@@ -23,7 +23,7 @@ from servolink.errors import OpenError
 from servolink.hub.doors import socket_door
 from servolink.hub.hub import Hub
 from servolink.hub.methods.session import ControlInterface
-from servolink.listeners import conversation
+from servolink.listeners import accepted
 from servolink.platforms import local_sockets
 from servolink.platforms.local_sockets import socket_folder, socket_path
 from servolink.protocol.codec import Codec
@@ -253,7 +253,7 @@ def big_action() -> AddActionRequest:
 def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(conversation, "LONGEST_PAUSE", 0.2)
+    monkeypatch.setattr(accepted, "LONGEST_PAUSE", 0.2)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, connect(url) as board:

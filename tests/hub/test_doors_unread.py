@@ -12,7 +12,7 @@ from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
-from servolink.listeners import accept, conversation
+from servolink.listeners import accept, accepted
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.records import Step
@@ -26,7 +26,7 @@ def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(conversation, "MOST_UNREAD", 10_000)
+    monkeypatch.setattr(accepted, "MOST_UNREAD", 10_000)
     monkeypatch.setattr(accept, "_SEND_BUFFER", 4096)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
@@ -41,7 +41,7 @@ def test_a_response_beyond_all_bounds_ends_the_connection(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("is_tcp", [False, True])
 def test_the_end_of_a_program_that_has_read_nothing_is_noticed(is_tcp: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has asked for so much that it is not even listened to any more."""
-    monkeypatch.setattr(conversation, "LONGEST_PAUSE", 1e6)
+    monkeypatch.setattr(accepted, "LONGEST_PAUSE", 1e6)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with sharing(hub) as url, tcp_door(hub, "127.0.0.1:0") as tcp, connect(url) as board:

@@ -12,7 +12,7 @@ from servolink.escaping import quote
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.listeners.accept import RareWarning, most_connections
-from servolink.listeners.conversation import AcceptedConnection, serve_connections
+from servolink.listeners.accepted import AcceptedConnection, serve_connections
 from servolink.listeners.tcp import host_and_port, joined, listening_sockets, place_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec

@@ -21,7 +21,7 @@ from servolink.discovery.hubs import HubClaim
 from servolink.errors import OpenError
 from servolink.files import reason
 from servolink.hub.hub import Hub
-from servolink.listeners.conversation import AcceptedConnection, serve_connections
+from servolink.listeners.accepted import AcceptedConnection, serve_connections
 from servolink.platforms import local_sockets
 from servolink.protocol.codec import Codec
 
@@ -158,7 +158,7 @@ class ShareConnection(AcceptedConnection):
 
 
 class Messages:
-    """Conversation in JSON-RPC, one message in each line."""
+    """Handler of a program that speaks JSON-RPC, one message in each line."""
 
     is_full = False
     waiting = 0

@@ -16,7 +16,7 @@ from typing import Self, TypeVar
 
 from servolink.usbip.descriptors import FULL_SPEED
 from servolink.usbip.device import UsbDevice
-from servolink.usbip.server import Conversation, Use
+from servolink.usbip.server import Attachment, Use
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import plugged
 from servolink.virtual.transport import BoardDriver
@@ -108,12 +108,12 @@ class Plug:
     async def _serve(self, ours: socket.socket, started: Future[None]) -> None:
         self._loop = asyncio.get_running_loop()
         reader, self._writer = await asyncio.open_connection(sock=ours)
-        conversation = Conversation(reader, self._writer, self.serial_number)
-        self.device = conversation.device
+        attachment = Attachment(reader, self._writer, self.serial_number)
+        self.device = attachment.device
         with self._use(self.device):
             started.set_result(None)
             with suppress(OSError, EOFError):
-                await conversation.serve()
+                await attachment.serve()
         self._writer.transport.abort()
 
     def _folder(self) -> Path | None:

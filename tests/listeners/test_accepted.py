@@ -1,4 +1,4 @@
-"""Conversations with programs that read slowly or not at all."""
+"""Handlers of programs that read slowly or not at all."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from servolink.listeners.conversation import LONGEST_PAUSE, MOST_UNREAD, AcceptedConnection
+from servolink.listeners.accepted import LONGEST_PAUSE, MOST_UNREAD, AcceptedConnection
 from tests.virtual_time import run
 
 
@@ -33,14 +33,14 @@ class Pipe(asyncio.Transport):
 
 
 class SilentConnection(AcceptedConnection):
-    """A connection on which no conversation begins by itself."""
+    """A connection that finds no handler by itself."""
 
     def _begin(self, data: bytes) -> None:
         """Do nothing."""
 
 
 class Counting:
-    """A conversation that counts how often it is paused and resumed."""
+    """A handler that counts how often it is paused and resumed."""
 
     on_room: Callable[[], None] | None = None
     is_full = False
@@ -87,7 +87,7 @@ def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
     run(main())
 
 
-def test_a_conversation_that_bounds_what_waits_decides_itself_who_is_disconnected() -> None:
+def test_a_handler_that_limits_unread_bytes_itself_keeps_its_program() -> None:
     async def main() -> None:
         line, pipe, program = SilentConnection(), Pipe(), Counting()
         line.connection_made(pipe)

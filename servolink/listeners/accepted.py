@@ -1,4 +1,4 @@
-"""Conversations with programs over a socket, with back-pressure in both directions."""
+"""Accepted connections, whose programs are handled with back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from servolink.escaping import escape
 from servolink.listeners.accept import RareWarning, accepting
 
 HIGH, LOW = 128 * 1024, 32 * 1024
-"""Unread bytes above which a conversation is paused, and down to which a program must read to resume it."""
+"""Unread bytes above which a handler is paused, and down to which a program must read to resume it."""
 MOST_UNREAD = 8 * 1024 * 1024
 """Unread bytes above which a program is disconnected; more than all requests under way can bring."""
 LONGEST_PAUSE = 10.0
@@ -26,7 +26,7 @@ _NOT_READ = "it does not read what it asked for"
 _logger = logging.getLogger(__name__)
 
 
-class Conversation(Protocol):
+class ProgramHandler(Protocol):
     """Receiver of the bytes of one program, made with a function that sends bytes to the program."""
 
     on_room: Callable[[], None] | None
@@ -56,10 +56,10 @@ class Conversation(Protocol):
 
 
 class AcceptedConnection(asyncio.BufferedProtocol, ABC):
-    """Connection of one program; a subclass begins the conversation in `_begin`."""
+    """Connection of one program; a subclass finds the handler in `_begin`."""
 
     def __init__(self, *, high: int = HIGH, low: int = LOW) -> None:
-        """Start unconnected; pause the conversation while more than `high` bytes are unread, until only `low` are."""
+        """Start unconnected; pause the handler while more than `high` bytes are unread, until only `low` are."""
         self.gone = asyncio.Event()
         """Set when the connection has ended."""
         self.who = "a program"
@@ -69,15 +69,15 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         self._buffer = bytearray(_CHUNK)
         self._frames: list[bytes] = []
         self._pipe: asyncio.Transport | None = None
-        self._conversation: Conversation | None = None
+        self._handler: ProgramHandler | None = None
         self._must_read = True
         self._written = 0
         self._timer: asyncio.TimerHandle | None = None  # while the program does not read
 
     @property
     def has_begun(self) -> bool:
-        """Whether the conversation has begun."""
-        return self._conversation is not None
+        """Whether the program has a handler."""
+        return self._handler is not None
 
     def end(self) -> None:
         """Close the connection after the bytes that were sent."""
@@ -94,7 +94,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 
     def send(self, data: bytes) -> None:
         """Send bytes to the program; while responses are to come, together with others of this turn of the loop."""
-        if not self._frames and self._conversation is not None and not self._conversation.waiting:
+        if not self._frames and self._handler is not None and not self._handler.waiting:
             self._write(data)
             return
         if not self._frames:
@@ -105,22 +105,22 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
     def _begin(self, data: bytes) -> None:
         """Process bytes until the call of `_join`."""
 
-    def _join(self, conversation: Conversation, *, must_read: bool = True) -> None:
-        """Pass all further bytes to this conversation.
+    def _join(self, handler: ProgramHandler, *, must_read: bool = True) -> None:
+        """Pass all further bytes to this handler.
 
-        If the program `must_read`, disconnect it when it does not; otherwise the conversation limits its unread bytes.
+        If the program `must_read`, disconnect it when it does not; otherwise the handler limits its unread bytes.
         """
-        self._conversation = conversation
+        self._handler = handler
         self._must_read = must_read
-        conversation.on_room = self._resume
+        handler.on_room = self._resume
 
     def _receive(self, data: bytes) -> None:
-        conversation = self._conversation
-        if conversation is None:
+        handler = self._handler
+        if handler is None:
             self._begin(data)
             return
-        conversation.receive(data)
-        if conversation.is_full and self._pipe is not None:
+        handler.receive(data)
+        if handler.is_full and self._pipe is not None:
             self._pipe.pause_reading()
 
     def _resume(self) -> None:
@@ -174,24 +174,24 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         self._receive(bytes(self._buffer[:nbytes]))
 
     def pause_writing(self) -> None:
-        """Pause the conversation: too many bytes are unread."""
-        if self._conversation is not None:
-            self._conversation.pause()
+        """Pause the handler: too many bytes are unread."""
+        if self._handler is not None:
+            self._handler.pause()
             if self._must_read:
                 self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
 
     def resume_writing(self) -> None:
-        """Resume the conversation: most bytes were read."""
+        """Resume the handler: most bytes were read."""
         self._stop_timer()
-        if self._conversation is not None:
-            self._conversation.resume()
+        if self._handler is not None:
+            self._handler.resume()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End the conversation."""
+        """Tell the handler that the program is gone."""
         self._stop_timer()
         self.gone.set()
-        if self._conversation is not None:
-            self._conversation.leave()
+        if self._handler is not None:
+            self._handler.leave()
 
 
 @asynccontextmanager
@@ -200,7 +200,7 @@ async def serve_connections(
 ) -> AsyncIterator[None]:
     """Accept connections to these sockets within this context, `most` at once; `make` returns the object for each.
 
-    One more replaces the oldest connection without a conversation; if there is none, the new one is closed.
+    One more replaces the oldest connection without a handler; if there is none, the new one is closed.
     """
     connections = dict[AcceptedConnection, asyncio.Task[Any] | None]()  # oldest first
     warning = RareWarning()
