@@ -7,12 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from servolink.doctor.learn_captions import encoding_finding, listed_captions
-from servolink.doctor.learn_contact import Contact, byte_order_finding, mode_findings
 from servolink.doctor.learn_line import Line, Quality, SharedTransport, measure_quality
-from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import (
+    Contact,
     Survey,
+    byte_order_finding,
     depth_finding,
+    mode_findings,
     survey_board,
     turnaround_finding,
     unknown_ids_finding,
@@ -27,6 +28,7 @@ from servolink.doctor.learn_writes import (
     write_depth_finding,
 )
 from servolink.errors import ConnectionLost, ServolinkError
+from servolink.profiles.profile import Measured
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
 from servolink.transports.address import Address

@@ -8,9 +8,9 @@ from functools import cache
 from struct import calcsize
 from typing import NamedTuple, get_type_hints
 
-from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import Survey
 from servolink.escaping import quote
+from servolink.profiles.profile import Measured
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import response_class
 from servolink.protocol.editing import QueryServoParameterRequest

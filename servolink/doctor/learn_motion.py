@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from servolink.client.board import Board
-from servolink.doctor.learn_profile import Measured
 from servolink.errors import ServolinkError
 from servolink.motion.angles import Degrees
-from servolink.profiles.profile import SafetyLimits
+from servolink.profiles.profile import Measured, SafetyLimits
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest
 

@@ -10,11 +10,10 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.doctor.learn_line import Line, Quality
-from servolink.doctor.learn_profile import Measured
 from servolink.doctor.learn_queries import is_line_loss
 from servolink.doctor.learn_trial import SCRATCH, Trial, write_marker
 from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
-from servolink.profiles.profile import Confidence
+from servolink.profiles.profile import Confidence, Measured
 from servolink.project.model import without_neutral
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.frame import OVERHEAD

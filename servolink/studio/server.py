@@ -7,20 +7,22 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Itera
 from contextlib import asynccontextmanager, suppress
 from functools import partial
 from ipaddress import ip_address
+from pathlib import Path
 from socket import socket
 from typing import Any
 
 from aiohttp import web
 
 from servolink.errors import OpenError
+from servolink.files import read_file, user_folder, write_atomically
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
 from servolink.studio.draft_methods import follow_drafts
+from servolink.studio.drafts import file_name
 from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
 from servolink.studio.methods import Studio
 from servolink.studio.page import MOST_MESSAGE, serve_page
-from servolink.studio.ports import keep_port, last_ports
 
 HEADERS = {
     # Nothing from elsewhere, nothing inline, and no page may show this one in a frame.
@@ -189,3 +191,33 @@ def _checked(gate: Gate, connections: Connections) -> Callable[..., Awaitable[we
         return response
 
     return check
+
+
+# --- the port, which stays the same: what a browser keeps for a page belongs to the address of the page --------------
+
+_MOST_PORTS, _MOST_PORT_BYTES = 4, 32
+
+
+def last_ports(board: str) -> list[int]:
+    """Return the ports of the last studios of the board of this name, the latest first; empty if they are not known.
+
+    There are several if one studio was started beside another.
+    """
+    with suppress(OSError, ValueError):
+        ports = [int(port) for port in read_file(_port_file(board), _MOST_PORT_BYTES).split()]
+        if all(0 < port < 1 << 16 for port in ports):
+            return ports
+    return []
+
+
+def keep_port(board: str, port: int) -> None:
+    """Note the port for the next studio. No effect if that cannot be written."""
+    with suppress(OSError):
+        path = _port_file(board)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        ports = [port, *(one for one in last_ports(board) if one != port)][:_MOST_PORTS]
+        write_atomically(path, f"{' '.join(map(str, ports))}\n".encode(), private=True)
+
+
+def _port_file(board: str) -> Path:
+    return user_folder("data") / "studio" / f"{file_name(board)}.port"

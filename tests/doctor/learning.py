@@ -7,9 +7,9 @@ from pathlib import Path
 
 from servolink import Action, Macro, MacroCommand, ServoParameter, Step, connect
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
-from servolink.doctor.learn_contact import make_contact
 from servolink.doctor.learn_line import SharedTransport
-from servolink.doctor.learn_profile import Measured
+from servolink.doctor.learn_queries import make_contact
+from servolink.profiles.profile import Measured
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
 from servolink.transports.base import Transport

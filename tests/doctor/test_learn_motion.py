@@ -10,9 +10,8 @@ import pytest
 from servolink import connect
 from servolink.doctor import learn_motion
 from servolink.doctor.learn_motion import PlannedMovement, interval_finding, plan_movement
-from servolink.doctor.learn_profile import Measured
 from servolink.errors import ServolinkError
-from servolink.profiles.profile import SafetyLimits
+from servolink.profiles.profile import Measured, SafetyLimits
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.transport import VirtualTransport

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from servolink.doctor.learn_captions import encoding_finding
-from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.profiles.profile import (
     BY_HAND,
     BoardIdentityRecord,
@@ -16,7 +15,9 @@ from servolink.profiles.profile import (
     BoardSettings,
     Confidence,
     Evidence,
+    Measured,
     SafetyLimits,
+    merge_profile,
 )
 
 NOW, BEFORE = datetime(2026, 2, 1, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)

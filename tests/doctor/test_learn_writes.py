@@ -9,8 +9,8 @@ import pytest
 
 from servolink import connect
 from servolink.doctor.learn import learn_by_asking, learn_by_writing
-from servolink.doctor.learn_contact import make_contact
 from servolink.doctor.learn_line import SharedTransport
+from servolink.doctor.learn_queries import make_contact
 from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkError
 from servolink.project.model import UNFINISHED
 from servolink.project.transfer.backups import BackupStore

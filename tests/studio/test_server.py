@@ -14,8 +14,7 @@ from servolink.files import user_folder
 from servolink.hub.serving import serve_board
 from servolink.studio import draft_methods
 from servolink.studio.methods import Studio
-from servolink.studio.ports import keep_port, last_ports
-from servolink.studio.server import HEADERS, serve_studio
+from servolink.studio.server import HEADERS, keep_port, last_ports, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve

@@ -21,14 +21,13 @@ from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
-from servolink.doctor.learn_contact import Contact, make_contact
 from servolink.doctor.learn_line import Line, SharedTransport
 from servolink.doctor.learn_motion import interval_finding, plan_movement
-from servolink.doctor.learn_profile import Measured, merge_profile
+from servolink.doctor.learn_queries import Contact, make_contact
 from servolink.doctor.learn_trial import Trial, connected
 from servolink.errors import OpenError, RequestError, RequestTimeout, ServolinkError
 from servolink.files import is_name
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile
+from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Measured, merge_profile
 from servolink.profiles.store import load_profile, save_profile
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec

@@ -29,10 +29,9 @@ from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.names import button_id
 from servolink.client.servos import Servo
-from servolink.doctor.learn_profile import Measured, merge_profile
 from servolink.errors import ConnectionLost, ProjectError, RequestError, ServolinkError
 from servolink.platforms.signals import handled
-from servolink.profiles.profile import BoardIdentityRecord
+from servolink.profiles.profile import BoardIdentityRecord, Measured, merge_profile
 from servolink.profiles.store import load_profile, save_profile
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
