@@ -12,21 +12,22 @@ from time import perf_counter, process_time
 
 import msgspec
 from msgspec import Struct
+from paho.mqtt.client import MQTTMessage
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
 from benchmarks.fleet_processes import Worker, broker, echo, workers
-from benchmarks.fleet_worker import ECHO, MACRO, bare_client
+from benchmarks.fleet_worker import ECHO, MACRO, BareClient
 from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.measuring import CORES, Result, Table, table
 from servolink.fleet.access import parse_broker
-from servolink.fleet.broker import Received
 from servolink.fleet.client import Fleet, connect
+from servolink.fleet.mqtt_thread import Received
 
 COUNTS = (1, 10, 50, 200)
 HZ = 10.0
 DELIVERED = 99.0  # percent of the samples
-ROUND_TRIP = 2.0  # times that of bare aiomqtt
+ROUND_TRIP = 2.0  # times that of bare paho-mqtt
 STOPPED = 0.3  # seconds until the last board has stopped, 99 times in 100
 SPREAD = 0.02  # seconds between the first and the last start, 99 times in 100
 _SETTLE = 1.0  # seconds until all boards send
@@ -127,28 +128,31 @@ async def _round_trips(url: str, times: int) -> tuple[list[float], list[float], 
     ready = {"servo": "all", "start": True, "hold": True}
     address = parse_broker(url)
     with workers(url, 1, 0.0) as _, echo(url):
-        async with (
-            connect(url, groups={}) as fleet,
-            bare_client(address) as client,
-        ):
-            reply = f"bare/{secrets.token_hex(4)}"
-            await client.subscribe(reply, 1)
+        loop = asyncio.get_running_loop()
+        echoes: asyncio.Queue[None] = asyncio.Queue()
+        reply = f"bare/{secrets.token_hex(4)}"
+
+        def take(_: MQTTMessage) -> None:
+            loop.call_soon_threadsafe(echoes.put_nowait, None)
+
+        client = BareClient(address, reply, take)
+        async with connect(url, groups={}) as fleet:
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
             properties.ResponseTopic = reply
-            messages = aiter(client.messages)
             payload = b'{"id":"12345678","method":"board.state"}'
             for at in range(-20, times):
                 began = perf_counter()
                 await fleet.call("bench0", "board.state")
                 between = perf_counter()
-                await client.publish(ECHO, payload, 1, properties=properties)
-                await anext(messages)
+                client.client.publish(ECHO, payload, 1, properties=properties)
+                await echoes.get()
                 echoed = perf_counter()
                 await fleet.call("bench0", "servo.set", ready)
                 if at >= 0:
                     ours.append(between - began)
                     bare.append(echoed - between)
                     changes.append(perf_counter() - echoed)
+        client.close()
     return ours, bare, changes
 
 
@@ -169,14 +173,14 @@ async def _measure(url: str, count: int, seconds: float, rounds: int) -> Case:
 async def _watch(url: str, processes: list[Worker], case: Case, seconds: float) -> None:
     """Count the samples that come within `seconds`, and what they cost."""
     fleet = connect(url, groups={}, servos=True)
-    receive, samples = fleet.controller.wire.on_message, case.samples
+    receive, samples = fleet.controller.broker.on_message, case.samples
 
     def count(message: Received) -> None:
         if message.topic.endswith("/servos"):
             samples.take(message.topic, message.payload)
         receive(message)
 
-    fleet.controller.wire.on_message = count
+    fleet.controller.broker.on_message = count
     async with fleet:
         await asyncio.sleep(_SETTLE)
         samples.received = samples.lost = samples.left_out = 0
@@ -231,7 +235,7 @@ def _trip_table(ours: list[float], bare: list[float], changes: list[float]) -> T
     rows = [
         (name, *(f"{1000 * _percentile(times, percent):.2f}" for percent in (50, 99)))
         for name, times in (
-            ("bare aiomqtt: a message and its echo", bare),
+            ("bare paho-mqtt: a message and its echo", bare),
             ("a command that reads (`board.state`), and its result", ours),
             ("a command that changes (`servo.set`), and its result", changes),
         )

@@ -12,12 +12,15 @@ import json
 import resource
 import socket
 import sys
+import threading
+from collections.abc import Callable
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from time import process_time
-from typing import NoReturn
+from typing import Any
 
-import aiomqtt
+from paho.mqtt import client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
 
 from servolink.fleet.access import BrokerAddress, parse_broker
 
@@ -63,27 +66,38 @@ async def _boards(url: str, first: int, count: int, hz: float) -> None:
             await joined
 
 
-def bare_client(address: BrokerAddress) -> aiomqtt.Client:
-    """Return a client of the broker that sends at once, as ours do."""
-    options = [(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)]
-    version = aiomqtt.ProtocolVersion.V5
-    return aiomqtt.Client(address.host, address.port, protocol=version, socket_options=options)
+class BareClient:
+    """A program that uses paho-mqtt with its own thread, and sends at once, as ours does."""
+
+    def __init__(self, address: BrokerAddress, topic: str, on_message: Callable[[mqtt.MQTTMessage], None]) -> None:
+        """Connect, subscribe to `topic` and call `on_message`, in the thread of paho-mqtt."""
+        self.client = mqtt.Client(CallbackAPIVersion.VERSION2, protocol=mqtt.MQTTv5)
+        self._subscribed = threading.Event()
+        self.client.on_subscribe = lambda *_: self._subscribed.set()
+        self.client.on_message = lambda _client, _data, message: on_message(message)
+        self.client.connect(address.host, address.port)
+        sock: Any = self.client.socket()
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.client.loop_start()
+        self.client.subscribe(topic, 1)
+        self._subscribed.wait()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self.client.disconnect()
+        self.client.loop_stop()
 
 
 async def _echo(url: str) -> None:
     """Answer each message of QoS 1 by one of QoS 1, with nothing between."""
-    async with bare_client(parse_broker(url)) as client:
-        await client.subscribe(ECHO, 1)
-        _say("ready")
 
-        async def echo() -> NoReturn:
-            async for message in client.messages:
-                await client.publish(message.properties.ResponseTopic, message.payload, 1)  # type: ignore[union-attr]
-            raise AssertionError
+    def echo(message: mqtt.MQTTMessage) -> None:
+        bare.client.publish(message.properties.ResponseTopic, message.payload, 1)  # type: ignore[union-attr]
 
-        echoing = asyncio.create_task(echo())
-        await _answer()
-        echoing.cancel()
+    bare = BareClient(parse_broker(url), ECHO, echo)
+    _say("ready")
+    await _answer()
+    bare.close()
 
 
 async def _answer() -> None:

@@ -78,7 +78,6 @@ LOOP_METHODS = {"add_reader", "add_signal_handler", "add_writer", "create_unix_c
 """Methods that the event loop of Windows does not have."""
 SYSTEM_EXCEPTIONS = {
     ("servolink.doctor.system", "sys.platform"): "a fact like others, which tests replace",
-    ("servolink.fleet.broker", "add_writer"): "as aiomqtt does",
     ("servolink.transports.hid_devices", "sys.platform"): "a library has one module more on Linux",
     ("servolink.wireshark.dissector", "sys.platform"): "the default of a parameter",
 }

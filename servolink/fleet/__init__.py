@@ -34,6 +34,6 @@ def __getattr__(name: str) -> object:
     except ModuleNotFoundError as error:
         from servolink.errors import TransportUnavailable, install_extra
 
-        raise TransportUnavailable(f"servolink fleet needs aiomqtt; {install_extra('fleet')}") from error
+        raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     globals()[name] = value
     return value

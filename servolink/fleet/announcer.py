@@ -12,8 +12,9 @@ import msgspec
 from servolink.control.notifications import ServosFrame
 from servolink.control.peer import encode
 from servolink.errors import ConnectionLost
-from servolink.fleet.broker import Publication, Wire
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.home_assistant import Document, HomeAssistant, discovery, without
+from servolink.fleet.mqtt_thread import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.telemetry import Telemetry
@@ -33,7 +34,7 @@ class Announcer:
         policy: BoardPolicy,
         telemetry: Telemetry,
         outbox: Outbox,
-        wire: Wire,
+        broker: BrokerConnection,
         kept: Mapping[str, bytes],
     ) -> None:
         """`kept` has the document that the broker holds from an earlier time, by topic."""
@@ -42,7 +43,7 @@ class Announcer:
         self._policy = policy
         self._telemetry = telemetry
         self._outbox = outbox
-        self._wire = wire
+        self._broker = broker
         self._board = telemetry.now.board
         self._topic = home_assistant.topic(topics, self._board)
         self._before: Document = _document(kept.get(self._topic, b""))
@@ -64,12 +65,12 @@ class Announcer:
         """Send the vitals now and then."""
         topic, sent = self._topics.board(self._board, "vitals"), None
         while True:
-            await self._wire.until_connected()
+            await self._broker.until_connected()
             frame = self._telemetry.frame
             vitals = None if frame is None else _vitals(msgspec.json.decode(frame, type=ServosFrame))
             if vitals is not None and vitals != sent:
                 with suppress(ConnectionLost):
-                    await self._wire.send(Publication(topic, encode(vitals), retain=True))
+                    await self._broker.send(Publication(topic, encode(vitals), retain=True))
                     sent = vitals
             await asyncio.sleep(VITALS_SECONDS)
 

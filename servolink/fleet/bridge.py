@@ -12,11 +12,12 @@ from msgspec import Raw
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.announcer import Announcer
 from servolink.fleet.answers import Answers
-from servolink.fleet.broker import Denied, Publication, Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection, Denied
 from servolink.fleet.commands import CommandDesk, Level
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
+from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
@@ -47,16 +48,18 @@ class Bridge:
         self.board = board
         self.hub = HubSession(hub_name, policy, f"the fleet at {access.address}")
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
-        options = WireOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
-        self.wire = Wire(access, options)
-        self.wire.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 1)]
-        self.wire.on_message = self._receive
-        self.wire.on_connect = self._begin
-        self.wire.on_problem = partial(self._log, "error")
-        self.outbox = Outbox(self.wire)
+        options = ConnectionOptions(
+            f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True
+        )
+        self.broker = BrokerConnection(access, options)
+        self.broker.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 1)]
+        self.broker.on_message = self._receive
+        self.broker.on_connect = self._begin
+        self.broker.on_problem = partial(self._log, "error")
+        self.outbox = Outbox(self.broker)
         self.prepared = PreparedRun(self.hub)
         self.telemetry = Telemetry(
-            topics, board, policy, self.hub, self.wire, self.outbox, hz, may_send=self.prepared.is_none
+            topics, board, policy, self.hub, self.broker, self.outbox, hz, may_send=self.prepared.is_none
         )
         self.hub.on_connect = self.telemetry.begin
         self.hub.on_notification = self._hear
@@ -79,7 +82,7 @@ class Bridge:
     def announce(self, home_assistant: HomeAssistant, kept: Mapping[str, bytes]) -> None:
         """Announce the board to Home Assistant; `kept` is what the broker holds from an earlier time, by topic."""
         self._announcer = Announcer(
-            home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.wire, kept
+            home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.broker, kept
         )
 
     def start(self, group: asyncio.TaskGroup) -> None:
@@ -87,7 +90,7 @@ class Bridge:
         self.commands.finish_interrupted()
         for task in (
             self.hub.run(),
-            self.wire.run(),
+            self.broker.run(),
             self.outbox.run(),
             self.pulse.run(),
             self.telemetry.send_servos(),
@@ -110,13 +113,13 @@ class Bridge:
         if self.fence.is_up:
             self.fence.put_up()
             self.fence.send_word()
-        with suppress(Denied):  # said by the wire; an access list can be corrected while this goes on
-            await self.wire.send(self._available._replace(payload=ONLINE))
+        with suppress(Denied):  # reported by the connection; an access list can be corrected while this goes on
+            await self.broker.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()
 
     async def _send_pulse(self, word: str, qos: int) -> None:
         topic = self._topics.board(self.board, "pulse")
-        await self.wire.send(Publication(topic, word, qos, retain=True, content_type="text/plain"))
+        await self.broker.send(Publication(topic, word, qos, retain=True, content_type="text/plain"))
 
     def _receive(self, message: Received) -> None:
         if message.topic == self._topics.board(self.board, "pulse"):
@@ -127,9 +130,9 @@ class Bridge:
                     f"another program has joined as {self.board}, too, and each takes the other's place: give one of "
                     "the boards another name, with --name"
                 )
-            self.wire.acknowledge(message)
+            self.broker.acknowledge(message)
         else:
-            self.commands.receive(message, self._link, partial(self.wire.acknowledge, message))
+            self.commands.receive(message, self._link, partial(self.broker.acknowledge, message))
 
     def _hear(self, name: str, params: Raw) -> None:
         if name == "stopped":

@@ -24,9 +24,9 @@ from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
-from servolink.fleet.broker import Received
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.journal import MOST_KEPT, Entry, Journal
+from servolink.fleet.mqtt_thread import Received
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import Fence, PulseLink

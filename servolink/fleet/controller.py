@@ -17,8 +17,9 @@ from msgspec import Struct
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.broker import Publication, Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.exchange import Exchange, OnStep, failure_of
+from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
@@ -60,24 +61,24 @@ class Controller:
         self.on_change: OnChange | None = None
         """Called with each board of which something but the servos has changed; it must not raise."""
         token = secrets.token_hex(8)
-        self.wire = Wire(access, WireOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
+        self.broker = BrokerConnection(access, ConnectionOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
         self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
         kinds: list[BoardTopic] = ["available", "state", "log", "pulse"]
         if with_servos:
             kinds.append("servos")
         at_most_once = {"log", "pulse", "servos"}
         boards = [(topics.board("+", kind), 0 if kind in at_most_once else 1) for kind in kinds]
-        self.wire.subscriptions = [(self._reply_to, 1), *boards]
-        self.wire.on_message = self._receive
-        self.wire.on_connect = self._connected_again
+        self.broker.subscriptions = [(self._reply_to, 1), *boards]
+        self.broker.on_message = self._receive
+        self.broker.on_connect = self._connected_again
         self._exchanges: dict[str, Exchange] = {}
         self._heard = 0.0  # when the latest message of a board came, but for its servos
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
         """Connect with the broker. Raise OpenError, which says what to do, if that fails."""
-        self._task = asyncio.create_task(self.wire.run())
-        connected = asyncio.create_task(self.wire.until_connected())
+        self._task = asyncio.create_task(self.broker.run())
+        connected = asyncio.create_task(self.broker.until_connected())
         try:
             await asyncio.wait((self._task, connected), return_when=asyncio.FIRST_COMPLETED)
         except asyncio.CancelledError:
@@ -170,7 +171,7 @@ class Controller:
         try:
             async with asyncio.timeout_at(deadline):
                 while True:
-                    await self.wire.until_connected()
+                    await self.broker.until_connected()
                     left = max(1, math.ceil(ends - loop.time()))
                     message = Publication(
                         topic,
@@ -181,14 +182,14 @@ class Controller:
                         correlation=message_id.encode(),
                     )
                     try:
-                        return await self.wire.send(message)
+                        return await self.broker.send(message)
                     except ConnectionLost as error:
                         lost = error
                     await asyncio.sleep(_PAUSE)
         except TimeoutError:
             raise ConnectionLost(
-                f"the broker at {self.wire.access.address} is gone, or does not take what is sent; look at its machine "
-                "and at the network"
+                f"the broker at {self.broker.access.address} is gone, or does not take what is sent; look at its "
+                "machine and at the network"
             ) from lost
 
     async def settle(self, patience: float = _MOST_SETTLING) -> None:

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
-from servolink.fleet.broker import Publication
 from servolink.fleet.controller import Controller
+from servolink.fleet.mqtt_thread import Publication
 from servolink.fleet.topics import BoardTopic
 
 _KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by the last, others forget the board, too
@@ -27,7 +27,7 @@ async def forget_all(controller: Controller, boards: Iterable[str]) -> None:
         for topic in _KEPT:
             if controller.roster.get(name) is not None:
                 _check_away(controller, name)  # it may have joined meanwhile
-            await controller.wire.send(Publication(controller.topics.board(name, topic), b"", 1, retain=True))
+            await controller.broker.send(Publication(controller.topics.board(name, topic), b"", 1, retain=True))
 
 
 def _check_away(controller: Controller, name: str) -> None:

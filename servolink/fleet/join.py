@@ -121,8 +121,8 @@ class Fleet:
                     bridge.announce(self._home_assistant, kept)
                 self.bridges.append(bridge)
             urgent = Urgent(self._access, self._topics, self.bridges)
-            urgent.wire.on_state = self._tell_state
-            urgent.wire.on_problem = partial(self._tell, "", "error")
+            urgent.broker.on_state = self._tell_state
+            urgent.broker.on_problem = partial(self._tell, "", "error")
             await _serve(self.bridges, urgent, on_ready)
 
     def _tell(self, board: str, level: Level, text: str) -> None:
@@ -188,8 +188,8 @@ async def _serve(bridges: Sequence[Bridge], urgent: Urgent, on_ready: Callable[[
 
 
 async def _ready(bridges: Sequence[Bridge], urgent: Urgent) -> None:
-    for wire in [urgent.wire, *(bridge.wire for bridge in bridges)]:
-        await wire.until_connected()
+    for broker in [urgent.broker, *(bridge.broker for bridge in bridges)]:
+        await broker.until_connected()
 
 
 async def _run(bridges: Sequence[Bridge], urgent: Urgent) -> None:

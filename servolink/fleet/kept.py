@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.broker import Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.mqtt_thread import ConnectionOptions, Received
 
 _QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 
@@ -23,13 +24,13 @@ async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, by
             found[message.topic] = message.payload
             heard.set()
 
-    wire = Wire(access, WireOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
-    wire.on_message = take
+    broker = BrokerConnection(access, ConnectionOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
+    broker.on_message = take
     # A broker answers in order: when it confirms the first one again, it has sent what it keeps at all of them. With
     # QoS 1 it would wait for acknowledgements in between.
-    wire.subscriptions = [(each, 0) for each in (*filters, filters[0])]
-    connection = asyncio.create_task(wire.run())
-    connected = asyncio.create_task(wire.until_connected())
+    broker.subscriptions = [(each, 0) for each in (*filters, filters[0])]
+    connection = asyncio.create_task(broker.run())
+    connected = asyncio.create_task(broker.until_connected())
     try:
         await asyncio.wait((connection, connected), return_when=asyncio.FIRST_COMPLETED)
         if connection.done():

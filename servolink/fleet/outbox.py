@@ -9,7 +9,8 @@ from contextlib import suppress
 from typing import NamedTuple, NoReturn
 
 from servolink.errors import ConnectionLost
-from servolink.fleet.broker import Denied, Publication, Wire
+from servolink.fleet.broker import BrokerConnection, Denied
+from servolink.fleet.mqtt_thread import Publication
 
 MOST_KEPT = 1000
 """Messages that wait; the oldest is dropped for a new one, and counted."""
@@ -26,11 +27,11 @@ class _Item(NamedTuple):
 class Outbox:
     """Sends messages in their order. One that was sent when the connection was lost is sent again."""
 
-    def __init__(self, wire: Wire) -> None:
-        """Send over `wire`; use `run`."""
+    def __init__(self, broker: BrokerConnection) -> None:
+        """Send over `broker`; use `run`."""
         self.dropped = 0
         """Messages that were dropped because too many waited."""
-        self._wire = wire
+        self._broker = broker
         self._waiting: deque[_Item] = deque()
         self._news = asyncio.Event()
 
@@ -59,14 +60,14 @@ class Outbox:
         """Send what there is, for ever."""
         while True:
             await self._news.wait()
-            await self._wire.until_connected()
+            await self._broker.until_connected()
             await self._send_some()
             if not self._waiting:
                 self._news.clear()
 
     async def flush(self) -> None:
         """Send what there is, as far as the connection allows."""
-        while self._waiting and self._wire.is_connected:
+        while self._waiting and self._broker.is_connected:
             if not await self._send_some():
                 return
 
@@ -78,8 +79,8 @@ class Outbox:
         async def send(at: int) -> None:
             item = items[at]
             with suppress(ConnectionLost):
-                with suppress(Denied):  # said by the wire; another attempt would be denied, too
-                    await self._wire.send(item.message)
+                with suppress(Denied):  # reported by the connection; another attempt would be denied, too
+                    await self._broker.send(item.message)
                 done[at] = True
                 if item.on_sent is not None:
                     item.on_sent()

@@ -24,8 +24,9 @@ from servolink.control.peer import encode
 from servolink.control.status import HubStatus
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.escaping import escape
-from servolink.fleet.broker import Publication, Wire
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubError, HubSession, result_of
+from servolink.fleet.mqtt_thread import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
@@ -54,7 +55,7 @@ class Telemetry:
         board: str,
         policy: BoardPolicy,
         hub: HubSession,
-        wire: Wire,
+        broker: BrokerConnection,
         outbox: Outbox,
         hz: float,
         may_send: asyncio.Event,
@@ -78,7 +79,7 @@ class Telemetry:
         """Called with each line of the log, not escaped."""
         self._topics = topics
         self._hub = hub
-        self._wire = wire
+        self._broker = broker
         self._outbox = outbox
         self._hz = hz
         self._may_send = may_send
@@ -158,7 +159,7 @@ class Telemetry:
         topic = self._topics.board(self.now.board, "servos")
         while True:
             await self._has_frame.wait()
-            await self._wire.until_connected()
+            await self._broker.until_connected()
             await self._may_send.wait()
             self._has_frame.clear()
             frame = self.frame
@@ -166,7 +167,7 @@ class Telemetry:
                 continue
             if self._hz:
                 with suppress(ConnectionLost):
-                    await self._wire.send(Publication(topic, bytes(frame)))
+                    await self._broker.send(Publication(topic, bytes(frame)))
             self._hub.tell("servos.ack", number=msgspec.json.decode(frame, type=_Number).number)
 
     async def send_state(self) -> NoReturn:
@@ -180,7 +181,7 @@ class Telemetry:
             self._news.clear()
             with suppress(ServolinkError, msgspec.MsgspecError):
                 await self._look()
-            if self._wire.is_connected and (
+            if self._broker.is_connected and (
                 self._sent is None or self._sent != msgspec.structs.replace(self.now, at=self._sent.at)
             ):
                 self._sent = self.now = msgspec.structs.replace(self.now, at=_wall())

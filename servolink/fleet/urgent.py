@@ -18,7 +18,8 @@ import msgspec
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
-from servolink.fleet.broker import Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.mqtt_thread import ConnectionOptions, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_desk import read_stop
@@ -37,14 +38,14 @@ class Urgent:
         """Serve the boards of `bridges`, of which there is at least one."""
         self._topics = topics
         name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
-        self.wire = Wire(access, WireOptions(name, sees_retained=False))
-        self._outbox = Outbox(self.wire)
+        self.broker = BrokerConnection(access, ConnectionOptions(name, sees_retained=False))
+        self._outbox = Outbox(self.broker)
         self._bridges: Mapping[str, Bridge] = {bridge.board: bridge for bridge in bridges}
         self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}
         self._link = PulseLink(bridges[0].pulse)
         self._pulse_topic = topics.board(bridges[0].board, "pulse")
         self._tasks = Tasks()
-        self.wire.subscriptions = [
+        self.broker.subscriptions = [
             (topics.fleet("stop"), 1),
             (topics.fleet("start"), 1),
             (topics.fleet("echo"), 0),
@@ -52,12 +53,12 @@ class Urgent:
             *((topics.board(name, "stop"), 1) for name in self._bridges),
             *((topics.board(name, "press"), 0) for name in self._bridges),
         ]
-        self.wire.on_connect = self._begin
-        self.wire.on_message = self._receive
+        self.broker.on_connect = self._begin
+        self.broker.on_message = self._receive
 
     def begin(self, group: asyncio.TaskGroup) -> None:
         """Begin, in tasks of `group`."""
-        group.create_task(self.wire.run())
+        group.create_task(self.broker.run())
         group.create_task(self._outbox.run())
 
     async def leave(self) -> None:

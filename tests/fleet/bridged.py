@@ -14,8 +14,9 @@ import pytest
 
 from servolink.fleet import kept
 from servolink.fleet.access import broker_access
-from servolink.fleet.broker import Publication, Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.join import Fleet, Here
+from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.fleet.topics import Topics
 from servolink.hub.hub import Hub
@@ -31,9 +32,9 @@ class Far:
 
     def __init__(self, broker: Broker, name: str = "far") -> None:
         self.heard: dict[str, list[Received]] = {}
-        self.wire = Wire(broker_access(broker.url), WireOptions(name))
-        self.wire.subscriptions = [("servolink/#", 1), ("homeassistant/#", 1)]
-        self.wire.on_message = self._hear
+        self.broker = BrokerConnection(broker_access(broker.url), ConnectionOptions(name))
+        self.broker.subscriptions = [("servolink/#", 1), ("homeassistant/#", 1)]
+        self.broker.on_message = self._hear
         self._news = asyncio.Event()
         self._ids = itertools.count(1)
 
@@ -48,7 +49,7 @@ class Far:
 
     async def publish(self, topic: str, payload: Mapping[str, Any] | bytes, **options: Any) -> None:
         content = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-        await self.wire.send(Publication(topic, content, 1, **options))
+        await self.broker.send(Publication(topic, content, 1, **options))
 
     async def result(self, command_id: str | None, topic: str = "servolink/rex/result") -> dict[str, Any]:
         """Return the result of a command, when it has come."""
@@ -116,8 +117,8 @@ async def running(task: Awaitable[Any]) -> AsyncIterator[asyncio.Task[Any]]:
 async def far_away(broker: Broker, name: str = "far") -> AsyncIterator[Far]:
     """Yield a program that is connected with the broker."""
     far = Far(broker, name)
-    async with running(far.wire.run()):
-        await far.wire.until_connected()
+    async with running(far.broker.run()):
+        await far.broker.until_connected()
         yield far
 
 

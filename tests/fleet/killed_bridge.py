@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from servolink.__main__ import main
-from servolink.fleet.broker import Wire
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubSession
 
 
@@ -30,7 +30,7 @@ def install(point: str) -> None:
 
     setattr(HubSession, "ask", ask_or_die)  # noqa: B010 - its type differs
     if point == "noted":  # the broker will deliver it again
-        setattr(Wire, "acknowledge", lambda wire, message: die())  # noqa: B010 - likewise
+        setattr(BrokerConnection, "acknowledge", lambda connection, message: die())  # noqa: B010 - likewise
 
 
 if __name__ == "__main__":

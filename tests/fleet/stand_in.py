@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 import msgspec
-from aiomqtt import Client, ProtocolVersion, Will
 
 from servolink.control.faults import ErrorData, ErrorObject
+from servolink.fleet.access import broker_access
+from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
 from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
+from servolink.tasks import Tasks
+from tests.fleet.bridged import running
 from tests.fleet.mosquitto import Broker
 
 TOPICS = Topics()
@@ -25,15 +29,10 @@ class Refused(Exception):
         self.kind = kind
 
 
-def client_of(broker: Broker, **options: Any) -> Client:
-    """Return a connection with the broker that begins when it is entered."""
-    return Client("127.0.0.1", broker.port, protocol=ProtocolVersion.V5, **options)
-
-
 class StandIn:
     """A board that answers each command with what `answers` has for its method, after `delay` seconds."""
 
-    def __init__(self, name: str, client: Client, **known: Any) -> None:
+    def __init__(self, name: str, broker: BrokerConnection, **known: Any) -> None:
         self.name = name
         self.now = BoardNow(
             board=name, host="here", version="0.1.0", connection="connected", allow="edit", at=0.0, **known
@@ -44,41 +43,36 @@ class StandIn:
         self.is_silent = False
         self.copies = 1
         self.delay = 0.0
-        self._client = client
-        self._answering: set[asyncio.Task[None]] = set()
+        self.loop = asyncio.get_running_loop()
+        self._broker = broker
+        self._answering = Tasks()
+        broker.on_message = self._receive
+
+    async def publish(self, topic: str, payload: bytes | str) -> None:
+        """Send a message that the broker keeps."""
+        await self._broker.send(Publication(topic, payload, 1, retain=True))
 
     async def announce(self) -> None:
-        await self._client.publish(TOPICS.board(self.name, "available"), "online", 1, retain=True)
-        await self._client.publish(TOPICS.board(self.name, "state"), msgspec.json.encode(self.now), 1, retain=True)
+        await self.publish(TOPICS.board(self.name, "available"), "online")
+        await self.publish(TOPICS.board(self.name, "state"), msgspec.json.encode(self.now))
 
-    async def serve(self) -> None:
-        """Answer each command in a task of its own, until this is cancelled."""
-        try:
-            await self._serve()
-        finally:
-            for task in self._answering:
-                task.cancel()
-            await asyncio.gather(*self._answering, return_exceptions=True)
+    async def close(self) -> None:
+        """End the answers that are under way."""
+        await self._answering.close()
 
-    async def _serve(self) -> None:
-        async for message in self._client.messages:
-            if message.topic.value.endswith("/cmd"):
-                command = msgspec.json.decode(message.payload, type=Command)
-                self.commands.append(command)
-                self._begin(command, message)
-            elif message.topic.value.endswith(("/stop", "/start", "/echo")):
-                given = msgspec.json.decode(message.payload)
-                method = message.topic.value.rpartition("/")[2]
-                self.stops += method == "stop"
-                command = Command(given["id"], method, given)
-                self._begin(command, message)
+    def _receive(self, message: Received) -> None:
+        """Answer each command in a task of its own."""
+        if message.topic.endswith("/cmd"):
+            command = msgspec.json.decode(message.payload, type=Command)
+            self.commands.append(command)
+        else:
+            given = msgspec.json.decode(message.payload)
+            method = message.topic.rpartition("/")[2]
+            self.stops += method == "stop"
+            command = Command(given["id"], method, given)
+        self._answering.begin(self._answer(command, message))
 
-    def _begin(self, command: Command, message: Any) -> None:
-        task = asyncio.get_running_loop().create_task(self._answer(command, message))
-        self._answering.add(task)
-        task.add_done_callback(self._answering.discard)
-
-    async def _answer(self, command: Command, message: Any) -> None:
+    async def _answer(self, command: Command, message: Received) -> None:
         if self.is_silent:
             return
         await asyncio.sleep(self.delay)
@@ -92,7 +86,7 @@ class StandIn:
         except KeyError:
             return
         for _ in range(self.copies):
-            await self._client.publish(message.properties.ResponseTopic, msgspec.json.encode(result), 1)
+            await self._broker.send(Publication(message.response_topic or "", msgspec.json.encode(result), 1))
 
 
 @asynccontextmanager
@@ -101,21 +95,16 @@ async def stand_ins(broker: Broker, *names: str, **known: Any) -> AsyncIterator[
     async with AsyncExitStack() as stack:
         boards = []
         for name in names:
-            will = Will(TOPICS.board(name, "available"), "offline", 1, retain=True)
-            client = await stack.enter_async_context(client_of(broker, will=will))
-            stored = {"actions": (Stored(1, "Bow"),), "macros": (Stored(2, "Wave"),)}
-            board = StandIn(name, client, **(stored | known))
+            will = Publication(TOPICS.board(name, "available"), "offline", 1, retain=True)
+            connection = BrokerConnection(broker_access(broker.url), ConnectionOptions(f"stand-in-{name}", will=will))
             topics = [TOPICS.board(name, "cmd"), TOPICS.board(name, "stop")]
             topics += [TOPICS.fleet("start"), TOPICS.fleet("stop"), TOPICS.fleet("echo")]
-            await client.subscribe([(topic, 1) for topic in topics])
+            connection.subscriptions = [(topic, 1) for topic in topics]
+            stored = {"actions": (Stored(1, "Bow"),), "macros": (Stored(2, "Wave"),)}
+            board = StandIn(name, connection, **(stored | known))
+            stack.push_async_callback(board.close)
+            await stack.enter_async_context(running(connection.run()))
+            await connection.until_connected()
             await board.announce()
-            task = asyncio.create_task(board.serve())
-            stack.push_async_callback(_end, task)
             boards.append(board)
         yield boards
-
-
-async def _end(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    with suppress(asyncio.CancelledError):
-        await task

@@ -15,7 +15,8 @@ import pytest
 from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
 from servolink.fleet.access import broker_access
-from servolink.fleet.broker import Denied, Publication, Received, Wire, WireOptions
+from servolink.fleet.broker import BrokerConnection, Denied
+from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 
@@ -23,15 +24,15 @@ pytestmark = needs_broker
 
 
 @asynccontextmanager
-async def running(wire: Wire) -> AsyncIterator[Wire]:
-    """Run a wire that is connected."""
-    task = asyncio.create_task(wire.run())
-    connected = asyncio.create_task(wire.until_connected())
+async def running(connection: BrokerConnection) -> AsyncIterator[BrokerConnection]:
+    """Run a connection that is connected."""
+    task = asyncio.create_task(connection.run())
+    connected = asyncio.create_task(connection.until_connected())
     try:
         await asyncio.wait((task, connected), return_when=asyncio.FIRST_COMPLETED)
         if task.done():
             await task
-        yield wire
+        yield connection
     finally:
         for each in (task, connected):
             each.cancel()
@@ -39,8 +40,14 @@ async def running(wire: Wire) -> AsyncIterator[Wire]:
             await task
 
 
-def wire_to(url: str, name: str = "test", **options: Any) -> Wire:
-    return Wire(broker_access(url), WireOptions(name, **options))
+def connection_to(url: str, name: str = "test", **options: Any) -> BrokerConnection:
+    return BrokerConnection(broker_access(url), ConnectionOptions(name, **options))
+
+
+def socket_of(connection: BrokerConnection) -> Any:
+    """Return the socket of a connection, to lose it."""
+    assert connection._thread is not None
+    return connection._thread.client.socket()
 
 
 def limited(test: Callable[..., Awaitable[None]], *arguments: Any) -> None:
@@ -54,11 +61,11 @@ def limited(test: Callable[..., Awaitable[None]], *arguments: Any) -> None:
 def test_a_message_arrives_with_all_that_belongs_to_it(broker: Broker) -> None:
     async def test() -> None:
         heard: asyncio.Queue[Received] = asyncio.Queue()
-        wire = wire_to(broker.url)
-        wire.on_message = heard.put_nowait
-        wire.subscriptions = [("servolink/rex/cmd", 1)]
-        async with running(wire):
-            await wire.send(Publication("servolink/rex/cmd", b"{}", 1, False, 9, "servolink/rex/result", b"\x01"))
+        connection = connection_to(broker.url)
+        connection.on_message = heard.put_nowait
+        connection.subscriptions = [("servolink/rex/cmd", 1)]
+        async with running(connection):
+            await connection.send(Publication("servolink/rex/cmd", b"{}", 1, False, 9, "servolink/rex/result", b"\x01"))
             message = await heard.get()
         assert message[:5] == ("servolink/rex/cmd", b"{}", 1, False, False)
         assert message.expiry in {8, 9}
@@ -71,42 +78,41 @@ def test_what_is_not_acknowledged_is_delivered_again(broker: Broker) -> None:
     async def test() -> None:
         heard: asyncio.Queue[Received] = asyncio.Queue()
         for times in range(2):
-            wire = wire_to(broker.url, session_seconds=60, acknowledges=True)
-            wire.on_message = heard.put_nowait
-            wire.subscriptions = [("t", 1)]
-            async with running(wire):
+            connection = connection_to(broker.url, session_seconds=60, acknowledges=True)
+            connection.on_message = heard.put_nowait
+            connection.subscriptions = [("t", 1)]
+            async with running(connection):
                 if not times:
-                    await wire.send(Publication("t", b"once", 1))
+                    await connection.send(Publication("t", b"once", 1))
                 message = await heard.get()
                 assert (message.payload, message.is_duplicate) == (b"once", bool(times))
                 if times:
-                    wire.acknowledge(message)
-        wire = wire_to(broker.url, session_seconds=60)
-        wire.on_message = heard.put_nowait
-        async with running(wire):
-            await wire.send(Publication("t", b"other", 1))
+                    connection.acknowledge(message)
+        connection = connection_to(broker.url, session_seconds=60)
+        connection.on_message = heard.put_nowait
+        async with running(connection):
+            await connection.send(Publication("t", b"other", 1))
             assert (await heard.get()).payload == b"other"
 
     limited(test)
 
 
-def test_the_will_is_sent_for_a_wire_that_is_lost(broker: Broker) -> None:
+def test_the_will_is_sent_for_a_connection_that_is_lost(broker: Broker) -> None:
     async def test() -> None:
         heard: asyncio.Queue[Received] = asyncio.Queue()
-        listener = wire_to(broker.url, "listener")
+        listener = connection_to(broker.url, "listener")
         listener.on_message = heard.put_nowait
         listener.subscriptions = [("gone", 1)]
         async with running(listener):
-            lost = wire_to(broker.url, will=Publication("gone", "offline", 1, True, content_type="text/plain"))
+            lost = connection_to(broker.url, will=Publication("gone", "offline", 1, True, content_type="text/plain"))
             async with running(lost):
-                assert lost._client is not None
-                lost._client._client.socket().shutdown(socket.SHUT_RDWR)  # type: ignore[union-attr]
+                socket_of(lost).shutdown(socket.SHUT_RDWR)
                 assert (await heard.get()).payload == b"offline"
 
     limited(test)
 
 
-def test_a_wire_that_is_lost_while_it_begins_does_not_wait_for_answers(broker: Broker) -> None:
+def test_a_connection_that_is_lost_while_it_begins_does_not_wait_for_answers(broker: Broker) -> None:
     async def test() -> None:
         begun = asyncio.Event()
 
@@ -114,9 +120,9 @@ def test_a_wire_that_is_lost_while_it_begins_does_not_wait_for_answers(broker: B
             begun.set()
             await asyncio.Event().wait()
 
-        wire = wire_to(broker.url)
-        wire.on_connect = begin
-        connecting = asyncio.create_task(wire.run())
+        connection = connection_to(broker.url)
+        connection.on_connect = begin
+        connecting = asyncio.create_task(connection.run())
         await begun.wait()
         broker.end(signal.SIGKILL)
         with pytest.raises(OpenError, match="the connection was lost"):
@@ -125,50 +131,50 @@ def test_a_wire_that_is_lost_while_it_begins_does_not_wait_for_answers(broker: B
     limited(test)
 
 
-def test_a_wire_that_is_lost_while_it_sends_leaves_nothing_behind(broker: Broker) -> None:
+def test_a_connection_that_is_lost_while_it_sends_leaves_nothing_behind(broker: Broker) -> None:
     async def test() -> None:
         told: list[dict[str, Any]] = []
         asyncio.get_running_loop().set_exception_handler(lambda loop, context: told.append(context))
-        async with running(wire_to(broker.url)) as wire:
-            client: Any = wire._client
-            sending = asyncio.create_task(wire.send(Publication("t", b"x", 1)))
-            await asyncio.sleep(0)  # it is to be written in the next turn
-            client._client._sock_close()
-            client._disconnected.set_result(None)
+        async with running(connection_to(broker.url)) as connection:
+            sending = asyncio.create_task(connection.send(Publication("t", b"x", 1)))
+            broker.pause()
+            await asyncio.sleep(0)  # it is to be written now
+            socket_of(connection).shutdown(socket.SHUT_RDWR)
             with pytest.raises(ConnectionLost):
                 await sending
+        broker.pause(paused=False)
         assert not told
 
     limited(test)
 
 
-def test_a_wire_comes_back_after_the_broker(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_connection_comes_back_after_the_broker(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "FIRST_PAUSE", 0.01)
 
     async def test() -> None:
         states: asyncio.Queue[bool] = asyncio.Queue()
         texts: list[str] = []
         heard: asyncio.Queue[Received] = asyncio.Queue()
-        wire = wire_to(broker.url)
+        connection = connection_to(broker.url)
 
         def tell(is_connected: bool, text: str) -> None:
             states.put_nowait(is_connected)
             texts.append(text)
 
-        wire.on_state = tell
-        wire.on_message = heard.put_nowait
-        wire.subscriptions = [("t", 0)]
-        async with running(wire):
+        connection.on_state = tell
+        connection.on_message = heard.put_nowait
+        connection.subscriptions = [("t", 0)]
+        async with running(connection):
             assert await states.get() is True
             broker.end(signal.SIGKILL)
             assert await states.get() is False
             assert texts[-1] == f"{broker.url}: the connection was lost"
             with pytest.raises(ConnectionLost):
-                await wire.send(Publication("t", b"x", 1))
+                await connection.send(Publication("t", b"x", 1))
             broker.start()
             while not await states.get():
                 pass
-            await wire.send(Publication("t", b"back"))
+            await connection.send(Publication("t", b"back"))
             assert (await heard.get()).payload == b"back"
 
     limited(test)
@@ -182,14 +188,14 @@ def test_denied_topics_are_named_once(tmp_path: Path) -> None:
 
     async def test() -> None:
         told: list[str] = []
-        wire = wire_to(broker.url)
-        wire.on_problem = told.append
-        wire.subscriptions = [("servolink/rex/cmd", 1)]
-        async with running(wire):
-            await wire.send(Publication("servolink/rex/state", b"", 1))
+        connection = connection_to(broker.url)
+        connection.on_problem = told.append
+        connection.subscriptions = [("servolink/rex/cmd", 1)]
+        async with running(connection):
+            await connection.send(Publication("servolink/rex/state", b"", 1))
             for _ in range(2):
                 with pytest.raises(Denied, match="servolink/rex/event: not authorized"):
-                    await wire.send(Publication("servolink/rex/event", b"", 1))
+                    await connection.send(Publication("servolink/rex/event", b"", 1))
         assert told == [
             "the broker does not allow writing to servolink/rex/event: not authorized; correct its access list"
         ]
@@ -203,18 +209,17 @@ def test_a_broker_that_refuses_is_an_error_that_says_what_to_do(tmp_path: Path) 
 
     async def test() -> None:
         with pytest.raises(OpenError, match="does not let this program in: correct user and password"):
-            await wire_to(broker.url).run()
+            await connection_to(broker.url).run()
         broker.end()
         with pytest.raises(OpenError, match="no broker listens there"):
-            await wire_to(broker.url).run()
+            await connection_to(broker.url).run()
 
     limited(test)
 
 
 def test_a_message_does_not_wait_for_the_confirmation_of_the_one_before(broker: Broker) -> None:
     async def test() -> None:
-        async with running(wire_to(broker.url)) as wire:
-            client: Any = wire._client
-            assert client._client.socket().getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+        async with running(connection_to(broker.url)) as connection:
+            assert socket_of(connection).getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
     limited(test)

@@ -100,9 +100,7 @@ def test_nobody_is_listed_with_what_to_do(said: Callable[..., Said]) -> None:
 
 def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex") as (rex,):
-        asyncio.run_coroutine_threadsafe(
-            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
-        ).result(120)
+        _leave(rex)
         found = said("list")
     assert found.code == NO_BOARD
     assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
@@ -110,9 +108,7 @@ def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[.
 
 def test_a_board_that_left_for_good_is_forgotten(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex", "fido") as (rex, _):
-        asyncio.run_coroutine_threadsafe(
-            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
-        ).result(120)
+        _leave(rex)
         for words, told in (
             (("rex", "fido"), "fido is connected, and cannot be forgotten"),
             (("rax",), "'rax' is not known to the broker"),
@@ -129,9 +125,7 @@ def test_a_board_that_left_for_good_is_forgotten(broker: Broker, said: Callable[
 
 def test_a_board_that_left_is_named_as_the_reason_why_nobody_starts(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
-        asyncio.run_coroutine_threadsafe(
-            rex._client.publish("servolink/rex/available", "offline", 1, retain=True), _loop_of(rex)
-        ).result(120)
+        _leave(rex)
         fido.answers["prepare"] = lambda params: {"seconds": 2.0}
         ran = said("run", "Wave", "--on", "rex,fido")
     assert ran.code == FAILED
@@ -139,8 +133,9 @@ def test_a_board_that_left_is_named_as_the_reason_why_nobody_starts(broker: Brok
     assert "no board was started" in ran.err
 
 
-def _loop_of(board: StandIn) -> asyncio.AbstractEventLoop:
-    return board._client._loop
+def _leave(board: StandIn) -> None:
+    leaving = board.publish(f"servolink/{board.name}/available", "offline")
+    asyncio.run_coroutine_threadsafe(leaving, board.loop).result(120)
 
 
 def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,12 +274,12 @@ def test_the_table_fits_and_shows_first_what_needs_a_look() -> None:
 
 def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(vars(servolink.fleet), "connect", raising=False)
-    for module in ("aiomqtt", "servolink.fleet.client", "servolink.fleet.controller", "servolink.fleet.broker"):
+    for module in ("paho.mqtt", "servolink.fleet.client", "servolink.fleet.controller", "servolink.fleet.broker"):
         monkeypatch.setitem(sys.modules, module, None)
     found = said("list")
     assert found.code == NO_BOARD
     assert found.err == (
-        "servolink: servolink fleet needs aiomqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
+        "servolink: servolink fleet needs paho-mqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
     )
 
 

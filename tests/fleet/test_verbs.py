@@ -77,7 +77,7 @@ def test_a_stop_names_who_is_away(broker: Broker) -> None:
     async def main() -> None:
         async with stand_ins(broker, "rex") as (rex,):
             topic = f"servolink/{rex.name}-old/available"
-            await rex._client.publish(topic, "offline", 1, retain=True)
+            await rex.publish(topic, "offline")
             async with fleet_of(broker) as fleet:
                 stopped = await fleet.stop(patience=LIMIT)
                 assert stopped.offline == ("rex-old",)
@@ -273,7 +273,7 @@ def test_the_doctor_finds_what_is_wrong(broker: Broker, monkeypatch: pytest.Monk
             for board in (rex, bob):
                 board.answers |= {"board.state": lambda params: {}, "echo": lambda params: {"monotonic": 0.0}}
             fido.is_silent = True
-            await bob._client.publish("servolink/bob/state", b"{", 1, retain=True)
+            await bob.publish("servolink/bob/state", b"{")
             async with fleet_of(broker) as fleet:
                 found = {(one.about, one.observation) for one in await fleet.doctor()}
         assert ("rex", "") not in found

@@ -90,7 +90,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     try:
         from servolink.fleet.join import Fleet, boards_here
     except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink fleet needs aiomqtt; {install_extra('fleet')}") from error
+        raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     from servolink.fleet import home_assistant
     from servolink.fleet.policy import load_fleet_file
     from servolink.fleet.topics import PREFIX, Topics
@@ -142,7 +142,7 @@ def _status_line(fleet: Fleet, broker: str, width: int) -> tuple[bool, str]:
     """Return whether all is fine, and the line that stays, cut to `width` columns."""
     nows = [bridge.telemetry.now for bridge in fleet.bridges]
     away = [now.board for now in nows if now.connection != "connected"]
-    is_joined = bool(nows) and all(bridge.wire.is_connected for bridge in fleet.bridges)
+    is_joined = bool(nows) and all(bridge.broker.is_connected for bridge in fleet.bridges)
     moved = [f"{now.board} is moved by {now.lease}" for now in nows if now.lease]
     parts = [broker if is_joined else f"{broker} (not connected)", counted(len(nows), "board")]
     if is_joined and away:
