@@ -1,1 +1,1 @@
-"""The conversation with one board: who sends, which response belongs to which request, when to try again."""
+"""The conversation with one board: order of sending, matching of responses to requests, repeats."""

@@ -1,4 +1,4 @@
-"""QueryAsker: queries for which no task waits; a function is called with what comes of them."""
+"""QueryAsker: queries without a waiting task; a function is called with the response or the error."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ Done: TypeAlias = Callable[["Response | ServolinkError", "bytes | None"], None]
 
 
 class QueryAsker:
-    """Asks without a task as long as all goes well: it would take two turns of the loop more, and a third of the time.
+    """Asks without a task as long as all goes well: a task takes two more turns of the loop and a third of the time.
 
     What is not answered at once goes on in a task, like any other call.
     """
 
     def __init__(self, sender: RequestSender, answers: ResponseDispatcher) -> None:
-        """Ask through `sender`, and get what comes back from `answers`."""
+        """Ask through `sender`; `answers` receives the responses."""
         self._sender = sender
         self._answers = answers
         self._tasks = Tasks()
 
     def ask(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
-        """Send a query, which has a permit and may be sent at once."""
+        """Send a query at once; the caller has taken its permit."""
         sender = self._sender
         sender.open_request(call, packet)
         call.woken, call.on_wake = None, partial(self._woken, packet, frame, done)
         try:
             taking = sender.take(frame)
         except ConnectionLost as error:
-            self._answers.lost(error)  # which wakes the call
+            self._answers.lost(error)  # wakes the call
             return
         if taking is not None:
             self._tasks.begin(self._until_taken(taking))

@@ -1,4 +1,4 @@
-"""Calls and their sendings: a call is one request of one caller, a slot one sending of it, a lane one response id."""
+"""Calls and their sendings: a call is one request of one caller, a slot one sending of the request, a lane one id."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ UNKNOWN_SIZE = 1 << 40
 
 
 class Lane:
-    """One response id: its open slots in the order sent, and the responses that are kept."""
+    """One response id with its open slots in the order sent, and the kept responses."""
 
     def __init__(self, response_id: int) -> None:
         """Start without slots."""
         self.response_id = response_id
         self.slots: deque[Slot] = deque()
         self.equal = True
-        """All its slots have the same repeatable request: the usual case, in which nothing has to be searched."""
+        """Whether all slots have the same repeatable request: the usual case, without a search."""
         self.overdue = 0
-        """How many of its slots are overdue."""
+        """Number of overdue slots."""
         self.kept: list[Content] = []
-        """Responses that may belong to several slots, in their order."""
+        """Responses with several possible slots, in order of arrival."""
         self.stopped = False
-        """A stop was sent on this lane and is not settled: no response on the lane can be assigned to a slot."""
+        """Whether a stop on this lane is not settled: no response on the lane can be assigned to a slot."""
         self.request_size = 0
-        """Bytes of the latest frame that was sent."""
+        """Bytes of the latest frame sent."""
         self.response_size = UNKNOWN_SIZE
-        """Bytes that a response may have: those of a recent long one."""
+        """Bytes of a recent long response."""
 
     @property
     def size(self) -> int:
-        """Bytes that a request takes on the line, in the direction in which it takes more."""
+        """Bytes of a request or of its response, whichever has more."""
         return max(self.request_size, self.response_size)
 
     def heard(self, size: int) -> None:
@@ -51,16 +51,16 @@ class Lane:
         self.response_size = size if size > known or known == UNKNOWN_SIZE else known - (known - size) // 8
 
     def hand_down(self, call: Call) -> Call:
-        """Give the oldest awaited slot to `call`, all of whose slots are over, and return whose turn it is to send.
+        """Give the oldest awaited slot to `call`, whose slots are all over, and return the next call to send.
 
-        That is who had the youngest slot: each caller who loses a slot gets the next one. The oldest slot is answered
-        first, so a call that repeats behind all others would again be the one whose response is missing. An open slot
-        is younger than all that are over: its response was asked for after the first sending of `call`.
+        The next is the call with the youngest slot: each caller who loses a slot gets the following one. The oldest
+        slot is answered first, so a call that repeats behind all others would again miss its response. An open slot is
+        younger than all that are over: its response was asked for after the first sending of `call`.
         """
         if self.equal and not self.stopped and self.slots and self.slots[0].request == call.packet:
             for slot in self.slots:
                 owner = slot.call
-                if owner is None or slot.is_fence or slot.overdue:  # an overdue one wakes nobody any more
+                if owner is None or slot.is_fence or slot.overdue:  # an overdue slot wakes no caller
                     continue
                 slot.call, call.latest = call, slot
                 call.open_slots += 1
@@ -77,21 +77,21 @@ class Slot(Struct, eq=False):
     request: Request[Any]
     lane: Lane
     call: Call | None
-    """The request it was sent for; None if nobody waits for this response."""
+    """Call waiting for the response; None if no call waits."""
     sent_at: float = 0.0
     timeout: float = 0.0
-    """Seconds after which it is overdue, counted from the moment when no older slot delays its response."""
+    """Seconds until the slot is overdue, counted from when no older slot delays the response."""
     is_fence: bool = False
-    """It was sent to settle older slots, not for its response."""
+    """Whether the purpose is to settle older slots, not the response."""
     open: bool = True
-    """Its response may still come."""
+    """Whether the response may still come."""
     overdue: bool = False
     holds_permit_of: Request[Any] | Command | None = None
-    """The packet of a call that has ended, and still counts as under way until this slot is over or overdue."""
+    """Packet of an ended call, counted as under way until this slot is over or overdue."""
 
     @property
     def is_expected(self) -> bool:
-        """Whether its response may still come, and is not overdue."""
+        """Whether the response may still come and is not overdue."""
         return self.open and not self.overdue
 
 
@@ -100,42 +100,42 @@ Settled: TypeAlias = "tuple[Slot, Content | None]"
 
 
 class Call(Struct, eq=False):
-    """What has happened to one request so far. It may be sent several times; its first response counts."""
+    """State of one request. The request may be sent several times; the first response counts."""
 
     packet: Request[Any] | Command
     patience: float
-    """Seconds until it is given up, from the moment when no older slot delays its response."""
+    """Seconds until the request is given up, counted from when no older slot delays the response."""
     begun_at: float
     response: Response | None = None
     fault: DecodeError | None = None
     """Why the response could not be read."""
     error: ServolinkError | None = None
-    """What ended the call from outside: a stop, or its own time limit."""
+    """Cause of an end from outside: a stop, or the caller's time limit."""
     queued: bool = False
-    """It has waited for its permit, and the scheduler is to be told when its packet is sent."""
+    """Whether the call waited for a permit: then the scheduler must be notified when the packet is sent."""
     is_aside: bool = False
-    """It has given its permit back while it pauses."""
+    """Whether the call has given its permit back for a pause."""
     is_over: bool = False
-    """The caller has its result or is gone: a later response is for nobody."""
+    """Whether the caller has a result or is gone: a later response is dropped."""
     since: float | None = None
-    """When its first slot was the oldest one, None as long as that may still change."""
+    """Time when the first slot became the oldest of the connection; None before."""
     tries: int = 0
     fences: int = 0
-    """Fences sent for it since anything was heard."""
+    """Fences sent for the call since the latest frame."""
     unanswered: int = 0
-    """How many of its slots are proved to be over without a response."""
+    """Slots proved to be over without a response."""
     open_slots: int = 0
-    """How many of its slots, fences excluded, may still be answered."""
+    """Slots open for a response, fences excluded."""
     latest: Slot | None = None
-    """Its latest slot, fences included."""
+    """Latest slot, fences included."""
     woken: asyncio.Future[None] | None = None
     on_wake: Callable[[Call], None] | None = None
     """Called in place of waking a task, while none waits."""
     content: bytes | None = None
-    """The content of the frame with the response, if it came while `on_wake` was there."""
+    """Content of the frame with the response, if `on_wake` was set on arrival."""
 
     def wake(self) -> None:
-        """Wake the caller, which looks at what has changed."""
+        """Wake the caller to look at the new state."""
         if self.on_wake is not None:
             self.on_wake(self)
         elif self.woken is not None and not self.woken.done():

@@ -1,4 +1,4 @@
-"""How many requests to have under way at once: found by trying, the smallest number that fills the line.
+"""Depth of requests under way at once: the smallest number to fill the line, found by trying.
 
 No response tells how full the queue of a board is, and a loss does not tell either: a bad line loses as much at depth
 1. So a depth is judged by what it brings. Measured are *epochs*: a number of responses, all of them while as many
@@ -21,12 +21,12 @@ MORE_LOSS = 0.05
 FIRST_WAIT, LONGEST_WAIT = 8, 256
 """Epochs until a depth that did not pay is tried again; twice as many each time."""
 
-_MOST_EPOCHS = 4  # in one trial that is decided by losses: in 32 requests they are mostly chance
+_MOST_EPOCHS = 4  # in one trial decided by losses: among 32 requests, losses are mostly chance
 _HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than before, end a trial at once
 
 
 class Epoch:
-    """A measurement at one depth."""
+    """Measurement at one depth."""
 
     def __init__(self, depth: int) -> None:
         """Start without responses."""
@@ -36,7 +36,7 @@ class Epoch:
 
     @property
     def length(self) -> int:
-        """How many responses it must have: more if something was lost, as a loss costs the time of many."""
+        """Responses needed for a judgement: more after a loss, as a loss costs the time of many."""
         return max(LEAST_RESPONSES, 4 * self.depth) * (4 if self.lost else 1)
 
     @property
@@ -50,7 +50,7 @@ class Epoch:
         return self.lost / max(self.responses + self.lost, 1)
 
     def is_faster_than(self, other: Epoch) -> bool:
-        """Return whether responses came faster, by more than chance or a busy machine makes them."""
+        """Return whether responses came faster, by more than chance or a busy machine explains."""
         return self.rate > other.rate * (RISE if self.lost or other.lost else CLEAN_RISE)
 
     def loses_more_than(self, other: Epoch) -> bool:
@@ -67,15 +67,15 @@ class DepthClimb:
         self.depth = 1
         """How many requests may be under way now."""
         self._epoch = Epoch(1)
-        self._settling = 0  # responses that are still due to requests sent at another depth
+        self._settling = 0  # responses due to requests sent at another depth
         self._answered_at: float | None = None
         self._rival: Epoch | None = None  # during a trial: the epoch at the depth before
-        self._loss = self._usual_loss = 0.0  # at this depth: smoothed, and when it was found
+        self._loss = self._usual_loss = 0.0  # at this depth: smoothed, and when the depth was found
         self._wait = self._epochs_left = 0  # until a greater depth is tried
         self._has_tried = False  # any other depth than 1
 
     def answered(self, now: float, *, full: bool, wanted: bool) -> None:
-        """Count a response that came at `now`, in seconds.
+        """Count a response received at `now`, in seconds.
 
         `full`: as many requests were under way as the depth allows; `wanted`: more of them wait.
         """
@@ -129,7 +129,7 @@ class DepthClimb:
         self._look_around(epoch, wanted=wanted)
 
     def _look_around(self, epoch: Epoch, *, wanted: bool) -> None:
-        """Try another depth after an epoch if it is time for that."""
+        """Try another depth after an epoch if a trial is due."""
         self._loss += (epoch.loss - self._loss) / 4
         if self._loss > self._usual_loss + MORE_LOSS and epoch.depth > 1:
             self._try((epoch.depth + 1) // 2)
@@ -145,7 +145,7 @@ class DepthClimb:
         self._go_to(depth)
 
     def _return_to(self, rival: Epoch) -> None:
-        """End a trial that did not pay."""
+        """End an unsuccessful trial."""
         if rival.depth < self.depth:
             self._wait = min(max(FIRST_WAIT, 2 * self._wait), LONGEST_WAIT)
             self._epochs_left = self._wait

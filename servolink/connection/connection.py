@@ -35,12 +35,12 @@ from servolink.transports.base import Transport
 R = TypeVar("R", bound=Response)
 
 _FENCE_IDS = {query.packet_id for query in FENCES}
-_READY = State.READY  # found faster here than in its class
-_REOPEN_PAUSE = 10.0  # seconds at least between two openings for responses that nobody asked for
+_READY = State.READY  # a global is faster than a member of an enum
+_REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 
 
 class Connection:
-    """Asks one board, and never takes one response for another (docs/design/matching.md)."""
+    """Sends requests to one board and matches each response to its request (docs/design/matching.md)."""
 
     def __init__(
         self,
@@ -72,18 +72,18 @@ class Connection:
         self.stats = stats or Stats()
         """Counters of everything seen."""
         self.taps = taps or Taps()
-        """Who hears what passes."""
+        """Listeners to bytes and requests."""
         self.stops = StopCounter()
-        """Stops of all servos; a motion asked for before one is not sent after it."""
+        """Stops of all servos; no motion requested before a stop is sent after the stop."""
         self.preparations: tuple[Preparation, ...] = ()
-        """Awaited in turn before a packet waits to be sent, unless no gate is asked about it."""
+        """Awaited in turn before a packet waits to be sent, except packets that pass no gates."""
         self.hub: BoardSharing | None = None
-        """What ties the connection to the hub of a shared board; None for a board that is not shared."""
+        """Link to the hub of a shared board; None for a board without a hub."""
         self.on_another: Callable[[str], None] = lambda text: None
-        """Called when it is lost and another board answers in its place, with who does; empty: none does any more."""
+        """Called with a description if another board answers in place of a lost one; empty when that board is gone."""
         self._wake = wake
         self._unsupported = unsupported
-        # A recorded session can be played again only if it begins with the same handshake.
+        # A recorded session can be replayed only with the same handshake.
         seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
         self._loop = asyncio.get_running_loop()
@@ -110,13 +110,13 @@ class Connection:
             transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
         )
         self.gates = Gates(ticket=ticket_gate(self.stops, self._loop.time), limits=limits_gate(lambda: self.units_sent))
-        """Asked about each packet right before it is sent, stops and queries excepted."""
+        """Checks of each packet right before sending, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
         self._asker = QueryAsker(self._sender, self.answers)
 
     @property
     def board_url(self) -> str:
-        """The address of the board itself: another one than that of the transport if a hub is in between."""
+        """Address of the board itself; through a hub, not the address of the transport."""
         return getattr(self.transport, "board_url", self.transport.url)
 
     @property
@@ -131,22 +131,22 @@ class Connection:
 
     @property
     def units_sent(self) -> int:
-        """How many times an angle unit was sent; an angle from before one means something else after it."""
+        """Number of angle units sent; an angle has another meaning after a new unit."""
         return self._sender.units_sent
 
     @property
     def depth(self) -> int:
-        """How many queries may be under way now: as many as were found to pay."""
+        """Number of queries allowed under way now, found by trial."""
         return self._window.queries.depth
 
     @property
     def depth_bound(self) -> int:
-        """How many queries may ever be under way."""
+        """Bound of the depth for queries."""
         return self._window.queries.bound
 
     @property
     def write_depth_bound(self) -> int:
-        """How many requests may ever be under way while one of them is a change."""
+        """Bound of the depth while a change is under way."""
         return self._window.writes.bound
 
     @property
@@ -161,24 +161,24 @@ class Connection:
 
     @property
     def callers(self) -> int:
-        """How many callers keep the line full: one waits, as long as a greater depth may be tried.
+        """Number of callers to keep the line full: one waits, as long as a greater depth may be tried.
 
         Those are not counted whose query the board may not know, and who let others send.
         """
         return min(self._window.queries.depth + 1, self._window.queries.bound) + self._scheduler.aside
 
     def on_more_callers(self, tell: Callable[[], None]) -> None:
-        """Call `tell` when there is room for another caller because one lets others send."""
+        """Call `tell` when a caller steps aside and leaves room for another."""
         self._scheduler.on_aside = tell
 
     def bulk(self) -> AbstractContextManager[None]:
-        """Return a context in which much is transferred: a stop may then take 0.1 s instead of 0.05 s."""
+        """Return a context for large transfers: a stop may then take 0.1 s instead of 0.05 s."""
         return self._window.bulk()
 
     # --- opening and closing ------------------------------------------------------------------------------------
 
     async def open(self, *, handshake: bool = True) -> None:
-        """Open the transport; OpenError says what to do.
+        """Open the transport. Raise OpenError with the remedy.
 
         The handshake follows with `shake_hands`, or before the first request. Without one, responses to what others
         have asked this board before may be taken for responses to this connection.
@@ -189,7 +189,7 @@ class Connection:
             self.answers.on_stranger = self._open_again
 
     async def shake_hands(self) -> None:
-        """Prove that nothing is owed to anybody else. Raise OpenError, which says what to try, if nothing answers."""
+        """Prove that no response to another program is outstanding. Raise OpenError with the remedy if none comes."""
         self._sender.raise_if_ended()
         if self.lifecycle.state is State.UNPROVED:
             self._begin_opening(Event.HANDSHAKE_BEGUN)
@@ -197,9 +197,9 @@ class Connection:
             await asyncio.shield(self.lifecycle.handshake)
 
     async def close(self) -> None:
-        """Fail all who wait and free the port; may be called again."""
+        """Fail all waiting calls and free the port; may be called again."""
         error = lost(self.transport.url, None)
-        if self._loop.is_closed():  # those who wait have ended with the loop, and cannot be woken
+        if self._loop.is_closed():  # waiting tasks have ended with the loop, and cannot be woken
             self.lifecycle.end(error)
         else:
             self.answers.end(error)
@@ -210,7 +210,7 @@ class Connection:
             await self.hub.close()
 
     def _change(self, event: Event) -> None:
-        """Enter the next state, and let requests pass only if it is `ready`."""
+        """Enter the next state; requests pass only in `ready`."""
         self.lifecycle.change(event)
         if self.lifecycle.state is State.READY:
             self._scheduler.resume()
@@ -251,7 +251,7 @@ class Connection:
         self._change(Event.HANDSHAKE_DONE)
 
     def _open_again(self, packet_id: int) -> None:
-        """Open the connection again if this is a response as the handshake gets them: it took another one for ours."""
+        """Open the connection again after a stray response to a fence: the handshake has taken a wrong response."""
         now = self._loop.time()
         if packet_id - 1 not in _FENCE_IDS or self.lifecycle.state is not State.READY:
             return
@@ -263,7 +263,7 @@ class Connection:
     # --- a board that is shared ---------------------------------------------------------------------------------
 
     def suspend(self, reason: str) -> None:
-        """Send nothing but stops until `resume`, and wait for responses as long: another program is alone with it."""
+        """Send nothing but stops until `resume`, and wait for responses as long: another program has exclusive use."""
         self.lifecycle.suspend(reason)
         self._scheduler.pause()
 
@@ -274,7 +274,7 @@ class Connection:
             self._change(Event.RESUMED)
 
     def explain_silence(self, reason: str) -> None:
-        """Name `reason` in the errors of requests that are not answered from now on; empty if none is known."""
+        """Name `reason` in the errors of unanswered requests from now on; empty for an unknown reason."""
         self.lifecycle.silent_because = reason
 
     # --- requests -----------------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ class Connection:
         ticket: Ticket | None = None,
         begun_at: float | None = None,
     ) -> Coroutine[Any, Any, R]:
-        """Return what sends `packet`, when it is awaited, and returns its response.
+        """Return a coroutine to send `packet` and return the response.
 
         What may be repeated is repeated until `patience` ends, and raises RequestTimeout. What changes the board
         otherwise is sent once, and raises OutcomeUnknown. `timeout` limits the whole call, waiting included, and counts
@@ -326,7 +326,7 @@ class Connection:
         limit = None if deadline is None else self._limit(call, deadline)
         try:
             self._raise_refusal(packet, ticket)
-            return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # the lane's id vouches for it
+            return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # checked by the id of the lane
         finally:
             if limit is not None:
                 limit.stop()
@@ -335,7 +335,7 @@ class Connection:
             self.answers.leave(call)
 
     def ask(self, packet: Query[R], done: Done) -> bool:
-        """Send a query if it need not wait, and call `done` with its response, or with an error. Return whether it was.
+        """Send a query unless it must wait, and call `done` with the response or an error. Return whether it was sent.
 
         For who asks much for others: no task waits, and `done` is called as soon as the response is read. It must not
         raise.
@@ -349,7 +349,7 @@ class Connection:
         return True
 
     def send(self, packet: Command, *, ticket: Ticket | None = None) -> Coroutine[Any, Any, bool]:
-        """Return what sends a packet that is never answered; it returns True when that is sent.
+        """Return a coroutine to send a packet without a response, with the result True.
 
         `ticket` is as for `request`.
         """
@@ -374,7 +374,7 @@ class Connection:
         return True
 
     def send_stop(self, packet: SetServoParameterRequest) -> Coroutine[Any, Any, bool]:
-        """Return what sends `packet` before everything else, and waits for nothing, not even its response."""
+        """Return a coroutine to send `packet` ahead of everything else, without waiting for the response."""
         sending = self._send_stop(packet)
         return self.taps.follow(packet, sending) if self.taps.heard_by else sending
 
@@ -388,7 +388,7 @@ class Connection:
         return True
 
     async def prepare(self, packet: Packet, ticket: Ticket) -> None:
-        """Do what must come before `packet` is sent. Raise the error of what prevents it, also that of its role."""
+        """Await the preparations for `packet`. Raise the error of a failed preparation, or of the role."""
         if refusal := self.gates.role(packet, ticket):
             raise refusal
         for prepare in self.preparations:
@@ -409,7 +409,7 @@ class Connection:
         return self._scheduler.acquire_at_once(packet)
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
-        """Raise the error of the first gate that refuses `packet`. Nothing is awaited between this and sending."""
+        """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
         if refusal := self.gates.refusal(packet, ticket):
             raise refusal
 
@@ -464,6 +464,6 @@ class Connection:
 
 
 def _see_exception(opening: asyncio.Task[None]) -> None:
-    """Mark the error of an opening as seen: it also ends the connection, where everybody who waits gets it."""
+    """Mark the error of an opening as seen: all waiting callers get the same error from the end of the connection."""
     if not opening.cancelled():
         opening.exception()

@@ -17,19 +17,19 @@ AFTER_WRITE = 0.5
 BACKOFF = 1.5
 """Each try after the second one gets so many times as long."""
 
-_OTHER_KIND = 0.1  # seconds that a kind which was not timed yet may take longer than the quickest one
-_LEAST_MARGIN, _MOST_MARGIN = 0.04, 0.3  # seconds that a response may take longer than usual
-_FORGOTTEN = 0.98  # what each response in time leaves of a margin that grew
+_OTHER_KIND = 0.1  # seconds more for an untimed kind than for the quickest one
+_LEAST_MARGIN, _MOST_MARGIN = 0.04, 0.3  # seconds more for a response than usual
+_FORGOTTEN = 0.98  # factor of a grown margin for each response in time
 _LONGEST = 0.5
-_MOST_BACKOFFS = 20  # there is no larger patience
-# A board that never stops sending must not put deadlines off for ever, nor one that sends faster than can be parsed.
+_MOST_BACKOFFS = 20  # enough for the largest patience
+# Bounds for a board without pauses, or faster than the parser: deadlines must not be put off for ever.
 _MOST_LOOKS = 100
-_MOST_BYTES = 1024 * 1024  # more than the system keeps of what boards send
+_MOST_BYTES = 1024 * 1024  # more than the system buffers
 _SILENT_SENDINGS = 5  # after fewer, a board without a response may only be slow
 
 
 class DeadlineTimer:
-    """Calls `passed(now)` when the earliest deadline has passed and nothing more can be read that came before.
+    """Calls `passed(now)` when the earliest deadline has passed and all bytes from before have been read.
 
     After a stall of the event loop the response may already be in the operating system's buffer. So the loop reads
     again, for as long as that brings bytes, before anything counts as late.
@@ -41,7 +41,7 @@ class DeadlineTimer:
         received: Callable[[], int],
         due: Callable[[], float | None] | None = None,
     ) -> None:
-        """`received` returns how many bytes have come so far, `due` the earliest deadline that still matters."""
+        """`received` returns the number of bytes received, `due` the earliest deadline in force."""
         self._loop = asyncio.get_running_loop()
         self._passed = passed
         self._received = received
@@ -65,13 +65,13 @@ class DeadlineTimer:
     def _reached(self, deadline: float) -> None:
         self._timer = None
         due = deadline if self._due is None else self._due()
-        if due is not None and due > deadline:  # what the timer was set for has been answered
+        if due is not None and due > deadline:  # the request of this timer was answered
             self.arm(due)
         elif due is not None:
             self._look_again(deadline, -1, _MOST_LOOKS, self._received() + _MOST_BYTES)
 
     def _look_again(self, deadline: float, received: int, looks: int, most: int) -> None:
-        # Two turns of the loop: a turn runs its callbacks in the order found, ours before what it reads.
+        # Two turns of the loop: in one turn, this callback runs before newly read bytes.
         self._loop.call_soon(self._loop.call_soon, self._look, deadline, received, looks, most)
 
     def _look(self, deadline: float, received: int, looks: int, most: int) -> None:
@@ -79,11 +79,11 @@ class DeadlineTimer:
         if received != now_received < most and looks:
             self._look_again(deadline, now_received, looks - 1, most)
             return
-        self._passed(max(deadline, self._loop.time()))  # a timer comes early by what the clock does not resolve
+        self._passed(max(deadline, self._loop.time()))  # a timer fires early by the resolution of the clock
 
 
 class ResponseTimes:
-    """How long responses of each kind take on this line, estimated as TCP does (RFC 6298).
+    """Response times of each kind on this line, estimated as in TCP (RFC 6298).
 
     On a line that loses much and delays nothing a short margin makes losses good soon. A response that comes after
     another one has already ended its call shows that the board was only late: then the margin grows.
@@ -95,7 +95,7 @@ class ResponseTimes:
         self._estimates: dict[int, tuple[float, float, float]] = {}  # by packet id: smoothed, variation, timeout
 
     def record(self, packet_id: int, seconds: float) -> None:
-        """Take a response that can belong to one sending only into account."""
+        """Take the time of a response into account whose sending is certain."""
         estimate = self._estimates.get(packet_id)
         if estimate is None:
             smoothed, variation = seconds, seconds / 2
@@ -110,11 +110,11 @@ class ResponseTimes:
         self._estimates[packet_id] = smoothed, variation, timeout
 
     def late(self) -> None:
-        """Wait longer from now on: a request was sent again although its response was on its way."""
+        """Wait longer from now on: a request was sent again while the response was on its way."""
         self._margin = min(2 * self._margin, _MOST_MARGIN)
 
     def timeout(self, request: Request[Any], tries: int, *, after_write: bool) -> float:
-        """Return the seconds for the next sending of `request`, which was sent `tries` times before."""
+        """Return the seconds for the next sending of `request` after `tries` earlier ones."""
         estimate = self._estimates.get(request.packet_id)
         if estimate is not None:
             seconds = estimate[2]
@@ -126,12 +126,12 @@ class ResponseTimes:
             seconds = FIRST_TRY
         if after_write and seconds < AFTER_WRITE:
             seconds = AFTER_WRITE
-        # One loss does not mean that the board is slow: only from the third sending on there is more time.
+        # One loss does not show a slow board: only from the third sending on there is more time.
         return seconds if tries < 2 else seconds * BACKOFF ** min(tries - 1, _MOST_BACKOFFS)
 
 
 class Silence:
-    """Time in which the board was asked and sent no frame."""
+    """Time since the first request without any frame from the board."""
 
     def __init__(self) -> None:
         """Start with nothing asked."""
@@ -140,16 +140,16 @@ class Silence:
         self._sendings = 0
 
     def asked(self, now: float) -> None:
-        """Count a request that is sent `now`."""
+        """Count a request sent at `now`."""
         if self.since is None:
             self.since, self._sendings = now, 0
         self._sendings += 1
 
     def count_from(self, now: float) -> None:
-        """Forget the time before `now`, in which the board could not answer."""
+        """Forget the time before `now`, when the board could not answer."""
         if self.since is not None:
             self.since = now
 
     def seconds(self, now: float) -> float:
-        """Return how long the silence has lasted; 0.0 if it may be chance."""
+        """Return the duration of the silence; 0.0 after too few requests for a judgement."""
         return 0.0 if self.since is None or self._sendings < _SILENT_SENDINGS else now - self.since

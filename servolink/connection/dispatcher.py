@@ -1,4 +1,4 @@
-"""ResponseDispatcher: the receiving half of a connection, from bytes to the calls that wait for them."""
+"""ResponseDispatcher: the receiving half of a connection, from bytes to waiting calls."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _PAUSE = 0.05
 """Seconds without a byte after which the rest of a partial frame is no longer expected."""
 _LONGEST_ARRIVAL = 20.0
 """Seconds that a response may take to arrive. One that would take longer at its rate is a false start."""
-_MOST_PAUSES = 20  # a board that never stops sending must not put deadlines off for ever
+_MOST_PAUSES = 20  # a board without pauses must not put deadlines off for ever
 _MOST_OVERDUE = 2 * FENCES_ONLY
 """A board that sends something, but answers nothing of so much, would fill the memory."""
 _SILENT_PATIENCES = 2
@@ -36,10 +36,10 @@ _SILENT_PATIENCES = 2
 
 
 class _Arrival(Struct):
-    """A frame that has arrived in part when the oldest slot was due."""
+    """Partial frame at the deadline of the oldest slot."""
 
     received: int = 0
-    """Bytes of it at the last look."""
+    """Bytes received at the last look."""
     pauses: int = 0
     paused_until: float = 0.0
 
@@ -54,10 +54,10 @@ class NestedFrameFilter:
         """Start without a frame."""
         self._byte_order: ByteOrder = byte_order
         self.inside = b""
-        """Rest of the latest frame, behind what was returned from inside it; empty if nothing begins in that frame."""
+        """Rest of the latest frame behind the inner frames returned so far; empty if no frame begins inside."""
 
     def hides(self, frame: Frame) -> bool:
-        """Return whether `frame` begins inside the latest one. If not, `frame` is now the latest one."""
+        """Return whether `frame` begins inside the latest frame. If not, remember `frame` as the latest."""
         data = encode_frame(*frame, self._byte_order)
         begins = self._beginning(data)
         if begins is None:
@@ -67,7 +67,7 @@ class NestedFrameFilter:
         return True
 
     def _beginning(self, data: bytes) -> int | None:
-        """Return where in the latest frame `data` begins, whole or up to the end of that frame."""
+        """Return the place of `data` in the latest frame, whole or up to the end of the frame."""
         at = self.inside.find(MAGIC)
         while at >= 0:
             if data.startswith(self.inside[at : at + len(data)]):
@@ -91,16 +91,16 @@ class ResponseDispatcher:
         stats: Stats,
         taps: Taps,
     ) -> None:
-        """Settle `slots` with what comes from `url`; after `patience` seconds of silence the board is gone."""
+        """Settle `slots` with responses from `url`; after `patience` seconds of silence the board is gone."""
         self.stats = stats
         self.taps = taps
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
         self.on_stranger: Callable[[int], None] = lambda packet_id: None
-        """Called with the id of a packet that nobody on this connection has asked for."""
+        """Called with the id of an unrequested packet."""
         self.times = ResponseTimes()
         self.answered_in_a_row = 0
-        """How many slots were answered since one was overdue, or over without a response."""
+        """Number of slots answered since the latest loss."""
         self.frame_log = FrameLog(url, codec, now)
         self._url = url
         self._codec = codec
@@ -109,7 +109,7 @@ class ResponseDispatcher:
         self._scheduler = scheduler
         self._load: Load | None = None  # when the present chunk came
         self.later: deque[Callable[[], None]] = deque()
-        """What is called once a chunk is read: it may send, for which all slots must be as they are to be."""
+        """Functions to call after a chunk is read: sending needs slots in their final state."""
         self._expired = False  # whether a slot has become overdue since the latest response
         self._patience = patience
         self._now = now
@@ -148,7 +148,7 @@ class ResponseDispatcher:
     # --- from the sending half ----------------------------------------------------------------------------------
 
     def open(self, slot: Slot) -> None:
-        """Wait for the response of a slot, from before its request is written."""
+        """Wait for the response of a slot; called before the request is written."""
         now = slot.sent_at
         if not self._slots.live:
             self._restart(now)
@@ -157,9 +157,12 @@ class ResponseDispatcher:
         self._timer.arm(now + slot.timeout)
 
     def leave(self, call: Call) -> None:
-        """End a call. If it has no response, its latest slot keeps the permit for as long as one is expected."""
+        """End a call. Without a response, the latest slot keeps the permit as long as a response is expected."""
         call.is_over = True
-        slot, call.latest = call.latest, None  # they refer to each other, and would be garbage only for the collector
+        slot, call.latest = (
+            call.latest,
+            None,
+        )  # else a cycle for the garbage collector
         if call.is_aside:
             self._scheduler.step_back()
             return
@@ -167,12 +170,12 @@ class ResponseDispatcher:
             if call.response is None:
                 slot.holds_permit_of = call.packet
                 return
-            # An older slot got the response, which is most likely the one to this slot: nothing more will come.
+            # An older slot got the response, most likely the response to this slot: no other is expected.
             self._slots.expire(slot)
         self._scheduler.release(call.packet)
 
     def open_stop(self, slot: Slot) -> None:
-        """Open the slot of a stop. The response to a call that waits on its lane can no longer be told from its own."""
+        """Open the slot of a stop. Responses to calls on the same lane can no longer be told from its response."""
         for other in slot.lane.slots:
             self._mark_overdue(other)
             if other.call is not None and not other.call.is_over and not other.is_fence:
@@ -187,7 +190,7 @@ class ResponseDispatcher:
         self._report([(slot, None) for slot in self._slots.clear()])
 
     def end(self, error: ConnectionLost) -> None:
-        """End the connection: the first cause reaches everyone who waits."""
+        """End the connection: all waiting calls get the first cause."""
         opening = self._lifecycle.opening
         if not self._lifecycle.end(error):
             return
@@ -249,7 +252,7 @@ class ResponseDispatcher:
         self._report(settled, asked_at)
 
     def _report(self, settled: list[Settled], asked_at: float = 0.0) -> None:
-        """Tell the calls of slots that are over; then others may be sent.
+        """Notify the calls of slots that are over; then further requests may be sent.
 
         `asked_at` is when the slot that was answered became the oldest one.
         """
@@ -283,22 +286,22 @@ class ResponseDispatcher:
             self._scheduler.grant()
 
     def _learn(self, load: Load, settled: list[Settled], size: int, asked_at: float) -> None:
-        """Learn from slots that are over with a response of `size` bytes; the one before it came at `asked_at`."""
+        """Learn from slots settled by a response of `size` bytes; the previous response came at `asked_at`."""
         if settled[-1][0].sent_at < asked_at and not self._expired:
             self._scheduler.window.heard(size, self._heard_at - asked_at)
         self._expired = False
         for slot, content in settled:
             if content is not None and not slot.is_fence:
                 load.climb.answered(self._heard_at, full=load.is_full, wanted=load.wants_more)
-            elif content is None and not slot.overdue:  # else it was counted then
+            elif content is None and not slot.overdue:  # an overdue slot was counted before
                 load.climb.lost()
 
     def _time(self, slot: Slot, asked_at: float) -> None:
-        """Take the time of a response into account, which the board could give from `asked_at` on."""
+        """Take the time of a response into account; the board was free to respond from `asked_at` on."""
         call = slot.call
         if call is not None and call.response is not None:
-            self.times.late()  # its call had a response already
-        elif not slot.overdue:  # else it may be the response to another sending
+            self.times.late()  # the call had a response already
+        elif not slot.overdue:  # a response to an overdue slot may belong to another sending
             self.times.record(slot.request.packet_id, self._heard_at - asked_at)
         elif call is None or call.is_over:
             self.times.late()
@@ -315,12 +318,12 @@ class ResponseDispatcher:
         self._silence.count_from(self._now())
 
     def _restart(self, now: float) -> None:
-        """Count the time of the oldest slot from now: nothing older delays its response any more."""
+        """Count the time of the oldest slot from now: no older slot delays the response."""
         self._restarted_at = now
         self._arrival = None
 
     def _look(self, now: float) -> None:
-        """Find the oldest slot overdue, if it is; a stalled event loop has read everything by now."""
+        """Mark the oldest slot overdue after its deadline; a stalled event loop has read everything by now."""
         live = self._slots.live
         if self._lifecycle.state is State.SUSPENDED:
             self._restart(now)
@@ -379,12 +382,12 @@ class ResponseDispatcher:
             self.lost(TimeoutError(f"the board has sent nothing for {seconds:.1f} s"))
 
     def _await_partial_frame(self, slot: Slot, now: float) -> None:
-        """Put the deadline off while its response, or anything else, is arriving; else give a false start up."""
+        """Put the deadline off while a response, or anything else, is arriving; else give a false start up."""
         while self._parser.partial_frame:
             arrival = self._arrival = self._arrival or _Arrival()
             packet_id, received, wanted = self._parser.partial_frame
             lane = self._slots.lanes.get(packet_id)
-            # By its rate, as tries can be short: at 115200 baud the longest list takes 6 s.
+            # By the rate, as tries can be short: at 115200 baud the longest list takes 6 s.
             least = wanted * (now - self._restarted_at) / _LONGEST_ARRIVAL
             if lane is not None and lane.slots and received - arrival.received >= least:
                 self._restarted_at, arrival.received = now, received

@@ -1,4 +1,4 @@
-"""What a connection says when a request ends badly: what was asked, of whom, what came back, what to do next."""
+"""Errors of a connection: each names request, board, observation and remedy."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _LONGEST = 120
 
 
 def described(packet: Packet) -> str:
-    """Return `packet` in words that are safe and short enough for an error."""
+    """Return `packet` as short, safe text for an error."""
     text = escape(repr(packet))
     return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
 
@@ -27,7 +27,7 @@ def timed_out(
     through_hub: bool = False,
     held: str = "",
 ) -> RequestTimeout:
-    """Return the error for a request that was never answered, with the likely causes in order.
+    """Return the error for an unanswered request, with the likely causes in order.
 
     `answers_others`: the board has answered what was sent after it. `through_hub`: a hub that reaches the board has
     repeated the request. `held`: why the board cannot answer now.
@@ -58,7 +58,7 @@ def timed_out(
 
 
 def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
-    """Return the error for a command that was sent once and not answered."""
+    """Return the error for an unanswered command, which is sent once only."""
     return OutcomeUnknown(
         f"{described(packet)} was sent to {escape(url)} and was not answered in {waited:.1f} s: "
         "it may or may not have been done; read back before sending it again",
@@ -67,21 +67,21 @@ def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
 
 
 def overtaken(packet: Packet) -> OutcomeUnknown:
-    """Return the error for a request whose answer can no longer be told from that of a stop."""
+    """Return the error for a request whose response can no longer be told from the response to a stop."""
     return OutcomeUnknown(f"{described(packet)} was overtaken by a stop before its answer came", packet)
 
 
 def lost(url: str, cause: BaseException | None) -> ConnectionLost:
-    """Return the error that ends a connection; without a cause it was closed by this program."""
+    """Return the error for the end of a connection; without a cause, this program has closed the connection."""
     if isinstance(cause, OpenError):
-        return _caused(str(cause), cause)  # which names the board already
+        return _caused(str(cause), cause)  # names the board already
     reason = "it was closed by this program" if cause is None else escape(str(cause) or type(cause).__name__)
     reason = reason.removeprefix(f"{escape(url)}: ").removeprefix("the connection was lost: ")  # said once
     return _caused(f"the connection to {escape(url)} is gone: {reason}", cause)
 
 
 def other_loop(url: str, *, has_ended: bool) -> RuntimeError:
-    """Return the error for a use in another event loop than that of the connection, whose futures would wake nobody."""
+    """Return the error for use in another event loop, where the futures of the connection would wake no task."""
     advice = ", which has ended: " if has_ended else ": use it there, or "
     return RuntimeError(f"{escape(url)} was connected in another event loop{advice}connect again in this one")
 
@@ -93,7 +93,7 @@ def _caused(text: str, cause: BaseException | None) -> ConnectionLost:
 
 
 def same(error: ConnectionLost) -> ConnectionLost:
-    """Return `error` as an exception of its own, so that each waiter gets its own traceback."""
+    """Return a copy of `error`, for a traceback of its own in each waiting task."""
     twin = ConnectionLost(*error.args)
     twin.__cause__ = error.__cause__
     return twin

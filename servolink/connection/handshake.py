@@ -1,4 +1,4 @@
-"""Handshake: queries whose responses cannot come from questions that somebody else asked before.
+"""Handshake: queries whose responses cannot come from queries of earlier programs.
 
 A program that was killed, or an earlier connection, may have left questions with the board, and their responses look
 like responses to ours. So a connection begins with a random word of cheap queries, one at a time. The board answers in
@@ -24,10 +24,10 @@ ANOTHER_AFTER = 2
 
 
 class Handshake:
-    """The state of one handshake."""
+    """State of one handshake."""
 
     def __init__(self, kinds: Sequence[int], random: Random, unsupported: Iterable[int] = ()) -> None:
-        """Draw a word from `kinds`, the packet ids of queries that may be sent.
+        """Draw a word from `kinds`, the packet ids of the queries to use.
 
         If that leaves two of them, those that are `unsupported` are not used.
         """
@@ -35,8 +35,8 @@ class Handshake:
         self._random = random
         self._silent: Counter[int] = Counter()  # times in a row
         self.unsupported = set(unsupported)
-        """Kinds that the board does not answer, as far as is known: a late response shows that it does."""
-        if not self.is_provable:  # it is found out again
+        """Kinds without a response so far; a late response removes the kind."""
+        if not self.is_provable:  # to be found out again
             self.unsupported.clear()
         self._unanswered: Counter[int] = Counter()  # sendings
         self._on_its_way: int | None = None
@@ -45,12 +45,12 @@ class Handshake:
 
     @property
     def is_open(self) -> bool:
-        """Whether the whole word was answered, so that whatever comes now was asked for by this connection."""
+        """Whether the whole word was answered, so that all further responses are to this connection."""
         return self._matched == len(self._word)
 
     @property
     def is_provable(self) -> bool:
-        """Whether the board answers enough kinds: one kind alone could always be the response to an earlier query."""
+        """Whether the board answers enough kinds: a single kind could always answer an earlier query."""
         return len(self.unsupported) < len(self._kinds) - 1
 
     @property
@@ -59,7 +59,7 @@ class Handshake:
         return len(self._sent)
 
     def query(self) -> int | None:
-        """Return the kind to send now, None if one is on its way or nothing is left to send.
+        """Return the kind to send now; None while a query is under way, and after the last query.
 
         With several on their way, each response would cause another query, and they could go round for ever.
         """
@@ -68,7 +68,7 @@ class Handshake:
         return self._send(self._word[self._matched])
 
     def repeat(self) -> int:
-        """Return the kind to send now, because the latest one was not answered in time."""
+        """Return the kind to send now, after the latest query was not answered in time."""
         kind = self._word[self._matched]
         self._silent[kind if self._on_its_way is None else self._on_its_way] += 1
         if self._silent[kind] % ANOTHER_AFTER:
@@ -86,9 +86,9 @@ class Handshake:
         is_latest = kind == self._on_its_way
         if is_latest:
             self._on_its_way = None
-        is_ours = self._unanswered[kind] > 0  # or seems so: a slow board answers what was sent twice
+        is_ours = self._unanswered[kind] > 0  # or apparently: a slow board answers both of two sendings
         self._unanswered[kind] -= is_ours
-        # Without the last query being sent, the response to it is that to somebody else's.
+        # Before the last query is sent, a response to the last query belongs to another program.
         if kind == expected and (kind != self._word[-1] or kind in self._sent):
             self._matched += 1
         elif is_latest and self._silent[expected] >= MOST_SILENT:
@@ -103,7 +103,7 @@ class Handshake:
         # the query answered last only.
 
     def leftover(self) -> list[int]:
-        """Return the kinds of which a response may still come, after the whole word. Everything older is over."""
+        """Return the kinds with outstanding responses after the whole word. Everything older is over."""
         return self._sent[self._sent.index(self._word[-1]) + 1 :]
 
     def _was_just_matched(self, kind: int) -> bool:
@@ -116,7 +116,7 @@ class Handshake:
         return kind
 
     def _draw(self, length: int) -> None:
-        """Draw a word from the kinds that the board answers: fewer kinds need a longer word."""
+        """Draw a word from the answered kinds: fewer kinds need a longer word."""
         kinds = [kind for kind in self._kinds if kind not in self.unsupported]
         last = self._random.choice(kinds)
         others = [kind for kind in kinds if kind != last] or [last]
@@ -125,7 +125,7 @@ class Handshake:
         self._matched = 0
 
     def _fall_back(self, kind: int) -> None:
-        """Keep the longest beginning of the word with which the responses so far end."""
+        """Keep the longest prefix of the word among the suffixes of the responses so far."""
         heard = [*self._word[: self._matched], kind]
         lengths = range(len(heard), -1, -1)
         self._matched = next(length for length in lengths if heard[len(heard) - length :] == self._word[:length])

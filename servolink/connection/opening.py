@@ -1,4 +1,4 @@
-"""Opening: the handshake on a connection, with its time limits; it also finds out whether the board speaks at all."""
+"""Opening: the handshake on a connection with its time limits, and the test whether the board speaks at all."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FENCES: tuple[Query[Any], ...] = (
 """Queries with short responses, which settle what was sent before them."""
 
 _BY_ID: dict[int, Query[Any]] = {query.packet_id: query for query in FENCES}
-_TRIES = 12  # with the growing pauses between them, five fit into the patience
+_TRIES = 12  # with growing pauses, five fit into the patience
 _LONGEST_TRY = 1.0  # seconds, on a slow line
 _WAKE_AFTER = 2  # silent tries
 _SILENT_PATIENCES, _MOST_PATIENCES = 2, 4
@@ -85,13 +85,13 @@ class Opening:
         self._error: ConnectionLost | None = None
         self._heard_at: float | None = None
         self._silent_tries = 0
-        self._now = 0.0  # the latest deadline that has passed
-        self._timed: int | None = None  # the kind on its way, if it was sent once
-        self._asked_at: dict[int, float] = {}  # by kind: when it was first sent since it was answered
-        self._round_trip = 0.0  # the latest one, its repeats included
+        self._now = 0.0  # the latest passed deadline
+        self._timed: int | None = None  # the kind under way, if sent once
+        self._asked_at: dict[int, float] = {}  # by kind: time of the first sending since the latest response
+        self._round_trip = 0.0  # of the latest query, repeats included
 
     def heard(self, packet_id: int) -> None:
-        """Take a response with this id into account, whatever it contains."""
+        """Take a response with this id into account, whatever the content."""
         self._heard_at = self._loop.time()
         kind = packet_id - 1
         if (asked_at := self._asked_at.pop(kind, None)) is not None:
@@ -104,11 +104,11 @@ class Opening:
         self._news.set()
 
     def heard_event(self) -> None:
-        """Take a button event as a sign of life; it answers nothing."""
+        """Take a button event as a sign of life, not as a response."""
         self._heard_at = self._loop.time()
 
     def begin_again(self) -> None:
-        """Draw a new word: something was sent that the handshake does not know of."""
+        """Draw a new word: another packet was sent beside the handshake."""
         self._handshake = Handshake(list(_BY_ID), self._random, self._unsupported)
         self._news.set()
 
@@ -119,11 +119,11 @@ class Opening:
 
     @property
     def fences(self) -> tuple[Query[Any], ...]:
-        """The fences that the board answers, as far as is known."""
+        """Fences known to be answered by the board, or not yet tried."""
         return tuple(query for query in FENCES if query.packet_id not in self._handshake.unsupported)
 
     async def run(self) -> list[Query[Any]]:
-        """Open the connection. Return the queries that may still be answered, all sent by this handshake.
+        """Open the connection. Return the queries of this handshake with outstanding responses.
 
         Raise OpenError if the board is silent or answers too little.
         """
@@ -166,7 +166,7 @@ class Opening:
         self._news.set()
 
     def _time(self) -> float:
-        return max(self._now, self._loop.time())  # a timer comes early by what the clock does not resolve
+        return max(self._now, self._loop.time())  # a timer fires early by the resolution of the clock
 
     async def _wait(self, until: float) -> None:
         """Wait for a response, at most until `until` (loop time)."""
@@ -177,7 +177,7 @@ class Opening:
             raise same(self._error)
 
     def _limit(self, begun: float) -> float:
-        """Return when the board is given up: one that shows signs of life is worth more time than a silent one."""
+        """Return when the board is given up: later if it shows signs of life."""
         if self._heard_at is None:
             return begun + self._patience
         return min(self._heard_at + _SILENT_PATIENCES * self._patience, begun + _MOST_PATIENCES * self._patience)
@@ -208,7 +208,7 @@ class Opening:
         )
 
     async def _open_unproved(self, query: Query[Any]) -> list[Query[Any]]:
-        """Wait until nothing has come for a whole patience: one kind of query proves nothing. Then ask it once more."""
+        """Wait for a whole patience of silence, as one kind of query proves nothing. Then send the query once more."""
         while self._time() < (quiet_at := (self._heard_at or 0.0) + self._patience):
             await self._wait(quiet_at)
         for tries in range(MOST_SILENT):

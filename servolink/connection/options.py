@@ -29,13 +29,13 @@ MOST_DEPTH = 64
 
 
 class ConnectionOptions(Struct, frozen=True):
-    """How to talk to a board. Raise TypeError or ValueError for an option that is wrong."""
+    """Options for talking to a board. Raise TypeError or ValueError for a wrong option."""
 
     byte_order: ByteOrder = "little"
     caption_encoding: str = "utf-8"
     transmission_mode: TransmissionMode = "auto"
     patience: float = PATIENCE
-    """Seconds to ask for one response, repeats included, from the first time that the request is sent."""
+    """Seconds to ask for one response, repeats included, from the first sending of the request."""
     depth: int = 1
     """How many queries may be under way at once, at most."""
     write_depth: int = 1
@@ -59,7 +59,7 @@ class ConnectionOptions(Struct, frozen=True):
 
 
 def options_in(url: str) -> dict[str, Any]:
-    """Return the options of the connection that the address `url` gives, by name. InvalidAddress if one is wrong."""
+    """Return the options of the connection in the address `url`, by name. Raise InvalidAddress for a wrong one."""
     address, default = Address.parse(url), ConnectionOptions()
     mode = address.choice("transmission_mode", "auto", ("auto", "keep", "1"))
     encoding = address.text("caption_encoding", default.caption_encoding)

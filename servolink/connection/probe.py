@@ -1,4 +1,4 @@
-"""Asks a device whether it is a board, in both byte orders and both transmission modes."""
+"""Test whether a device is a board, in both byte orders and both transmission modes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PATIENCE = 0.4
 _LISTENING = 0.1  # seconds before the first question
 _ROUNDS = 3  # a single question may be lost on a bad line
 _OLD, _NEW = 0, 1
-_UNASKED_FOR = bytes(265)  # ends a frame that the wrong byte order made to seem 256 bytes longer
+_UNASKED_FOR = bytes(265)  # ends a frame whose length is too great by 256 bytes in the wrong byte order
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class ProbeResponse:
 
     byte_order: ByteOrder
     transmission_mode: int
-    """The mode it seems to have been in: 1 is the document's protocol, 0 the old one; it is in 1 now."""
+    """Apparent mode before the probe, which sets mode 1: 1 for the document's protocol, 0 for the old protocol."""
     project_id: int
     seconds: float
 
@@ -43,14 +43,14 @@ class ProbeResult:
 
     response: ProbeResponse | None
     unasked_bytes: int
-    """Bytes that came before anything was sent."""
+    """Bytes received before the first query."""
     received_bytes: int
     problem: str = ""
-    """Why it could not be queried; empty if it could."""
+    """Cause of a failed query; empty after a successful one."""
 
 
 async def probe(url: str, patience: float = PATIENCE) -> ProbeResult:
-    """Open the device at `url`, ask, waiting up to `patience` seconds for each response, and close it.
+    """Query the device at `url`, with up to `patience` seconds for each response, and close the device.
 
     A board that does not answer is put into the new transmission mode and asked again. It is left there: one that
     was only slow to start must not be put into the old mode.
@@ -75,7 +75,7 @@ async def _ask(transport: Transport, ear: _Ear, unasked: int, patience: float) -
     for byte_order in BYTE_ORDERS * _ROUNDS:
         if answer := await _project_id(transport, ear, byte_order, _NEW, patience):
             return answer
-    mode = _OLD if ear.received == unasked else _NEW  # one that answered damaged is in the new mode
+    mode = _OLD if ear.received == unasked else _NEW  # a board with a damaged response is in the new mode
     for byte_order in BYTE_ORDERS:
         await transport.send(Codec(byte_order).encode(TransmissionModeSettingRequest(_NEW)))
         if answer := await _project_id(transport, ear, byte_order, mode, patience):
@@ -103,14 +103,14 @@ async def _project_id(
 
 @dataclass(slots=True)
 class _Ear:
-    """Hears frames in both byte orders; one in the wrong order is not a frame, as no id fits."""
+    """Receives frames in both byte orders; in the wrong order no id fits."""
 
     received: int = 0
     _parsers: list[FrameParser] = field(default_factory=lambda: [FrameParser(order) for order in BYTE_ORDERS])
     _wanted: tuple[Codec, int, asyncio.Future[Packet]] | None = None
 
     def listen_for(self, codec: Codec, packet_id: int) -> asyncio.Future[Packet]:
-        """Return a future for the next packet of that id in the byte order of `codec`."""
+        """Return a future for the next packet with the id in the byte order of `codec`."""
         heard = asyncio.get_running_loop().create_future()
         self._wanted = codec, packet_id, heard
         return heard
@@ -125,7 +125,7 @@ class _Ear:
         if self._wanted is not None and not self._wanted[2].done():
             heard = self._wanted[2]
             heard.set_exception(ConnectionLost(f"it was lost while being asked: {escape(str(error))}"))
-            heard.exception()  # seen: nobody may be waiting any more
+            heard.exception()  # retrieved, as perhaps no task waits any more
 
     def _take(self, byte_order: ByteOrder, frame: Frame) -> None:
         packet_id, content = frame

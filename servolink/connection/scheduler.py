@@ -1,4 +1,4 @@
-"""Permits: which request may be sent next, and when; and the room on the line for those under way."""
+"""Permits: order and time of sending, and the room on the line for requests under way."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ MOST_OWED = 0.045
 MOST_OWED_IN_BULK = 0.09
 """The same during an import, where it is 100 ms."""
 
-_MEMORY = 64  # responses after which older ones count half in the pace of the line
+_MEMORY = 64  # responses after which older ones count half in the pace
 _UNMEASURED = 2  # requests at once until the pace of the line is known
 
 
 class Window:
-    """The room on a line: the depth that was found to pay for queries, another one as soon as something is changed.
+    """Room on a line: one depth for queries, found by trial, and another depth as soon as something is changed.
 
     A board that queues queries may still lose what comes while it writes its memory. So their depths are found apart,
     and while a change is under way, that for changes holds for queries too.
@@ -40,7 +40,7 @@ class Window:
     def __init__(
         self, depth: int = 1, write_depth: int = 1, *, learn: bool = True, bytes_per_second: float = 0.0
     ) -> None:
-        """Allow at most `depth` requests, `write_depth` with a change among them.
+        """Allow at most `depth` requests, or `write_depth` beside a change.
 
         Without `learn` all of that from the first request on, however long their responses take. The line is known to
         carry `bytes_per_second`, or more.
@@ -52,10 +52,10 @@ class Window:
         if not learn:
             self.queries.depth, self.writes.depth = depth, write_depth
         self.known_pace = bytes_per_second
-        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        """Known bytes per second of the line; 0 for an unknown line."""
         self.pace = bytes_per_second
-        """Bytes per second of the line, as known or measured; 0 if they are unknown."""
-        self._bytes = self._seconds = 0.0  # of responses that came one behind the other
+        """Bytes per second of the line, as known or measured; 0 before the first measurement."""
+        self._bytes = self._seconds = 0.0  # of consecutive responses
         self._responses = 0
         self._bulks = 0
 
@@ -66,7 +66,7 @@ class Window:
 
     @contextmanager
     def bulk(self) -> Iterator[None]:
-        """Allow the responses that are owed to take longer, and try the bounds at once, while much is transferred."""
+        """Allow more time for owed responses, and try the bounds at once, during a large transfer."""
         self._bulks += 1
         if self.learns:
             self.queries.leap()
@@ -81,12 +81,12 @@ class Window:
         return self.queries if not writes and isinstance(packet, Query) else self.writes
 
     def fits(self, owed: int, under_way: int) -> bool:
-        """Return whether a stop may wait for `owed` bytes: those of `under_way` requests and of one more."""
+        """Return whether a stop may wait for `owed` bytes, of `under_way` requests and one more."""
         pace = self.pace
         return owed <= pace * (MOST_OWED_IN_BULK if self._bulks else MOST_OWED) if pace else under_way < _UNMEASURED
 
     def heard(self, size: int, seconds: float) -> None:
-        """Count a response of `size` bytes that came `seconds` behind another one, when it was already due."""
+        """Count a response of `size` bytes, received `seconds` after another one while already due."""
         self._responses += 1
         if self._responses == _MEMORY:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
@@ -96,18 +96,18 @@ class Window:
 
 
 class Waiting(Struct, eq=False):
-    """Somebody who waits for a permit."""
+    """Caller waiting for a permit."""
 
     packet: Request[Any] | Command
     granted: asyncio.Future[None]
-    """Done when it is granted; it fails if the connection ends."""
+    """Done when the permit is granted; fails if the connection ends."""
 
 
 class Load(Struct, frozen=True):
     """How far the window is used."""
 
     climb: DepthClimb
-    """The depth that holds for what is under way."""
+    """Depth in force for the requests under way."""
     is_full: bool
     wants_more: bool
     """Whether somebody waits because of the depth."""
@@ -124,19 +124,19 @@ class RequestScheduler:
         self.window = window
         self._slots = slots
         self._permits = 0
-        self._changes = 0  # permits of packets that change something
+        self._changes = 0  # permits of changes
         self._of_lane: dict[Lane, int] = {}  # permits
         self._paused = False
         self.waiting: deque[Waiting] = deque()
-        """Those who wait for a permit."""
+        """Queue for permits."""
         self.aside = 0
-        """How many callers have given their permit back and will want another one."""
+        """Number of callers who have given their permit back for a pause."""
         self.on_aside: Callable[[], None] = lambda: None
-        """Called when one does: somebody else may send."""
-        self._granted: list[Request[Any] | Command] = []  # have a permit and are not in `slots` yet
+        """Called when a caller steps aside: another one may send."""
+        self._granted: list[Request[Any] | Command] = []  # with a permit, but not in `slots` yet
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
-        """Take a permit if nothing stands in the way of `packet`, which must be sent at once. `release` must follow."""
+        """Take a permit if nothing stands in the way of `packet`, to be sent at once. `release` must follow."""
         if self.waiting or self._paused or self._granted or (self._permits and not self._has_room(packet)):
             return False
         slots = self._slots
@@ -146,18 +146,18 @@ class RequestScheduler:
         return True
 
     async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
-        """Wait for a permit, `first` before all who wait. `sent` must follow, then `release`."""
+        """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`."""
         waiting = self.enqueue(packet, first=first)
         try:
             if waiting.granted.done() and self._granted[0] is not packet:
-                await asyncio.sleep(0)  # those who were granted theirs before wake up first, and send first
+                await asyncio.sleep(0)  # earlier grants wake up first, and send first
             await waiting.granted
         except asyncio.CancelledError:
             self.withdraw(waiting)
             raise
 
     def enqueue(self, packet: Request[Any] | Command, *, first: bool) -> Waiting:
-        """Return what waits for a permit, as `acquire` does. If it is not wanted any more, `withdraw` it."""
+        """Return a place in the queue for a permit; `withdraw` must be called to leave the queue."""
         waiting = Waiting(packet, asyncio.get_running_loop().create_future())
         if first:
             self.waiting.appendleft(waiting)
@@ -167,17 +167,17 @@ class RequestScheduler:
         return waiting
 
     def withdraw(self, waiting: Waiting) -> None:
-        """Wait for a permit no longer, and give it back if it was granted."""
+        """Leave the queue, and give a granted permit back."""
         granted = waiting.granted
         if not granted.cancel() and not granted.cancelled() and granted.exception() is None:
             self.sent(waiting.packet)
             self.release(waiting.packet)
         elif self.waiting and self.waiting[0] is waiting:
-            self.grant()  # it held back those behind it
+            self.grant()  # the head of the queue held back the rest
 
     def sent(self, packet: Request[Any] | Command) -> None:
-        """The packet has its slot, or will not be sent: those behind it may follow."""
-        self._granted.remove(packet)  # or an equal one, which is as good
+        """Note that `packet` has a slot, or will not be sent: the next packets may follow."""
+        self._granted.remove(packet)  # or an equal packet, just as good
         if self.waiting:
             self.grant()
 
@@ -195,17 +195,17 @@ class RequestScheduler:
             self.grant()
 
     def step_aside(self, packet: Request[Any] | Command) -> None:
-        """Give the permit of `packet` back until its caller acquires another one. `step_back` must follow."""
+        """Give the permit of `packet` back until the caller acquires another. `step_back` must follow."""
         self.aside += 1
         self.release(packet)
         self.on_aside()
 
     def step_back(self) -> None:
-        """Count a caller that had stepped aside no longer: it has a permit again, or has ended."""
+        """Count a caller as aside no longer: the caller has a permit again, or has ended."""
         self.aside -= 1
 
     def take_extra(self) -> None:
-        """Take a permit at once, whoever has the others; nobody gets another one before there is room again."""
+        """Take a permit at once, beyond the depth; further permits wait until there is room again."""
         self._permits += 1
 
     def give_back_extra(self) -> None:
@@ -224,14 +224,14 @@ class RequestScheduler:
         self.grant()
 
     def refuse_all(self, error: Callable[[], Exception]) -> None:
-        """Fail all who wait, each with an error of its own."""
+        """Fail all waiting callers, each with a separate error."""
         waiting, self.waiting = self.waiting, deque()
         for each in waiting:
             if not each.granted.done():
                 each.granted.set_exception(error())
 
     def grant(self) -> None:
-        """Grant permits to those at the head of the queue that may be sent now."""
+        """Grant permits at the head of the queue, as many as may be sent now."""
         while self.waiting:
             head = self.waiting[0]
             if not head.granted.done():
@@ -250,7 +250,7 @@ class RequestScheduler:
         )
 
     def _has_room(self, packet: Request[Any] | Command) -> bool:
-        """Return whether the depth allows one more, and a stop would not wait for too long; one always has room."""
+        """Return whether the depth allows another request without delaying a stop; an idle line always has room."""
         # The board is done with a request whose response is kept.
         under_way = self._permits - self._slots.kept
         if under_way <= 0:
@@ -261,7 +261,7 @@ class RequestScheduler:
         return not window.learns or window.fits(self._owed_with(packet), under_way)
 
     def _owed_with(self, packet: Request[Any] | Command) -> int:
-        """Return the bytes of the line that are owed once `packet` is sent."""
+        """Return the bytes owed on the line once `packet` is sent."""
         # By permits, not by slots: a caller whose slot is overdue sends again without asking.
         owed = self._lane(packet).size if isinstance(packet, Request) else 0
         for lane, permits in self._of_lane.items():
@@ -280,7 +280,7 @@ class RequestScheduler:
         return self._slots.lanes[request.packet_id + 1]
 
     def load(self) -> Load:
-        """Return what is under way now, beside what may be."""
+        """Return the present load of the window."""
         under_way = self._permits - self._slots.kept
         for waiting in self.waiting:
             if not waiting.granted.done():
@@ -291,23 +291,23 @@ class RequestScheduler:
 
 
 class PendingDrain:
-    """Holds a permit for each frame that its sender has left behind.
+    """Holds a permit for each frame of a cancelled sender.
 
     A cancelled send still goes out whole. If its permit were free at once, a program that gives up late requests would
     fill the transport's buffer, and a stop would wait behind all of that.
     """
 
     def __init__(self, transport: Transport, scheduler: RequestScheduler) -> None:
-        """Hold permits of `scheduler` until `transport` has sent what was left behind."""
+        """Hold permits of `scheduler` until `transport` has sent the remaining bytes."""
         self._transport = transport
         self._scheduler = scheduler
-        self._tasks: set[asyncio.Task[None]] = set()  # kept, as the loop does not keep its tasks
+        self._tasks: set[asyncio.Task[None]] = set()  # held here, as the loop does not hold its tasks
 
     def hold(self) -> None:
-        """Hold one permit more than the depth allows until all that was sent so far has left."""
+        """Hold a permit beyond the depth until all bytes so far have left."""
         self._scheduler.take_extra()
         task = asyncio.get_running_loop().create_task(self._left())
-        # The program may well end first, and nobody needs a warning about that; asyncio.gather does the same.
+        # The program may well end first, without need of a warning; asyncio.gather does the same.
         task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
         self._tasks.add(task)
         task.add_done_callback(self._give_back)
@@ -318,7 +318,7 @@ class PendingDrain:
             task.cancel()
 
     async def _left(self) -> None:
-        with suppress(ConnectionLost):  # the transport tells its receiver itself
+        with suppress(ConnectionLost):  # the transport reports its end to the receiver
             await self._transport.send(b"")
 
     def _give_back(self, task: asyncio.Task[None]) -> None:

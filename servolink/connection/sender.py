@@ -1,4 +1,4 @@
-"""RequestSender: sends the packets of calls, and fences where only they help, until each call has its result."""
+"""RequestSender: sends the packets of calls, and fences where needed, until each call has a result."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
 from servolink.transports.base import Transport
 
-_RESERVE = QueryServoListRequest()  # a fence that every board answers, but not with a short response
-_AT_ONCE = 3  # so often a query that is proved to be lost is sent again without a pause
+_RESERVE = QueryServoListRequest()  # a fence for every board, but with a long response
+_AT_ONCE = 3  # repeats of a lost query without a pause
 _FENCE_AFTER = 3  # sendings without a response
-_SAME_FENCE = 3  # so often one is sent in a silence: perhaps the board does not support it
+_SAME_FENCE = 3  # sendings in a silence: perhaps the board does not support the query
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
-_MARK_GOOD_LINE_EVERY = 128  # slots, if so many have been answered since one was lost
-_MOST_UNANSWERABLE = 4  # packets without a response, after which the board must show that it keeps up
+_MARK_GOOD_LINE_EVERY = 128  # slots, if as many were answered since the latest loss
+_MOST_UNANSWERABLE = 4  # packets without a response until the board must answer a fence
 
 
 class RequestSender:
-    """The sending half of a connection. Its caller has a permit for each call."""
+    """Sending half of a connection. The caller has a permit for each call."""
 
     def __init__(
         self,
@@ -44,13 +44,13 @@ class RequestSender:
         *,
         repeats: bool = True,
     ) -> None:
-        """Send on `transport`, and get what comes back from `answers`. Repeat what is not answered, if `repeats`."""
+        """Send on `transport`; `answers` receives the responses. With `repeats`, repeat unanswered requests."""
         self.units_sent = 0
-        """How many times an angle unit was sent; an angle from before one means something else after it."""
+        """Number of angle units sent; an angle has another meaning after a new unit."""
         self.fences = FENCES
-        """Queries that the board answers, used in turn as fences."""
+        """Queries known to be answered, used in turn as fences."""
         self._latest_fence = FENCES[0]
-        self._fence_tries = 0  # times that it was sent in a row
+        self._fence_tries = 0  # sendings in a row
         self._fenced_at = -1  # frames received when the latest fence was sent
         self._transport = transport
         self._codec = codec
@@ -64,7 +64,7 @@ class RequestSender:
         self._taps = answers.taps
         self._loop = asyncio.get_running_loop()
         self._drain = PendingDrain(transport, scheduler)
-        self._wrote = False  # whether the latest request is one that is sent only once
+        self._wrote = False  # whether the latest request is sent only once
 
     def end(self) -> None:
         """Stop: the connection is closed."""
@@ -73,7 +73,7 @@ class RequestSender:
     # --- one call -----------------------------------------------------------------------------------------------
 
     async def converse(self, call: Call, packet: Request[Any], frame: bytes) -> Response:
-        """Send the request, again if that is allowed, and fences, until the call has its response or an error.
+        """Send the request, repeats where allowed, and fences, until the call has a response or an error.
 
         Nothing may stand in the way of the first sending (see `clear_way`).
         """
@@ -96,7 +96,7 @@ class RequestSender:
             woken, data = self._open_next(call, packet, frame)
 
     async def until_next(self, call: Call, packet: Request[Any]) -> None:
-        """Wait until more can be sent for a call that was woken, or it has a response. Raise what ended it."""
+        """Wait until a woken call has a response, or more can be sent. Raise the error of an ended call."""
         await self._end_latest(call)
         if call.response is None:
             await self._go_on(call)
@@ -105,11 +105,11 @@ class RequestSender:
             await (self._give_way(call) if gives_way else self._pause(call))
 
     def _open_next(self, call: Call, packet: Request[Any], frame: bytes) -> tuple[asyncio.Future[None], bytes]:
-        """Open a slot for what helps a call now, and return what its call waits for, and what must be written now."""
+        """Open a slot for the next packet of a call; return the future to await and the frame to write now."""
         return self._open_fence(call) if self._must_fence(call) else (self.open_request(call, packet), frame)
 
     async def _end_latest(self, call: Call) -> None:
-        """Wait until the latest slot of a call is over or overdue: a response to an older one changes nothing."""
+        """Wait until the latest slot of a call is over or overdue, whatever comes for older slots."""
         while call.response is None and call.error is None and (latest := call.latest):
             if not latest.is_expected:
                 return
@@ -117,7 +117,7 @@ class RequestSender:
             await call.woken
 
     async def _go_on(self, call: Call) -> None:
-        """Return if something more can be sent for a call without a response, else raise what ended it."""
+        """Return if more can be sent for a call without a response, else raise the error of the call."""
         await self._check(call)
         if call.since is None:
             call.since = call.begun_at if call.latest is None else call.latest.sent_at
@@ -126,12 +126,12 @@ class RequestSender:
         self._give_up_if_late(call, call.since)
 
     def _seems_unknown(self, call: Call) -> bool:
-        """Return whether a request of which nothing is under way is lost each time, while others are answered."""
+        """Return whether an idle request is lost each time, while others are answered."""
         fenced = call.latest is not None and call.latest.is_fence
         return call.unanswered > (1 if fenced else _AT_ONCE)
 
     async def _pause(self, call: Call) -> None:
-        """Wait before a request is sent again that is lost each time, and less if something happens to its call."""
+        """Pause before repeating a request lost each time; end early if something happens to the call."""
         assert isinstance(call.packet, Request)  # noqa: S101 - narrows the type
         seconds = self._answers.times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
         call.woken = self._loop.create_future()
@@ -140,17 +140,17 @@ class RequestSender:
         await self._go_on(call)
 
     def _left(self, call: Call) -> float:
-        """Return how many seconds are left of the patience of a call, which has begun."""
+        """Return the seconds left of the patience of a begun call."""
         return call.patience - (self._loop.time() - (call.since or 0.0))
 
     async def _give_way(self, call: Call) -> None:
-        """Let others send while a query pauses of which nothing is under way; then wait for a permit again."""
+        """Let others send during the pause of an idle query; then wait for a permit again."""
         self._scheduler.step_aside(call.packet)
         call.is_aside = True
         await self._pause(call)
         waiting = self._scheduler.enqueue(call.packet, first=True)
         try:
-            while True:  # at least one turn: those who were granted their permits before send first
+            while True:  # at least one turn: earlier grants send first
                 call.woken = self._loop.create_future()
                 ends = waiting.granted, call.woken
                 await asyncio.wait(ends, timeout=self._left(call), return_when=asyncio.FIRST_COMPLETED)
@@ -173,13 +173,13 @@ class RequestSender:
             raise
 
     def leave_queue(self, call: Call) -> None:
-        """Tell the scheduler that a packet has its slot, or will not be sent: others may follow."""
+        """Notify the scheduler: the packet has a slot, or will not be sent, and others may follow."""
         if call.queued:
             call.queued = False
             self._scheduler.sent(call.packet)
 
     async def clear_way(self, call: Call) -> None:
-        """Send fences until nothing stands in the way of a packet that was not sent yet."""
+        """Send fences until nothing stands in the way of an unsent packet."""
         begun = self._loop.time()
         while (obstacle := self._slots.obstacle(call.packet)) is not Obstacle.NONE:
             if obstacle is Obstacle.FENCE_BESIDE and self._window.depth > 1:
@@ -195,23 +195,23 @@ class RequestSender:
             await woken
             await self._check(call)
         if call.latest is not None and call.latest.is_expected:
-            # An older fence got the response, which is most likely the one to this fence: nothing more will come.
+            # An older fence got the response, most likely the response to this fence: no other is expected.
             self._slots.expire(call.latest)
-        call.since = None  # the packet has its whole patience yet
+        call.since = None  # the packet still has the whole patience
 
     def _must_fence(self, call: Call) -> bool:
         """Return whether only a fence can help a call whose packet was sent before."""
         lane = self._slots.lanes[call.packet.packet_id + 1]
         if not call.packet.repeatable or lane.kept or self._slots.overdue >= FENCES_ONLY:
             return True
-        # Silent for long: a board that does not answer this request answers a fence, and is not given up as dead.
+        # Silent for long: a board without this request answers a fence, and is not given up as dead.
         fenced = call.latest is not None and call.latest.is_fence
-        if call.unanswered:  # once more, as it seems
+        if call.unanswered:  # apparently again
             return call.tries > _FENCE_AFTER and call.open_slots > 0 and not fenced
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
     def open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
-        """Open a slot for the packet of a call, which must be written now. Return what its call waits for."""
+        """Open a slot for the packet of a call, to be written now. Return the future for the call to await."""
         if isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
         owner = call
@@ -219,14 +219,14 @@ class RequestSender:
             self._stats.retries += 1
             if not call.open_slots:
                 owner = self._slots.lanes[packet.packet_id + 1].hand_down(call)
-        owner.latest = self._open(packet, owner, owner.open_slots)  # a loss that is proved shows no slow board
+        owner.latest = self._open(packet, owner, owner.open_slots)  # a proved loss does not show a slow board
         owner.open_slots += 1
         call.tries += 1
         call.woken = woken = self._loop.create_future()
         return woken
 
     def _open_fence(self, call: Call) -> tuple[asyncio.Future[None], bytes]:
-        """Open a slot for a fence, and return what its call waits for, and the frame that must be written now."""
+        """Open a slot for a fence; return the future to await and the frame to write now."""
         fence = self._next_fence(call.packet)
         call.latest = self._open(fence, call, call.fences, is_fence=True)
         call.fences += 1
@@ -251,7 +251,7 @@ class RequestSender:
         return self._window.depth > 1 and (self._slots.kept > 0 or self._slots.unproved >= _MARK_EVERY)
 
     async def mark(self, call: Call) -> None:
-        """Send a fence behind many slots that prove nothing of each other: equal queries, or kept responses.
+        """Send a fence behind many slots without proof of each other: equal queries, or kept responses.
 
         And behind a repeat, if it would get no response before what others left overdue.
         """
@@ -280,11 +280,11 @@ class RequestSender:
             self._latest_fence = self._another_fence(packet)
             self._fence_tries = 0
         self._fence_tries += 1
-        # In a silence the same one is sent again: its first response proves what is older than its first sending.
+        # In a silence the same fence is sent again: the first response proves everything older than the first sending.
         return self._latest_fence
 
     def _another_fence(self, packet: Packet) -> Query[Any]:
-        """Return another fence than the latest, if there is any: one whose response is going to settle the most.
+        """Return the fence whose response will settle the most; not the latest, if there are others.
 
         On an idle lane it is exact and settles everything. Elsewhere it belongs to the oldest slot of the lane, and
         settles what is older than that; where this slot is the youngest, other lanes become idle.
@@ -295,12 +295,12 @@ class RequestSender:
         return max(fences or [self._latest_fence], key=self._settled_until)
 
     def _settled_until(self, fence: Query[Any]) -> float:
-        """Return until when what was sent is going to be settled by the response to `fence`."""
+        """Return the time up to which a response to `fence` will settle all sendings."""
         slots = self._slots.lanes[fence.packet_id + 1].slots
         return slots[0].sent_at if slots else float("inf")
 
     async def check_keeping_up(self, call: Call) -> None:
-        """After some packets that are never answered, send a fence; whoever comes next waits for it."""
+        """After some packets without response, send a fence; the next caller waits for the result."""
         self._slots.unanswerable += 1
         if self._slots.unanswerable >= _MOST_UNANSWERABLE:
             call.latest = await self._send_fence(call.packet)
@@ -308,7 +308,7 @@ class RequestSender:
     # --- writing -----------------------------------------------------------------------------------------------
 
     async def write(self, frame: bytes) -> None:
-        """Send a whole frame. Raise ConnectionLost if that fails, which ends the connection."""
+        """Send a whole frame. On failure, end the connection and raise ConnectionLost."""
         try:
             await self._transport.send(self._counted(frame))
         except (ConnectionLost, asyncio.CancelledError) as error:
@@ -316,7 +316,7 @@ class RequestSender:
             raise
 
     def _counted(self, frame: bytes) -> bytes:
-        """Return a frame that is about to be sent. Raise ConnectionLost if the connection has ended."""
+        """Count and return a frame to be sent. Raise ConnectionLost if the connection has ended."""
         if self._lifecycle.ended is not None:
             raise same(self._lifecycle.ended)
         self._stats.frames_sent += 1
@@ -328,15 +328,15 @@ class RequestSender:
         return frame
 
     def _not_sent(self, error: BaseException) -> None:
-        """End the connection that was lost, or hold a permit for the rest of a frame that its caller has left."""
+        """End a lost connection, or hold a permit for the rest of a frame after a cancel."""
         if isinstance(error, ConnectionLost):
             self._answers.lost(error)
         else:
             self._drain.hold()
 
     def take(self, frame: bytes) -> Awaitable[None] | None:
-        """Send a whole frame on a transport that takes it at once (see `BaseTransport.take`)."""
-        # Only called for a transport that has `take`.
+        """Send a whole frame on a transport with `take` (see `BaseTransport.take`)."""
+        # Only called for a transport with `take`.
         taking: Awaitable[None] | None = self._transport.take(self._counted(frame))  # type: ignore[attr-defined]
         return taking
 
@@ -347,7 +347,7 @@ class RequestSender:
     # --- ends ---------------------------------------------------------------------------------------------------
 
     async def _check(self, call: Call) -> None:
-        """Raise the error of a call or of the connection; wait for an opening that is under way."""
+        """Raise the error of a call or of the connection; wait for an opening under way."""
         if call.error is not None:
             raise call.error
         self.raise_if_ended()
@@ -361,7 +361,7 @@ class RequestSender:
             raise self.given_up(call, now)
 
     def given_up(self, call: Call, now: float) -> ServolinkError:
-        """Return the error for a call without a response: what may have been done by now is unknown."""
+        """Return the error for a call without a response; a change may have been done or not."""
         waited = now - call.begun_at
         if call.tries and not isinstance(call.packet, Query):
             return outcome_unknown(call.packet, self._transport.url, waited)
@@ -380,6 +380,6 @@ class RequestSender:
         )
 
     def raise_if_ended(self) -> None:
-        """Raise what ended the connection, if it has ended."""
+        """Raise the error of an ended connection."""
         if self._lifecycle.ended is not None:
             raise same(self._lifecycle.ended)

@@ -8,22 +8,22 @@ from typing import Protocol
 
 
 class BoardSharing(Protocol):
-    """Requests to the hub of a shared board, beside those to the board."""
+    """Requests to the hub of a shared board, beside requests to the board."""
 
     has_lost_board: bool
-    """Whether the hub has lost the board, and tries to get it back."""
+    """Whether the hub has lost the board, and is reconnecting."""
     on_board: Callable[[bool], None]
-    """Called with `has_lost_board` when the hub tells that."""
+    """Called with `has_lost_board` when the hub loses or finds the board."""
 
     async def stop(self) -> None:
-        """Stop all servos; return when the hub has read that they are stopped."""
+        """Stop all servos; return when the hub has read all of them as stopped."""
 
     def moving(self) -> AbstractAsyncContextManager[None]:
-        """Return a context with the right to move the servos; entering it raises MotionRefused if another has it."""
+        """Return a context with the lease of the servos; raises MotionRefused on entry if another program has it."""
         ...
 
     def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
-        """Return a context in which no other program uses the board."""
+        """Return a context with exclusive use of the board."""
         ...
 
     async def close(self) -> None:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class State(Enum):
-    """State of a connection. A stop is sent in each of them but the first and the last."""
+    """State of a connection. A stop is sent in all states but the first and the last."""
 
     NEW = "new"
     """The transport is not open."""
@@ -26,9 +26,9 @@ class State(Enum):
     SUSPENDED = "suspended"
     """Another program has exclusive use of a shared board; requests wait, and nothing is late."""
     REOPENING = "reopening"
-    """A response that nobody asked for has shown that the handshake was wrong: it is done once more."""
+    """A stray response has shown that the handshake was wrong: the handshake is repeated."""
     ENDED = "ended"
-    """The connection was lost or closed, for good; everybody who waits gets the first cause."""
+    """The connection was lost or closed, for good; all waiting callers get the first cause."""
 
 
 class Event(Enum):
@@ -43,7 +43,7 @@ class Event(Enum):
     HANDSHAKE_CANCELLED = "handshake cancelled"
     """The handshake ended without a result, but the transport is still open."""
     STRAY_RESPONSE = "stray response"
-    """A response to a fence came that nobody asked for."""
+    """An unrequested response to a fence was received."""
     SUSPENDED = "suspended"
     RESUMED = "resumed"
     LOST = "lost"
@@ -92,7 +92,7 @@ TRANSITIONS: dict[State, dict[Event, State]] = {
 
 
 class Lifecycle:
-    """State of one connection with the facts that belong to it, shared by its sending and its receiving half."""
+    """State of one connection with its facts, shared by the sending and the receiving half."""
 
     def __init__(self, *, outlasts_silence: bool = False) -> None:
         """Start before the transport is open. With `outlasts_silence` a silent board does not end the connection."""
@@ -110,7 +110,7 @@ class Lifecycle:
         self._suspended_because = ""
 
     def change(self, event: Event) -> None:
-        """Enter the state that `event` leads to. Raise RuntimeError if the event cannot happen now."""
+        """Enter the next state after `event`. Raise RuntimeError if the event cannot happen now."""
         following = TRANSITIONS[self.state].get(event)
         if following is None:
             raise RuntimeError(f"internal error: the event {event.value!r} on a connection that is {self.state.value}")
@@ -126,7 +126,7 @@ class Lifecycle:
         self.opening = opening
 
     def suspend(self, reason: str) -> None:
-        """Enter `suspended`; `reason` explains it to callers whose time runs out."""
+        """Enter `suspended`; `reason` goes into the errors of callers whose time runs out."""
         self.change(Event.SUSPENDED)
         self._suspended_because = reason
 

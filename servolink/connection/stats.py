@@ -1,4 +1,4 @@
-"""Counters of a connection: what goes wrong without failing a request is counted, not raised."""
+"""Counters of a connection: faults without effect on a request are counted, not raised."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ class Stats:
     undecodable: int
     """Intact frames whose content contradicts itself."""
     hidden: int
-    """Frames inside another one, such as in a caption, which were rejected."""
+    """Rejected frames inside another frame, such as in a caption."""
     unsolicited: int
-    """Frames that no request asked for."""
+    """Frames without a request."""
     mismatched: int
-    """Responses about another servo, action, macro or table than the one asked for."""
+    """Responses about another servo, action, macro or table than requested."""
     late_responses: int
-    """Responses that came after their request had ended, and were not taken for that of the next one."""
+    """Responses after the end of their request, not mistaken for the response to a later request."""
     timeouts: int
     """Sendings not answered in time."""
     retries: int
     """Requests sent again."""
     reopenings: int
-    """Openings because of a response that nobody had asked for."""
+    """Openings because of a stray response."""
     reconnects: int
     fences: int
-    """Queries sent to prove that nothing older is still to be answered."""
+    """Queries sent to prove the end of everything older."""
     events_received: int
     events_dropped: int
     """Button events lost because their reader was too slow."""
@@ -51,7 +51,7 @@ class Stats:
 
     @property
     def noise(self) -> int:
-        """Bytes outside any frame, but for the zeros behind one that fill the reports of a HID board."""
+        """Bytes outside any frame, except the zeros after a frame in the reports of a HID board."""
         return sum(self.skipped.values()) - self.skipped.get(PADDING, 0)
 
     def round_trip(self, percent: float) -> float | None:
@@ -60,7 +60,7 @@ class Stats:
         return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100))] if ordered else None
 
     def __repr__(self) -> str:
-        """Return the counters that are not 0, and a summary of the round trips in place of all of them."""
+        """Return the counters other than 0, with a summary of the round trips."""
         counters = self.as_dict()
         skipped, _ = counters.pop("skipped"), counters.pop("round_trip_ms")
         texts = [f"{name}={value}" for name, value in counters.items() if value]

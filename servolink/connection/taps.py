@@ -1,4 +1,4 @@
-"""Listeners to a connection that are no part of it: taps for its bytes and requests, and the log of its frames."""
+"""Listeners to a connection: taps for bytes and requests, and the log of frames."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ _LONGEST = 1000  # characters of one packet in the log: an action can have thous
 
 
 class Tap:
-    """Hears what passes. A kind of tap overrides what it wants to hear; no method may block, or raise."""
+    """Listener to bytes and requests. Subclasses override methods of interest; no method may block, or raise."""
 
     def sent(self, data: bytes) -> None:
-        """Hear bytes that are about to be sent to the board."""
+        """Hear bytes on their way to the board."""
 
     def received(self, data: bytes) -> None:
-        """Hear bytes that have come from the board."""
+        """Hear bytes from the board."""
 
     def ended(self, packet: Packet, outcome: object, seconds: float) -> None:
-        """Hear of a request that is over, but not of a query with a response.
+        """Hear the outcome of a request, except of a query with a response.
 
         `outcome` is its response, True for one that the board does not answer, or the exception that its caller gets.
         """
 
 
 class Taps:
-    """The taps of one board, across all connections to it."""
+    """Taps of one board, across all connections to the board."""
 
     def __init__(self) -> None:
         """Start without any."""
         self.heard_by: tuple[Tap, ...] = ()
-        """Empty as long as nobody listens: callers look at it themselves, and then nothing more is done."""
+        """Taps in order of joining. Callers test for an empty tuple first, to save a call for each frame."""
 
     def add(self, tap: Tap) -> Callable[[], None]:
-        """Begin to tell `tap`. Return what ends that, and may be called again."""
+        """Add a tap. Return a function to remove the tap, which may be called again."""
         self.heard_by = (*self.heard_by, tap)
 
         def end() -> None:
@@ -54,17 +54,17 @@ class Taps:
         return end
 
     def sent(self, data: bytes) -> None:
-        """Pass on bytes that are about to be sent."""
+        """Pass bytes for the board on to all taps."""
         for tap in self.heard_by:
             tap.sent(data)
 
     def received(self, data: bytes) -> None:
-        """Pass on bytes that have come."""
+        """Pass bytes from the board on to all taps."""
         for tap in self.heard_by:
             tap.received(data)
 
     async def follow(self, packet: Packet, asking: Coroutine[Any, Any, T]) -> T:
-        """Return what `asking` returns, and pass on what became of it."""
+        """Return the result of `asking`, and pass the outcome on to all taps."""
         now = asyncio.get_running_loop().time
         begun = now()
         outcome: object = None
@@ -89,19 +89,19 @@ class FrameLog:
     """
 
     def __init__(self, url: str, codec: Codec, now: Callable[[], float]) -> None:
-        """Log frames of `url`, with the seconds by `now` since this moment."""
+        """Log frames of `url` with the seconds since now, by the clock `now`."""
         self._url = escape(url)
         self._codec = codec
         self._now = now
         self._start = now()
 
     def sent(self, frame: bytes) -> None:
-        """Log a whole frame that is about to be sent."""
+        """Log a whole frame on its way to the board."""
         _, packet_id, _ = HEADER[self._codec.byte_order].unpack_from(frame)
         self._log("->", packet_id, frame[HEADER_SIZE:-1])
 
     def received(self, frame: Frame) -> None:
-        """Log an intact frame that has come."""
+        """Log an intact frame from the board."""
         self._log("<-", *frame)
 
     def _log(self, direction: str, packet_id: int, content: bytes) -> None:
