@@ -46,15 +46,15 @@ class RpcChannel(asyncio.Protocol):
     def __init__(self, name: str) -> None:
         """Use `open_channel`."""
         self.ended: ConnectionLost | None = None
-        """Why it has ended; None as long as it has not."""
+        """Reason for the end of the connection; None while it lives."""
         self.on_notification: Callable[[str, Raw], None] | None = None
-        """Called with name and params of each notification; it must not raise."""
+        """Callback for each notification, with name and params; must not raise."""
         self.on_end: Callable[[], None] | None = None
-        """Called when the hub is gone; not by `close`."""
+        """Callback for the end of the hub; not called by `close`."""
         self._name = name
         self._pipe: asyncio.Transport | None = None
         self._heard = bytearray()
-        self._searched = 0  # bytes of it in which no line ends
+        self._searched = 0  # bytes searched without finding a line end
         self._number = 0
         self._calls = PendingCalls[int | None, Reply]()
         self._progress: dict[int | str | None, Callable[[Raw], None]] = {}
@@ -162,7 +162,7 @@ class RpcChannel(asyncio.Protocol):
 
     def _hear(self, method: str, params: Raw) -> None:
         if method == "progress" and self._progress:
-            with suppress(msgspec.MsgspecError):  # of a request that is not ours
+            with suppress(msgspec.MsgspecError):  # progress of another program's request
                 if on_progress := self._progress.get(msgspec.json.decode(params, type=ProgressNotice).id):
                     on_progress(params)
         if self.on_notification is not None:

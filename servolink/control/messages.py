@@ -42,7 +42,7 @@ class NoParams(Struct, forbid_unknown_fields=True):
 
 
 class Done(Struct, frozen=True):
-    """The request was carried out; there is nothing to return."""
+    """Success without a result."""
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------
@@ -325,7 +325,7 @@ else:
 
 
 class RecordStored(Struct, frozen=True):
-    """Record as it is stored now."""
+    """Stored record with its id."""
 
     type: RecordKind
     id: int

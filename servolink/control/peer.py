@@ -58,11 +58,11 @@ class Method(Generic[C]):
     role: int
     handler: Handler
     in_order: bool
-    """Whether it waits for the requests of its program before it, of those that are `in_order`."""
+    """Whether the method waits for earlier `in_order` requests of the same program."""
     is_urgent: bool
-    """Whether it is carried out however many requests wait."""
+    """Whether the method is carried out regardless of the number of waiting requests."""
     reports: bool
-    """Whether the handler takes a third argument, which it calls with each step of its progress."""
+    """Whether the handler takes a third argument, a callback for its progress."""
     is_coroutine: bool
     """Whether the handler is carried out beside others or in its turn, not at once."""
 
@@ -283,7 +283,7 @@ class Peer(Generic[C]):
         task.add_done_callback(ended)
 
     def _follow(self, request: Request, outcome: Coroutine[Any, Any, object]) -> None:
-        """Respond when it is known what came of a request that was begun."""
+        """Respond after the end of a request that has begun at once."""
         if self._begun >= MOST_BEGUN:
             outcome.close()
             raise RpcError(

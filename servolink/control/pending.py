@@ -29,7 +29,7 @@ class PendingCalls(Generic[K, T]):
             self._futures.pop(call_id, None)
 
     def settle(self, call_id: K, response: T) -> None:
-        """Pass a response to its caller, if there is one."""
+        """Wake the caller of a response, unless the call has ended."""
         future = self._futures.get(call_id)
         if future is not None and not future.done():
             future.set_result(response)

@@ -18,11 +18,11 @@ class Role(IntEnum):
     WATCH = 1
     """Read and stop."""
     RUN = 2
-    """Run stored actions and macros too."""
+    """Also run stored actions and macros."""
     MOVE = 3
-    """Move, start and release servos too."""
+    """Also move, start and release servos."""
     EDIT = 4
-    """Change what is stored too."""
+    """Also change stored records and settings."""
 
     def __str__(self) -> str:
         """Return the name for people, such as `watch`."""

@@ -122,7 +122,7 @@ class _Listener(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         if not self.line.done():
             self.line.set_exception(exc or ConnectionResetError("the hub closed the connection; perhaps it is ending"))
-            self.line.exception()  # seen, even if nobody waits for it any more
+            self.line.exception()  # retrieved, even if no caller waits any more
 
     def abort(self) -> None:
         if self._pipe is not None:
@@ -130,7 +130,7 @@ class _Listener(asyncio.Protocol):
 
 
 def _read_welcome(line: bytes) -> Welcome:
-    """Return what the hub said. Raise ValueError if it refuses, or says something else."""
+    """Return the welcome of the hub. Raise ValueError for a refusal or any other message."""
     with suppress(msgspec.DecodeError):
         raise ValueError(f"the hub refuses: {msgspec.json.decode(line, type=Refusal).error}")
     try:

@@ -57,7 +57,7 @@ class ProgramStatus(Struct, frozen=True):
 
 
 class HubStatus(Struct, frozen=True):
-    """Hub with its board and its programs."""
+    """Hub, board and programs at one time."""
 
     name: str
     url: str
@@ -68,7 +68,7 @@ class HubStatus(Struct, frozen=True):
     lease: LeaseStatus | None
     hold: HoldStatus | None
     responses: int
-    """Responses and button events sent to programs, of those that have left too."""
+    """Responses and button events sent to programs, including programs that have left."""
     noise: int
     """Bytes from the board that belong to no frame."""
     doors: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from servolink.hub.methods.session import METHODS as METHODS
     from servolink.hub.serving import serve_board as serve_board
 else:
-    # Loaded when they are used, as each of these modules imports others of this package.
+    # Lazy imports: each of these modules imports other modules of the package.
     _MODULES = {
         "Hub": "servolink.hub.hub",
         "LocalTransport": "servolink.hub.doors.in_process",

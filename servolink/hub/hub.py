@@ -37,16 +37,16 @@ Listener = Callable[[Struct, str], None]
 
 
 class Hub:
-    """Shares one board among programs, each of which uses it as if it were alone."""
+    """One board shared by many programs, each of which uses the board as if it were the only one."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         """Use `share`, which opens and closes the hub."""
         self.board = board
         self.name = name
         self.programs: dict[str, Program] = {}
-        """By session id, in the order in which they joined."""
+        """Programs by session id, in the order of joining."""
         self.doors: tuple[str, ...] = ()
-        """The addresses at which it is served, for its status."""
+        """Addresses of the doors, for the status."""
         self._buttons = ButtonRelay(board, self._deliver)
         units = UnitSwitch(board)
         self.motions = Motions(board)
@@ -64,7 +64,7 @@ class Hub:
         )
         """The motion lease, as it is taken, given, asked for and kept alive by programs."""
         self.stops = StopCounter()
-        """Stops of servos, each of which ends all motions that were asked for."""
+        """Counter of stops; each stop cancels all motions requested before."""
         sender = PacketSender(
             board,
             self.motions,
@@ -101,7 +101,7 @@ class Hub:
 
     @property
     def another(self) -> str:
-        """Who answers in place of a board that is lost, and who is expected; empty if nobody does."""
+        """Description of a different board that answers in place of the lost one; empty if none does."""
         return self._another
 
     def start(self) -> None:
@@ -152,7 +152,7 @@ class Hub:
         return program
 
     def rename(self, session_id: str, who: str) -> None:
-        """Call a program `who` from now on. No effect if it has left."""
+        """Rename a program. Nothing happens if the program has left."""
         program = self.programs.get(session_id)
         if program is not None:
             program.who = who
@@ -212,7 +212,7 @@ class Hub:
         await asyncio.shield(self.begin_stop(who))
 
     def begin_stop(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
-        """Begin what `stop` does, and return the task that confirms it; others may wait for it too: do not cancel it.
+        """Begin a stop, and return the task that confirms it. Do not cancel the task: other programs may wait for it.
 
         Programs of other sessions are told. A stop for which nothing was moved since another one began ends with that.
         """
@@ -255,7 +255,7 @@ class Hub:
 
     async def _follow_connection(self) -> None:
         async for state in self.board.states():
-            self.board.connection.on_more_callers(self._upstream.send_waiting)  # another one after a reconnect
+            self.board.connection.on_more_callers(self._upstream.send_waiting)  # a new connection after a reconnect
             if state != self._state:
                 self._state, self._another = state, ""
                 if state == "lost":
@@ -271,7 +271,7 @@ class Hub:
 
     @property
     def lease(self) -> LeaseStatus | None:
-        """Which program may move the robot; None if none has."""
+        """Holder of the motion lease; None if the lease is free."""
         return self.leases.status
 
     # --- exclusive use ------------------------------------------------------------------------------------------
@@ -282,7 +282,7 @@ class Hub:
         return self._hold
 
     def hold(self, session_id: str, reason: str) -> bool:
-        """Make all others wait until `release_hold`. Return whether that is possible: nobody else does it."""
+        """Suspend all other programs until `release_hold`. Return False if another program has exclusive use."""
         if self._hold is not None:
             return self._hold.session == session_id
         program = self.programs[session_id]
@@ -302,7 +302,7 @@ class Hub:
 
     @contextmanager
     def _alone(self, exchange: Exchange) -> Iterator[None]:
-        """Make others wait while a packet is carried out that nothing may come between."""
+        """Suspend other programs while a packet needs the board exclusively."""
         session, is_held = exchange.program.session_id, self._hold is not None
         if not is_held:
             self.hold(session, f"it sends {type(exchange.packet).__name__}")

@@ -31,7 +31,7 @@ class LocalTransport(BaseTransport):
         """Join `hub` when it is opened, unless `join` comes first."""
         super().__init__(f"share://{hub.name}")
         self.program: Program | None = None
-        """The session; None before it has begun."""
+        """Session; None before it begins."""
         self._join = partial(
             hub.join, self._receive, who=who, door=door, role=role, codec=codec, unit=unit, session_id=session_id
         )

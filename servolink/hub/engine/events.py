@@ -95,7 +95,7 @@ class ButtonRelay:
         """End the subscription of a program that is gone."""
         async with self._changing:
             if self.subscribers.left(session_id):
-                with suppress(ServolinkError):  # nobody wants them any more; events that still come are not passed on
+                with suppress(ServolinkError):  # no subscriber is left; late events are dropped
                     await self._ask(subscribe=False)
 
     async def close(self) -> None:

@@ -58,7 +58,7 @@ class LeaseKeeper:
 
     @property
     def status(self) -> LeaseStatus | None:
-        """Who may move the robot, None if nobody does."""
+        """Holder of the motion lease; None if the lease is free."""
         lease = self._lease
         if lease.holder is None:
             return None

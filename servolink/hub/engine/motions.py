@@ -40,7 +40,7 @@ class Outcome(NamedTuple):
     response: Response | None
     """The response for the program; None if it gets none."""
     refused: str = ""
-    """Why it was not sent, for people; empty if it was."""
+    """Reason for not sending the motion; empty if sent."""
 
 
 class Motions:

@@ -69,28 +69,28 @@ class Program:
     ) -> None:
         """Use `Hub.join`."""
         self.session_id = session_id or secrets.token_hex(16)
-        """What ties its connections to each other; the status lists it."""
+        """Identifier that ties the connections of the program together; the status lists it."""
         self.who = who
-        """What people call it; to be escaped where it is shown."""
+        """Name for people; must be escaped before display."""
         self.door = door
         self.role = role
         self.codec = codec
         self.units = ServoUnits(unit)
-        """Units in which it sends and reads angles."""
+        """Units of the angles that the program sends and reads."""
         self.mode = 1
-        """The transmission mode (3.1.1): in mode 0 it is sent nothing but the response that sets mode 1."""
+        """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""
         self.is_subscribed = False
         """Whether button events are sent to it (3.4.7)."""
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
-        """Its unsent requests."""
+        """Unsent requests of the program."""
         self.ticket: Ticket | None = None
-        """Ticket of its next motions; None if it asks for them as they come."""
+        """Ticket of the next motions; None for a new ticket at each request."""
         self.servo_stops = 0
-        """How many stops of single servos it has asked for."""
+        """Number of its requests to stop single servos."""
         self.has_left = False
         self.on_room: Callable[[], None] | None = None
-        """Called when it may be read again after `is_full`."""
+        """Called when the program may be read again after `is_full`."""
         self.on_end: Callable[[], None] | None = None
         """Called when the hub ends the session."""
         self._hub = hub
@@ -99,13 +99,13 @@ class Program:
         self._joined_at = self._now()
         self._parser = FrameParser(codec.byte_order)
         self._received_at = 0.0
-        self._open: deque[Exchange] = deque()  # all that are not over, or behind one that is not
-        self._held = 0  # bytes that these count for
+        self._open: deque[Exchange] = deque()  # unfinished requests, and finished ones behind them
+        self._held = 0  # bytes held by these requests
         self._was_full = False
 
     @property
     def is_full(self) -> bool:
-        """Whether so many of its requests wait that it must not be read for now."""
+        """Whether too many requests are unfinished to read more of them now."""
         return self._held > MOST_HELD
 
     @property
@@ -120,7 +120,7 @@ class Program:
         return sum(skipped.values()) - skipped[PADDING]
 
     def status(self) -> ProgramStatus:
-        """Return who it is, and what has passed."""
+        """Return name, role and traffic counts of the program."""
         counters = self.counters
         return ProgramStatus(
             self.session_id,
@@ -214,12 +214,12 @@ class Program:
     # --- to the program -----------------------------------------------------------------------------------------
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
-        """End one of its requests with a response, or with none."""
+        """Finish a request with a response, or with None."""
         frame = None if response is None or self.has_left else self.codec.encode(response, unchecked=True)
         self.finish_with(exchange, frame)
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
-        """End one of its requests with the frame of a response, or with none."""
+        """Finish a request with the frame of a response, or with None."""
         if exchange.is_over or self.has_left:
             return
         exchange.frame = None if exchange.is_silent else frame
@@ -237,7 +237,7 @@ class Program:
             self._send(frames)
         if self._was_full and not self.is_full:
             self._was_full = False
-            self._received_at = self._now()  # it was not silent, but not read until now
+            self._received_at = self._now()  # the hub did not read: this is not a pause within a frame
             if self.on_room is not None:
                 self.on_room()
 

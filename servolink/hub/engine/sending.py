@@ -57,7 +57,7 @@ class PacketSender:
         sent, and the reason.
         """
         self.is_stopped = False
-        """Whether somebody has stopped all servos, and nobody has started any since."""
+        """Whether all servos are stopped, and none was started since."""
         self.motions = 0
         """How many motions were sent, or are being sent."""
         self._board = board
@@ -73,7 +73,7 @@ class PacketSender:
         self._guarded: Connection | None = None
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
-        """Send a query, if nothing must come first, and call `done` with what comes of it. Return whether it was."""
+        """Send a query that needs no preparation, and pass the outcome to `done`. Return whether it was sent."""
         packet, connection, units = exchange.packet, self._board.connection, self._units
         if not isinstance(packet, Query):
             return False
@@ -129,7 +129,7 @@ class PacketSender:
                 return None
             if is_motion(packet):
                 return await self._move(exchange)
-            # Soon, not now: it must be with the connection first.
+            # In the next turn of the loop: the packet must reach the connection first.
             asyncio.get_running_loop().call_soon(self._free, exchange, on_free)
             return await self._send(exchange)
         except UnitsKept as error:
@@ -148,7 +148,7 @@ class PacketSender:
         """Look which board it is, and take the lease for a motion. Return why a packet must not be sent, if so."""
         packet, program, connection = exchange.packet, exchange.program, self._board.connection
         self._guard(connection)
-        if program.has_left:  # and must not take the lease any more
+        if program.has_left:  # and must not take the lease
             return MotionRefused("its program has left")
         if refusal := refuse_role(packet, program.role):
             return refusal
@@ -188,7 +188,7 @@ class PacketSender:
             ticket = stops.ticket(until=until, who=exchange.program.session_id)
             outcome = await self._motions.send(exchange.packet, ticket)
         except (OutcomeUnknown, ConnectionLost):
-            self._keeper.moved(exchange)  # it may have been carried out
+            self._keeper.moved(exchange)  # the board may have carried out the motion
             raise
         finally:
             if exchange.has_begun:
@@ -229,7 +229,7 @@ class PacketSender:
         exchange = program.queue.blocked_by
         if exchange is not None and isinstance(packet, ExecuteActionRequest) and packet != exchange.packet:
             exchange.has_begun = True
-            # For seconds, in which nobody should wait for other units, nor behind somebody who does.
+            # A soft start lasts seconds; do not block programs that need other units.
             self._units.keep_for(program.units, math.inf)
 
     async def _request(self, packet: Request[Any]) -> Packet:
@@ -238,7 +238,7 @@ class PacketSender:
 
 
 async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
-    """Return 1 when something is done, 0 if the board refuses it."""
+    """Return 1 after success, 0 if the board refuses."""
     try:
         await doing
     except Rejected:

@@ -145,9 +145,9 @@ class Stops:
         self._keeper.stopped()
 
     def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
-        """Send no motion that was asked for until now, and tell those who wait to ask for one."""
+        """Cancel all motions requested until now, and notify the programs that wait to send one."""
         self._stops.stop()
-        self._board.connection.stops.stop()  # what is on its way is not sent either, also before the stop is
+        self._board.connection.stops.stop()  # also motions under way in the connection, even before the stop is sent
         self._upstream.drop_motions()
         self._tell(MotionsCancelled(are_all), session_id)
 
@@ -172,7 +172,7 @@ class Stops:
             _logger.warning("%s", outcome)
 
     async def _stop_some(self, servo_ids: Sequence[int], who: str) -> None:
-        """Stop servos, all if 255 is one of them, and tell those who follow requests what became of it."""
+        """Stop servos, or all for the id 255, and report the outcome to the followers of requests."""
         begun = self._now()
         outcome: ServolinkError | bool = False
         try:
@@ -194,7 +194,7 @@ class Stops:
 
 
 async def _stop(board: Board, packet: SetServoParameterRequest) -> SetServoParameterResponse:
-    """Stop and hold one servo or all at once, and return what they report then.
+    """Stop and hold one servo or all servos, and return their reported state.
 
     Raise OutcomeUnknown or ConnectionLost if that cannot be confirmed.
     """

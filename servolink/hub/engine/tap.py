@@ -23,7 +23,7 @@ class HubTap(WireTap):
     """Bytes of the line, what became of requests and who asked, and notices; until it is closed."""
 
     def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
-        """Pass messages of `hub` on to `take` from now on."""
+        """Pass the messages of `hub` to `take`."""
         super().__init__(take)
         self._hub = hub
         ends: list[Callable[[], None]] = [hub.board.connection.taps.add(self)]
@@ -32,7 +32,7 @@ class HubTap(WireTap):
         self._ends = ends
 
     def close(self) -> None:
-        """Pass on nothing more; may be called again."""
+        """End the tap; may be called again."""
         for end in self._ends:
             end()
 

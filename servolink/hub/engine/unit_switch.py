@@ -42,7 +42,7 @@ class UnitSwitch:
         """
         if not self.enter_at_once(packet, units):
             async with self._setting:
-                # Also nothing of others may be under way: a query that is repeated would be answered in other units.
+                # Requests of other programs must be finished: a repeated query would be answered in other units.
                 await self._until_unused(lambda: self._may_set(self._needed(packet, units), units))
                 await self._set_needed(packet, units)
                 self._users += 1
@@ -82,7 +82,7 @@ class UnitSwitch:
     def keep_for(self, units: ServoUnits, until: float) -> None:
         """Keep the units of a program while its macro runs (see `UnitReservation.keep_for`)."""
         self._reservation.keep_for(units, until)
-        self._unused.set()  # who waits for other units need not wait any more
+        self._unused.set()  # programs that wait for other units may go on
 
     def release(self) -> None:
         """Keep no units for a macro any more: the board is stopped."""
@@ -115,7 +115,7 @@ class UnitSwitch:
         return response
 
     async def _until_unused(self, may_set: Callable[[], bool]) -> None:
-        """Wait until nothing under way depends on the units, or they must not be set at all."""
+        """Wait until no request under way depends on the units, or until setting them is refused."""
         while self._users and may_set():
             self._unused.clear()
             await self._unused.wait()

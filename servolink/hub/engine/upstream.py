@@ -37,7 +37,7 @@ class Upstream:
     def __init__(self, board: Board, sender: PacketSender) -> None:
         """Send to `board` through `sender`, from `start` on."""
         self.waiting = RoundRobin()
-        """What was not sent yet."""
+        """Unsent requests."""
         self._board = board
         self._sender = sender
         self._loop = asyncio.get_running_loop()
@@ -87,7 +87,7 @@ class Upstream:
             self._tasks.begin(self._finish_stopped(exchange))
 
     def send_waiting(self) -> None:
-        """Send what may be sent now."""
+        """Send waiting requests while the connection has room."""
         waiting = self.waiting
         while waiting.ring and self._idle and self._active < self._board.connection.callers:
             exchange = waiting.take()
@@ -100,7 +100,7 @@ class Upstream:
                 continue
             exchange.program.queue.blocked_by = exchange
             if self._sender.may_wait(exchange):
-                self._active -= 1  # others should not wait with it
+                self._active -= 1  # must not occupy one of the places of the connection
                 self._tasks.begin(self._carry_out(exchange))
             else:
                 self._idle.popleft().set_result(exchange)
@@ -116,7 +116,7 @@ class Upstream:
         self.send_waiting()
 
     async def _work(self, next_one: asyncio.Future[Exchange]) -> None:
-        """Carry out one exchange after the other."""
+        """Carry out exchanges one by one."""
         while True:
             await self._carry_out(await next_one)
             self._active -= 1

@@ -55,7 +55,7 @@ class PreparedRun(NamedTuple):
     connection: Connection
     """Of the hub with the board, when it was checked."""
     ticket: Ticket
-    """Ticket of before it was checked."""
+    """Ticket from before the check."""
     seconds: float | None
     """How long it lasts; None if that cannot be computed."""
 
@@ -124,7 +124,7 @@ class Control:
 
     @property
     def _stops(self) -> int:
-        """How many stops there were. Its own of single servos do not count: what it asks for after them is in order."""
+        """Stops so far, excluding this program's own single-servo stops: those do not cancel its later motions."""
         program = None if self._transport is None else self._transport.program
         return self.hub.stops.count - (0 if program is None else program.servo_stops)
 
@@ -292,7 +292,7 @@ class Control:
         self._check_joined()
         while not self.hub.hold(self.session, reason):
             await self.until_free()
-            self._check_joined()  # its frames may have left meanwhile
+            self._check_joined()  # the session of its frames may have ended meanwhile
 
     def _check_joined(self) -> None:
         """Raise ConnectionLost if the session has ended: its board was disconnected, or the hub has ended."""
@@ -305,14 +305,14 @@ class Control:
         async def pass_packet(packet: Packet, ticket: Ticket) -> None:
             if not is_motion(packet):
                 return
-            is_import = isinstance(packet, AddServoParameterRequest)  # which goes on: half of one helps nobody
+            is_import = isinstance(packet, AddServoParameterRequest)  # a half-finished import helps nobody: it goes on
             bounds = None
             if not is_import:
                 self._check_bounds(Bounds(_stops_before.get(), _until.get()))
                 bounds = self.hub.stops.ticket(until=_until.get(), who=self.session)
                 if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
                     raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
-                _until.set(math.inf)  # it begins: what follows belongs to it
+                _until.set(math.inf)  # the import begins
             if self._transport is not None and self._transport.program is not None:
                 self._transport.program.ticket = bounds
             self.take_lease()

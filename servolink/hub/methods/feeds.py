@@ -207,7 +207,7 @@ class TapFeed:
         self._timer = self._loop.call_later(_TAP_EVERY, self._flush)
 
     def stop(self) -> None:
-        """Send what is left, and then nothing more."""
+        """Send the remaining messages and end the tap."""
         if self._tap is not None:
             self._tap.close()
             self._tap = None

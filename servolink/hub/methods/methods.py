@@ -67,7 +67,7 @@ def status(caller: Caller, params: NoParams) -> HubStatus:
 
 @METHODS.add("rename", Role.WATCH)
 def rename(caller: Caller, params: Rename) -> Done:
-    """Change what this program is called, as its greeting did. Lease and hold stay as they are."""
+    """Rename this program. Lease and hold stay as they are."""
     caller.control.who = params.who
     caller.control.hub.rename(caller.control.session, params.who)
     return Done()
@@ -158,7 +158,7 @@ def limits_tighten(caller: Caller, params: Tighten) -> Done:
 
 @METHODS.add("stop", Role.WATCH)
 def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
-    """Stop all servos where they are and hold them, before everything else, whoever has the lease.
+    """Stop and hold all servos at once, ahead of all other requests, whichever program has the lease.
 
     Confirmed by reading the servos: OutcomeUnknown says that not all of them report that they are stopped.
     """

@@ -1,4 +1,4 @@
-"""Runs that are checked beforehand, so that nothing but sending is left to do when their moment has come."""
+"""Prepared runs: checked in advance, so that starting one only sends a packet."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
 
 @METHODS.add("run.start", Role.RUN, is_urgent=True)
 async def run_start(caller: Caller, params: RunStart) -> RunStarted:
-    """Begin what `run.prepare` has prepared, once, and before all that waits; in a moment, if `at` says so.
+    """Begin the prepared run of `run.prepare` once, at the time `at`, ahead of all waiting requests.
 
     Programs that begin at the same moment begin closer together than their messages come. With limits, the run is
     compared again with the present pose, as by `run`, and takes as long. MotionRefused if nothing is prepared, if the

@@ -71,7 +71,7 @@ async def records_get(caller: Caller, params: RecordsGet) -> AnyRecord:
 
 @METHODS.add("records.put", Role.EDIT, in_order=True)
 async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCallback) -> RecordStored:
-    """Store a record, in place of the one with its id if there is one.
+    """Store a record, replacing a record of the same id.
 
     Done like an import: with a backup, read back, and undone by `project.rollback`. ProjectError says that the record
     refers to one that is missing, or that no board could store it.

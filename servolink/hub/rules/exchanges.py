@@ -16,7 +16,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
 _MOST_EQUAL = 16  # queries of one program that are answered at once: a response can have 64 KiB
-_FARTHEST_EQUAL = 64  # requests of it among which they are looked for, each time that one is sent
+_FARTHEST_EQUAL = 64  # requests of one program that are searched for equal queries at each sending
 
 
 class ProgramCounters(Struct):
@@ -50,45 +50,45 @@ class Asker(Protocol):
     has_left: bool
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
-        """End one of its requests with the frame of a response, or with none."""
+        """Finish a request with the frame of a response, or with None."""
 
     def finish(self, exchange: Exchange, response: Packet | None) -> None:
-        """End one of its requests with a response, or with none."""
+        """Finish a request with a response, or with None."""
 
 
 class Exchange(Struct, eq=False):
-    """One request of one program, until it is over: answered, sent if it has no response, or given up."""
+    """Request of a program until its response, its sending (without a response) or its failure."""
 
     program: Asker
     packet: Packet
     ticket: Ticket
     """When it was asked for; a motion is not sent after a later stop."""
     asked_at: float = 0.0
-    """When it came, on the clock of the event loop."""
+    """Time of its arrival, on the clock of the event loop."""
     size: int = 0
-    """The bytes that it counts for while it is not over."""
+    """Bytes that count as held until the request is finished."""
     seconds: float | None = None
-    """How long the motion lasts, if that was computed beforehand."""
+    """Duration of the motion in seconds, if known in advance."""
     refused: str = ""
-    """Why it was not sent to the board; empty if it was, or will be."""
+    """Reason for not sending the request; empty if it is or will be sent."""
     frame: bytes | None = None
-    """The response for the program; None while there is none, and if there will be none."""
+    """Frame of the response; None without one."""
     has_begun: bool = False
     """A soft start before it was sent, so that the units of its program are kept until it is over."""
     is_silent: bool = False
-    """Its program is not to hear the response."""
+    """Whether the response is withheld from the program."""
     is_over: bool = False
     equal: tuple[Exchange, ...] | list[Exchange] = ()
-    """Queries that its response answers as well."""
+    """Equal queries, finished with the same response."""
 
     @property
     def is_wanted(self) -> bool:
-        """Whether a program is still there for which it is sent: the one that asked, or one that joined."""
+        """Whether a program still waits for the response: the sender, or the sender of an equal query."""
         return not all(each.program.has_left for each in (self, *self.equal))
 
 
 class ProgramQueue:
-    """The unsent requests of one program, in its order."""
+    """Unsent requests of one program in their order."""
 
     __slots__ = ("blocked_by", "exchanges", "is_listed", "is_unread")
 
@@ -96,9 +96,9 @@ class ProgramQueue:
         """Start empty."""
         self.exchanges: deque[Exchange] = deque()
         self.blocked_by: Exchange | None = None
-        """The request that is being sent, which the next one must not overtake; None if there is none."""
+        """Request being sent, which later ones must not overtake; None without one."""
         self.is_unread = False
-        """Its program does not read the responses that it has: it gets no more until it does."""
+        """Whether the program leaves responses unread, so that its requests are held back."""
         self.is_listed = False
         """Whether it is in the ring of a `RoundRobin`."""
 
@@ -129,7 +129,7 @@ class RoundRobin:
             self.ring.append(queue)
 
     def take(self) -> Exchange | None:
-        """Return the next request that may be sent, None if there is none. Its program goes to the end."""
+        """Return the next request to send, and move its program to the end of the ring; None without one."""
         ring = self.ring
         for _ in range(len(ring)):
             queue = ring[0]

@@ -21,7 +21,7 @@ class LeaseRefused(MotionRefused):
 
 
 class MotionOver(MotionRefused):
-    """A motion was asked for that must not begin any more."""
+    """The motion must not begin any more."""
 
     remedy = "ask for it again, if it is still wanted"
 
@@ -78,7 +78,7 @@ class LeaseGate:
 
 
 def refused_response(packet: Packet, states: Iterable[ServoState] = ()) -> Response | None:
-    """Return what a program gets for a packet that was not sent; None if that is nothing.
+    """Return the response to a packet that was not sent; None without one.
 
     `states` are those of the servos of a SetServoParameterRequest, whose response reports the flags in force.
     """
@@ -98,7 +98,7 @@ def _flags_in_force(packet: SetServoParameterRequest, states: Iterable[ServoStat
     flags = {(state.is_start, state.is_hold) for state in states if packet.servo_id in {state.servo_id, ALL_SERVOS}}
     if not flags:
         return None
-    # For all servos, one that differs from the request shows that it was not carried out.
+    # The response about all servos differs from the request if the board did not carry it out.
     is_start, is_hold = min(flags - {(packet.is_start, packet.is_hold)} or flags)
     return SetServoParameterResponse(packet.servo_id, is_start, is_hold)
 

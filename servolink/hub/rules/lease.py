@@ -13,15 +13,15 @@ LEAST_DEAD_MAN, MOST_DEAD_MAN = 0.05, 60.0  # seconds
 
 
 class LeaseChange(NamedTuple):
-    """What happened to the lease, which the former and the new holder are told."""
+    """Change of the lease, for notifications to all programs."""
 
     event: LeaseEvent
     before: str | None
-    """The session that held the lease, None if it was free."""
+    """Session that held the lease before; None if the lease was free."""
     holder: str | None
-    """The session that holds it now, None if it is free."""
+    """Session that holds the lease now; None if the lease is free."""
     by: str | None = None
-    """The session that asked for it or took it, None if the time or a loss ended it."""
+    """Session that asked for the lease or took it; None if time or a loss ended the lease."""
     must_stop: bool = False
     """Whether the board must be stopped at once: nobody watches over its motion any more."""
 
@@ -39,16 +39,18 @@ class MotionLease:
             raise ValueError(f"seconds_after must be finite and at least 0, not {seconds_after}")
         self.seconds_after = seconds_after
         self.holder: str | None = None
-        """The session that holds the lease, None if it is free."""
+        """Session that holds the lease; None if the lease is free."""
         self.since = 0.0
         """When the present holder got it."""
         self.dead_man: float | None = None
-        """The seconds without a beat after which the board is stopped, None if no beats are expected."""
+        """Seconds without a beat until the board is stopped; None if no beats are expected."""
         self.is_end_unknown = False
         """Whether a motion has no computed end, so that the servos must be read until they rest (see `rested`)."""
         self._beat = 0.0
         self._motion_ends = 0.0
-        self._barred: set[str] = set()  # from whom it was taken over, so that they do not take it back by moving on
+        self._barred: set[str] = (
+            set()
+        )  # sessions that lost the lease to another program: a further motion must not take the lease back
 
     def take(
         self, session: str, now: float, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
@@ -156,7 +158,7 @@ class MotionLease:
         return session in self._barred
 
     def next_due(self) -> float | None:
-        """Return when `advance` has something to do, None if never."""
+        """Return the time of the next change by `advance`; None without one."""
         due = min(self._beats_end, self._lease_ends)
         return None if due == math.inf else due
 

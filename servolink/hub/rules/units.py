@@ -19,7 +19,7 @@ def servos_concerned(packet: Packet) -> AbstractSet[int] | None:
         named = {step.servo_id for step in packet.steps}
     elif isinstance(packet, QueryServoRequest):
         named = {packet.servo_id}
-    else:  # something stored, whose servos are not known
+    else:  # a stored record, whose servos are unknown
         return None
     return None if ALL_SERVOS in named else named
 
