@@ -17,6 +17,7 @@ import pytest
 
 import servolink
 from tests.cli.programs import Said, environment, finished, in_terminal
+from tests.fleet import mosquitto
 from tests.processes import LIMIT, finish, start
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="takes from Linux what Windows lacks")
@@ -155,6 +156,24 @@ def test_the_studio_answers(board: str) -> None:
 def test_the_demo_works(world: Path) -> None:
     (said,) = run_all("demo --fast")
     assert "All of it worked" in said.out
+
+
+@pytest.mark.broker
+@pytest.mark.skipif(mosquitto.FOUND is None, reason="mosquitto is not installed")
+def test_a_fleet_is_seen_and_stopped(board: str, world: Path) -> None:
+    broker = mosquitto.Broker(world)
+    broker.start()
+    with serving("fleet", "join", broker.url, board, "--name", "rex", pattern=r"share://\w+") as url:
+        listed, _, stopped, examined = run_all(
+            f"fleet list --broker {broker.url} --json",
+            f"--board {url} move 1=20",
+            f"fleet stop --broker {broker.url} --json",
+            f"fleet doctor --broker {broker.url}",
+        )
+    assert [one["board"] for one in listed.json["boards"]] == ["rex"]
+    assert stopped.json["stopped"].keys() == {"rex"}
+    assert "nothing is wrong" in examined.out
+    broker.end()
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", 0), (signal.SIGINT, 130)])

@@ -51,10 +51,12 @@ LOOP_METHODS = """
 LIBRARIES = """
     asyncio.subprocess concurrent.futures.thread ctypes.util getpass http.client locale logging.handlers multiprocessing
     ssl tempfile urllib.request uuid webbrowser
-    aiohttp.web hid keyring libusb_package mcap.reader mcap.writer msgspec paho.mqtt.client platformdirs.unix
+    hid keyring libusb_package mcap.reader mcap.writer msgspec paho.mqtt.client platformdirs.unix
     rich.console rich.live rich.progress segno serial.tools.list_ports serial_asyncio shtab usb.backend.libusb1 usb.core
 """
 """Imported while this is still Linux: their branches for Windows need Windows."""
+SERVER, NEED_SERVER = "aiohttp.web", {"studio", "--import"}
+"""A library that takes longer to import than all others, and the words of command lines that need it."""
 FORBIDDEN = set('<>:"|?*\\')
 
 
@@ -93,7 +95,7 @@ class Console:
 
 def take_away() -> None:
     """Make this process as much like one on Windows as it can be."""
-    for library in LIBRARIES.split():
+    for library in [*LIBRARIES.split(), *([SERVER] if NEED_SERVER & {*sys.argv} else [])]:
         with contextlib.suppress(ImportError):
             importlib.import_module(library)
     platform.platform()  # which remembers what it has found
