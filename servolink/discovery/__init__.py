@@ -1,1 +1,1 @@
-"""Which boards are here, and which of them is meant."""
+"""Search for boards, and names for them."""

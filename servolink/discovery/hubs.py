@@ -33,7 +33,7 @@ class HubClaim:
         """Use `claim_hub`."""
         self.name = name
         self.folder = folder
-        """Where nobody but this user can put files."""
+        """Folder in which only this user can create files."""
         self._file = file
 
     def __enter__(self) -> Self:

@@ -92,7 +92,7 @@ def alias_for(url: str, devices: Sequence[DeviceInfo]) -> Alias:
 
 
 def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
-    """Return where the board called `name` is now; OpenError if it is not here or cannot be told from another."""
+    """Return the present address of the board called `name`; OpenError for an absent or ambiguous board."""
     if not alias.serial_number:
         return alias.url
     found = ports_of(alias.identity, devices)
@@ -112,7 +112,7 @@ class Resolved(NamedTuple):
 
     url: str
     name: str | None
-    """The name given for it, or that of the profile which it was recognised to have."""
+    """Name that was given, or name of the profile that fits the board."""
 
 
 async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resolved:
@@ -216,7 +216,7 @@ def _changing() -> Iterator[dict[str, Alias]]:
 
 
 def _parse(text: str) -> dict[str, Alias]:
-    import tomllib  # only where there are names
+    import tomllib  # late: needed for a file with names only
 
     aliases = msgspec.convert(tomllib.loads(text), _File).boards
     for name in aliases:

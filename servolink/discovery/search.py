@@ -45,7 +45,7 @@ async def discover() -> list[DeviceInfo]:
 
 
 def search() -> list[DeviceInfo]:
-    """Do as `discover` does, but block."""
+    """Return the result of `discover`, but block."""
     return find_devices().devices
 
 
@@ -80,13 +80,13 @@ def is_same_place(one: str, other: str) -> bool:
     """Return whether two addresses differ at most in options of the connection, such as the byte order."""
     try:
         first, second = Address.parse(one), Address.parse(other)
-    except InvalidAddress:  # written by hand, and of no use to anybody
+    except InvalidAddress:  # written by hand, and useless
         return False
     return _place(first) == _place(second) and (bool(first.serial_device) or first.options == second.options)
 
 
 def identity_of(url: str) -> PortIdentity | None:
-    """Return the USB identity of the port at `url`; None for one that has none, or is not here. Blocks."""
+    """Return the USB identity of the port at `url`; None for an absent port, or one without identity. Blocks."""
     address = Address.parse(url)
     if address.scheme not in _MODULE_OF:
         return None

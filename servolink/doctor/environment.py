@@ -21,11 +21,11 @@ from servolink.escaping import escape
 
 LATENCY_TIMER = "latency timer"
 _HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
-_LONGEST_TIMER = 2  # milliseconds that are not noticed
+_LONGEST_TIMER = 2  # milliseconds, too short to matter
 _NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
 _FEWEST_ROUND_TRIPS = 10  # round trips that allow a conclusion
 _PTY_MASTERS = {"/dev/ptmx", "/dev/pts/ptmx"}
-_COMPILED = (".so", ".pyd")  # hidapi's modules are; those of the other package are not
+_COMPILED = (".so", ".pyd")  # modules of hidapi; the other package has none
 
 
 def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:

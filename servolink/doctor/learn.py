@@ -38,7 +38,7 @@ Step = Callable[[str], None]
 
 
 def ignore_step(step: str) -> None:
-    """Ignore what is done next."""
+    """Ignore the step."""
 
 
 @dataclass(slots=True)

@@ -57,7 +57,7 @@ def _count(captions: Sequence[bytes]) -> str:
 
 
 def _texts(captions: Iterable[bytes], encoding: str) -> list[str] | None:
-    """Return all captions as texts; None if one is not text, or has characters that nobody writes in `encoding`."""
+    """Return all captions as texts; None if people would not write one of them in `encoding`."""
     texts = []
     for raw in captions:
         unpadded = _unpadded(raw, 2 if encoding.startswith("utf-16") else 1)

@@ -223,7 +223,7 @@ class Quality:
 
     asked: int
     round_trips: tuple[float, ...]
-    """Seconds, of those that were answered."""
+    """Seconds of each answered query."""
 
     @property
     def lost(self) -> int:

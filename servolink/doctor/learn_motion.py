@@ -22,7 +22,7 @@ _INTERVAL = 100  # units: 0.1 s, 1 s or 10 s
 _LONGEST_INTERVAL = 1000
 _NEAR = 1.1  # a time fits a unit, or another time, within this factor
 _PATIENCE = 15.0  # seconds for one movement
-_BEGUN = 1  # degrees from which on it moves
+_BEGUN = 1  # degrees that count as a movement
 _PAUSE = 0.005
 _STOPPING = 0.2  # seconds to wait for a stop to be confirmed
 
@@ -109,7 +109,7 @@ class _Timed(NamedTuple):
     after: float
     """Seconds after which the servo was not there yet."""
     seconds: float
-    """When the reading was asked for that found it there."""
+    """Time of the query whose response shows the arrival."""
     by: float
     """When that reading came."""
 
@@ -119,7 +119,7 @@ class _Timed(NamedTuple):
 
 
 async def _seconds_to(board: Board, planned: PlannedMovement, goal: int) -> _Timed | None:
-    """Move to `goal` and return when the servo is there; None if it does not arrive."""
+    """Move to `goal` and return the time of arrival; None if the servo does not arrive."""
     loop = asyncio.get_running_loop()
     await board.send(ExecuteActionRequest((Step(planned.servo_id, goal, planned.interval),)))
     begun, after = loop.time(), 0.0

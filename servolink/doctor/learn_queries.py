@@ -43,7 +43,7 @@ class Contact:
     query: Query[Response]
     """A short query that it answers."""
     mode: int
-    """The transmission mode in which it was found; it is in mode 1 now. One that sent anything was in mode 1."""
+    """Transmission mode before contact; mode 1 is set now. A board that sent bytes was in mode 1."""
     silent_queries: int
     """Queries in its byte order that it did not answer before mode 1 was set."""
 
@@ -142,7 +142,7 @@ class Survey:
     frames: dict[Query[Any], Frame] = field(default_factory=dict)
     """The response to each query that was answered."""
     silent: list[Query[Any]] = field(default_factory=list)
-    """Queries that were not answered."""
+    """Queries without a response."""
     responses: dict[Query[Any], Response] = field(default_factory=dict)
 
     def ids(self, record_type: RecordType[Any]) -> tuple[int, ...] | None:
@@ -152,7 +152,7 @@ class Survey:
 
     @property
     def servo_ids(self) -> tuple[int, ...] | None:
-        """The ids of all servos, None if they are unknown."""
+        """Ids of all servos; None if unknown."""
         response = self.responses.get(QueryServoListRequest())
         return response.servo_id_list if isinstance(response, QueryServoListResponse) else None
 
@@ -164,7 +164,7 @@ class Survey:
 
 
 async def survey_board(line: Line, quality: Quality) -> Survey:
-    """Send each query until it is answered; those for one record only if one is stored."""
+    """Send each query until the board answers; queries for one record only if a record is stored."""
     survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
     for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
         await _survey_query(line, query, survey)
@@ -220,7 +220,7 @@ async def unknown_ids_finding(line: Line, survey: Survey, quality: Quality) -> M
         return Measured("unknown_ids", "empty", "certain", seen)
     confidence = silence_confidence(quality, TRIES * len(silent))
     if answered and confidence is not None:
-        confidence = "likely"  # programs have to expect both
+        confidence = "likely"  # programs must expect both
     value = None if confidence is None else "silent"
     return Measured("unknown_ids", value, confidence or "guess", f"{seen}; {quality}")
 
@@ -255,7 +255,7 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
 
 
 async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
-    """Send more and more queries at once until some are lost, or not answered one after the other and once each."""
+    """Send more and more queries at once until responses are lost, doubled or out of order."""
     queries = _cheap_queries(survey)
     size = max(OVERHEAD + content_size(type(query)) for query in queries)
     if quality.loss > MOST_LOSS:

@@ -142,7 +142,7 @@ async def end_trial(trial: Trial) -> None:
     for each in await _journals(trial):
         if each.restores == trial.backup.name:
             await asyncio.to_thread(trial.store.end, each)
-    for each in before:  # of which the rollback has ended some, as those of imports before it
+    for each in before:  # the rollback ends journals of earlier imports
         await asyncio.to_thread(trial.store.write, each)
 
 

@@ -35,7 +35,7 @@ class Line:
     ended: str = ""
     """Why the connection ended early; empty if it did not."""
     patience: float = _PATIENCE
-    """Seconds that each response had."""
+    """Seconds allowed for each response."""
 
     def percentile(self, percent: int) -> float | None:
         """Return the time within which `percent` of the responses came; None if there were none."""

@@ -1,4 +1,4 @@
-"""Facts of the system, in one object, so that tests can replace them by those of another system."""
+"""Facts of the system in one object, which tests replace by the facts of another system."""
 
 from __future__ import annotations
 

@@ -292,10 +292,10 @@ class Measured(Struct, frozen=True):
     setting: str
     """Its name in the profile."""
     value: Any
-    """None if it could not be learnt."""
+    """Measured value; None if unknown."""
     confidence: Confidence
     evidence: str
-    """What was seen, in one sentence with figures."""
+    """Observation, in one sentence with figures."""
 
 
 def merge_profile(

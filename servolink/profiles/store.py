@@ -77,7 +77,7 @@ def save_profile(name: str, profile: BoardProfile) -> Path:
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_atomically(path, text.encode(), private=True)
-        path.chmod(0o600)  # it may have been for others, if an editor wrote it
+        path.chmod(0o600)  # an editor may have made the file readable for others
     except OSError as error:
         raise ProfileError(f"{path} cannot be written: {reason(error)}") from error
     return path

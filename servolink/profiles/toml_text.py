@@ -17,7 +17,7 @@ _PLACE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
 
 
 class TextError(ValueError):
-    """What is wrong with a text, and in which line."""
+    """Fault in a text, with its line."""
 
     def __init__(self, text: str, line: int) -> None:
         """Keep both."""
@@ -28,7 +28,7 @@ class TextError(ValueError):
 
 def read_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text. Raise TextError for any other text."""
-    import tomllib  # only where there is something to read
+    import tomllib  # late: needed for reading only
 
     try:
         return tomllib.loads(text)

@@ -72,7 +72,7 @@ def extend_project(
 
 
 def refuse_new_errors(before: Project, built: Project, caption_encoding: str = "utf-8") -> None:
-    """Raise ProjectError for an error that `before` did not have."""
+    """Raise ProjectError for the first error of `built` that is new, compared with `before`."""
     had = {str(found) for found in validate_project(before, caption_encoding=caption_encoding)}
     found = validate_project(built, caption_encoding=caption_encoding)
     errors = [str(one) for one in found if one.severity == "error" and str(one) not in had]

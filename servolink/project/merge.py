@@ -15,7 +15,7 @@ from servolink.protocol.records import ServoParameter
 
 
 def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
-    """Return `one` with everything that only `other` has, and the list of changes.
+    """Return `one` with the records missing from it that `other` has, and the list of changes.
 
     Identical records are kept once. A record of `other` whose id means another record in `one` gets a new id, and
     references to it follow. `one` decides where there can be only one: project id, parameters of a servo, active

@@ -38,7 +38,7 @@ def id_or_caption(text: str) -> int | str:
 
 
 def captioned(things: Iterable[Named], caption: str) -> list[Named]:
-    """Return what has exactly this caption or, if nothing has it, what differs from it in case only.
+    """Return the things with exactly this caption or, without any, those whose caption differs in case only.
 
     What is listed twice is returned once, in the order of ids. Nothing has the empty caption.
     """
@@ -53,7 +53,7 @@ def closest(things: Iterable[Named], caption: str, label: str) -> str:
     Without a similar caption it lists the first few things in the order of ids, those with captions first. `label` is
     their type.
     """
-    from difflib import get_close_matches  # late: it is only for errors
+    from difflib import get_close_matches  # late: needed for errors only
 
     different = sorted(set(things), key=lambda one: (not one.caption, one))
     by_text: dict[str, list[Named]] = {}

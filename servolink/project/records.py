@@ -69,7 +69,7 @@ def with_caption(record: Any, caption: str) -> Any:
 
 
 def with_dependencies(project: Project, records: Iterable[Record]) -> list[Record]:
-    """Return `records` and all records that they run, directly or not, each once. Missing ones are left out.
+    """Return `records` and all records run by them, directly or not, each once, without missing ones.
 
     Raise ProjectError for an id that is used twice in `project`.
     """

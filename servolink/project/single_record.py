@@ -112,7 +112,7 @@ def _with_right_durations(before: Project, after: Project, changed: Record) -> P
     macros = {macro.macro_id: macro for macro in after.macros}
     for macro_id, at, takes in _wrong(after):
         commands = list(macros[macro_id].commands)
-        # In the changed macro itself, only what is left out: all else was given on purpose.
+        # In the changed macro, correct missing durations only: given ones are on purpose.
         is_own = isinstance(changed, Macro) and changed.macro_id == macro_id
         if commands[at].total_interval == 0 if is_own else (macro_id, at) not in was_wrong:
             commands[at] = replace(commands[at], total_interval=takes)

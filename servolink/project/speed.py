@@ -47,7 +47,7 @@ class ServoMove(Struct, frozen=True):
 
     @property
     def degrees_per_second(self) -> float:
-        """The speed: 0 if there is nothing to turn, infinite if there is no time."""
+        """Speed of the turn; 0 for no turn, infinite for no time."""
         return degrees_per_second(self.degrees, self.seconds)
 
     def __str__(self) -> str:

@@ -163,7 +163,7 @@ class Duplicate(NamedTuple):
     at: int
     first: int
     same: bool
-    """Whether all with this number are identical, so that nothing is lost without this one."""
+    """Whether all parts with this number are identical, so that removing this one loses nothing."""
 
 
 def number_of(part: Any) -> int:

@@ -82,7 +82,7 @@ def _declared(value: Any) -> type[Packet]:
 
 def _suggestion(name: Any) -> str:
     """Return what was probably meant by the name of a packet, as the end of a sentence; empty if nothing is similar."""
-    from difflib import get_close_matches  # late: it is only for errors
+    from difflib import get_close_matches  # late: needed for errors only
 
     close = get_close_matches(name[:_COMPARED], PACKETS_BY_NAME, n=1) if isinstance(name, str) else []
     return f"; did you mean {close[0]}?" if close else ""

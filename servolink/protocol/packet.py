@@ -197,7 +197,7 @@ class Request(Packet, Generic[R_co], frozen=True, gc=False):
 
 
 class Query(Request[R_co], frozen=True, gc=False):
-    """A request that changes nothing, so it may be repeated."""
+    """Request that changes nothing and may be repeated."""
 
     repeatable: ClassVar[bool] = True
 

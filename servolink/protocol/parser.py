@@ -39,7 +39,7 @@ _WARY = 256  # after damage, as many frames are searched for whole frames inside
 _ROOMY = OVERHEAD + HEADER_SIZE  # the size of a frame that has room for the start of another inside
 
 _HEADER = slice(HEADER_SIZE)  # of data that begins with a frame
-_CONTENT = slice(HEADER_SIZE, -1)  # of data that is one frame
+_CONTENT = slice(HEADER_SIZE, -1)  # of one frame
 
 _Entry = tuple[int, int, int, Callable[[bytes, int], tuple[Any, ...]] | None]
 """What a header implies: the size of the frame, its packet id, the header's share of the sum, and the function that
@@ -171,7 +171,7 @@ class FrameParser:
                         self._wary -= 1
                     continue
                 damaged = True
-            # No frame stands here, or none any more.
+            # No frame begins here.
             if frame is not None:
                 self._recovery.accept(frame, at)
                 frame = None

@@ -72,7 +72,7 @@ class ServoState(Struct, frozen=True, omit_defaults=True):
 
 
 class ServosRead(Struct, frozen=True, omit_defaults=True):
-    """All servos at one time."""
+    """Reading of all servos."""
 
     servos: tuple[ServoState, ...]
     missed: Annotated[int, _about("readings left out directly before this one")] = 0

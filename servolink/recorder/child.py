@@ -175,7 +175,7 @@ class ChildWriter:
         )
 
     def close(self) -> None:
-        """Pass on what is left, and wait until it is written. Raise RecordingError if that is impossible."""
+        """Send the remaining messages and wait until the file is complete. Raise RecordingError for a failure."""
         self._closing.set()
         for thread in self._threads:
             thread.join(_PATIENCE)

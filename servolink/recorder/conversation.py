@@ -32,13 +32,13 @@ class Asked:
     seconds: float
     frame: Frame
     packet: Packet | None
-    """None if it cannot be decoded."""
+    """Decoded frame; None if decoding fails."""
     answer: Said | None = None
     """None if the board did not answer."""
 
     @property
     def is_command(self) -> bool:
-        """Whether it must be sent again as it was, in its turn."""
+        """Whether a replay must send this packet again, unchanged and in its turn."""
         return not isinstance(self.packet, SETUP)
 
 

@@ -69,7 +69,7 @@ class HubSource:
                 readings.failed(error)
 
     async def end(self) -> None:
-        """Take what the hub has heard until now, and then nothing more."""
+        """Receive the messages up to now, then end the tap."""
         try:
             await self._channel.call("tap.stop", timeout=_LAST_LIMIT)
         except RequestTimeout:

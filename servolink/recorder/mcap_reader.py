@@ -130,7 +130,7 @@ class McapReader:
             self.is_cut = True
             self.remarks += Counter({_NO_RECORDS: end - start})
             return False
-        self.remarks[_NO_RECORDS] += found - min(begin, start)  # 0 if only a length was wrong and nothing is lost
+        self.remarks[_NO_RECORDS] += found - min(begin, start)  # 0 for a wrong length without lost bytes
         self._file.seek(found)
         return True
 

@@ -1,4 +1,4 @@
-"""Files made of recordings: each is whole or not there, and replaces another one only if that is wanted."""
+"""Files made from recordings: written whole or not at all, replacing another file only on request."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from servolink.recorder.channels import CommandDone, Direction, Event, Outcome, 
 
 _SILENCE = 1.0
 """Seconds after which the rest of half a frame is not expected any more."""
-_MOST_NOISE = 64  # bytes of it that are shown; all of it is in /wire
+_MOST_NOISE = 64  # bytes of noise shown in a message; /wire has all bytes
 _LONGEST_REASON = 300  # characters
 
 

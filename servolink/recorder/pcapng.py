@@ -21,7 +21,7 @@ LINKTYPE_USER0: Final = 147
 """The link type of captures without a registered one; the dissector of `servolink wireshark` reads it."""
 
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6  # types of blocks
-_COMMENT, _APPLICATION, _NAME, _RESOLUTION, _FLAGS = 1, 4, 2, 9, 2  # options, each in the blocks that have it
+_COMMENT, _APPLICATION, _NAME, _RESOLUTION, _FLAGS = 1, 4, 2, 9, 2  # options of blocks
 _NANOSECONDS = b"\x09"
 _IN, _OUT = 1, 2  # as the host sees it
 _BLOCK, _OPTION, _PACKET_HEAD = Struct("<II"), Struct("<HH"), Struct("<IIIII")
@@ -87,7 +87,7 @@ class _Cutter:
         self._byte_order: ByteOrder = byte_order
         self._parser = FrameParser(byte_order, keep_skipped=True)
         self._now = 0  # when the last chunk passed
-        self._noise = b""  # may go on, so it is not captured yet
+        self._noise = b""  # not captured yet, as more noise may follow
         self._noise_at = 0
 
     def feed(self, nanoseconds: int, data: bytes) -> Iterator[Captured]:

@@ -28,7 +28,7 @@ _LONGEST = 400
 
 
 class PrivateText:
-    """What is private, and what stands for it."""
+    """Private texts, and the placeholder of each."""
 
     def __init__(self, secrets: Iterable[str] = ()) -> None:
         """Start with `secrets`, and with the names of this user and this machine."""

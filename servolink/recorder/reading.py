@@ -45,7 +45,7 @@ class Entry(NamedTuple):
 
 
 class Selection(msgspec.Struct, frozen=True):
-    """Which messages are wanted. A response is if its request is, or no failure could be told from what is left."""
+    """Filter of messages. A response is selected with its request, so that failures stay visible."""
 
     since: float | None = None
     """Seconds since the first message."""
@@ -76,7 +76,7 @@ class Recording:
         """Open the file at `path`. Raise RecordingError if it cannot be read or is not an MCAP file."""
         self.path = Path(path)
         self.about: Recorded | None = None
-        """What was recorded; None if the file does not say."""
+        """Metadata of the recording; None if the file has none."""
         self._reader = McapReader(self.path)
         self._unreadable: Counter[str] = Counter()
         self._all = self._read()

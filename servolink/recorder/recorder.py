@@ -46,7 +46,7 @@ class Wanted(Struct, frozen=True):
     hz: float = HZ
     """Readings of the servos that the recorder asks for, a second; 0: none."""
     wire_only: bool = False
-    """Only bytes; then nothing is asked for."""
+    """Record bytes only, and ask the board for nothing."""
     alarms: tuple[Alarm, ...] = ()
     ring: float | None = None
     """Keep only the last so many seconds, in memory, and write them when something fails; None: write everything."""
@@ -76,7 +76,7 @@ class Recorder:
         self.take: Take = self._take_wire if wanted.wire_only else self.backlog.put
         """Records a message, and never waits."""
         self.over = asyncio.Event()
-        """Set when nothing more can come: the hub is gone."""
+        """Set when the hub is gone, so that no message can follow."""
         self._writer: RecordingWriter | ChildWriter | RingWriter | None = None
 
     def _take_wire(self, seconds: float, message: Message) -> None:

@@ -30,7 +30,7 @@ class Disk(Protocol):
 
 
 class RecordingFile:
-    """Writes blocks one after the other, each whole or, for now, not at all."""
+    """Writes blocks in order; a block that the disk refuses waits for the next attempt."""
 
     def __init__(self, path: Path, *, disk: Disk = os) -> None:
         """Create the file. Raise RecordingError if it exists already, or cannot be created."""

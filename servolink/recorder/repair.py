@@ -25,12 +25,12 @@ _NEW, _OLD = ".repairing", ".cut"
 
 
 class Repaired(Struct, frozen=True):
-    """What came of a repair."""
+    """Result of a repair."""
 
     messages: int
     """How many were recovered."""
     original: str
-    """Where the file is as it was; empty if there was nothing to repair, and nothing was changed."""
+    """Path of the damaged original; empty if nothing needed repair."""
     remarks: tuple[str, ...] = ()
     """What could not be recovered, and how often, for people."""
 
@@ -52,7 +52,7 @@ def _repair(path: Path, mending: Mending) -> Repaired:
     if is_being_written(path):
         raise RecordingError(f"{path} is still being recorded; end the recorder first, or repair a copy of the file")
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
-    with suppress(FileNotFoundError):  # what a repair has left that was killed
+    with suppress(FileNotFoundError):  # left behind by a repair that was killed
         if is_being_written(new):
             raise RecordingError(f"{path} is being repaired already, to {new}; wait for the end")
         new.unlink()
@@ -77,7 +77,7 @@ def _repair(path: Path, mending: Mending) -> Repaired:
 
 
 class Mending:
-    """A good file from what can be read of another."""
+    """Writes the readable messages of a damaged file to a sound one."""
 
     def __init__(self, reader: McapReader) -> None:
         """Read with `reader`."""

@@ -90,7 +90,7 @@ class RecordedBoardTransport(BaseTransport):
                 self._obey(frame, packet)
 
     async def _close(self) -> None:
-        """There is nothing to free."""
+        """Free nothing: a recording holds no port."""
 
     def _abort(self) -> None:
         if self._timer is not None:
@@ -99,7 +99,7 @@ class RecordedBoardTransport(BaseTransport):
     # --- what the program sends ----------------------------------------------------------------------------------
 
     def _answer(self, frame: Frame, packet: Packet) -> None:
-        """Say what was answered to this query at this point of the recording, or else nearest to it."""
+        """Send the recorded response to this query: the one at this point of the recording, or the nearest."""
         assert self._found is not None  # noqa: S101 - it is open
         if known := self._answers.get(frame):
             after = self._commands[self._done - 1].number if self._done else -1
@@ -169,7 +169,7 @@ class RecordedBoardTransport(BaseTransport):
 
 
 class _Answers:
-    """What was answered to one query, in order."""
+    """Responses to one query, in order."""
 
     def __init__(self) -> None:
         self._all: list[Asked] = []
@@ -223,7 +223,7 @@ def from_address(address: Address) -> Transport:
         with open_file(Path(path)) as file:
             is_mcap = file.read(len(MAGIC)) == MAGIC
     except (OSError, ValueError):
-        is_mcap = path.endswith(".mcap")  # opening it says what is wrong
+        is_mcap = path.endswith(".mcap")  # opening the file raises the error
     if not is_mcap:
         return text_recording.from_address(address)
     timing = address.flag("timing", default=True)

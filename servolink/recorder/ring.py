@@ -52,7 +52,7 @@ class Segments:
 
     @property
     def first(self) -> float | None:
-        """When the oldest message was; None if there is none."""
+        """Time of the oldest message; None without messages."""
         return self._closed[0].first if self._closed else self._open[0][0] if self._open else None
 
     def add(self, timed: Timed) -> None:
@@ -133,7 +133,7 @@ class RingWriter:
         disk: Disk = os,
     ) -> None:
         """Keep the last `seconds`, and name files as `path`, with the time. Raise RecordingError if that cannot be."""
-        MessageEncoder(about, clock)  # which says what is missing
+        MessageEncoder(about, clock)  # raises the error for a missing library
         if not path.parent.is_dir():
             raise RecordingError(f"cannot record to {path}: the folder {path.parent} does not exist; create it first")
         self._path = path
@@ -153,7 +153,7 @@ class RingWriter:
         self._thread.start()
 
     def save(self, reason: str) -> None:
-        """Write what is there, soon."""
+        """Write the kept messages soon."""
         self._asked.append(reason)
 
     def fail(self, reason: str) -> None:

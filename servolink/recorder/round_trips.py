@@ -21,7 +21,7 @@ class RoundTrip(NamedTuple):
     """A request, its response or both."""
 
     seconds: float
-    """When the request was sent, or when a response came that nobody had asked for."""
+    """Time of the request, or of a response without a request."""
     packet: str
     """Empty if nobody asked."""
     fields: dict[str, Any]
@@ -35,7 +35,7 @@ class RoundTrips:
     """Matches packets in their order. Boards answer in order, so the oldest request is the one that is answered."""
 
     def __init__(self) -> None:
-        """Start with nothing on its way."""
+        """Start without requests under way."""
         self._waiting: dict[str, deque[tuple[float, PacketSeen]]] = {}  # by the response
 
     def take(self, seconds: float, message: PacketSeen) -> Iterator[RoundTrip]:

@@ -68,12 +68,12 @@ class Summary:
         self.outcomes: Counter[str] = Counter()
         """Of commands."""
         self.programs: Counter[str] = Counter()
-        """Commands by who asked for them."""
+        """Commands by the name of the program."""
         self.problems: Counter[str] = Counter()
         self.noise = 0
         """Bytes that are part of no frame."""
         self.missed = 0
-        """Readings of the servos that were left out."""
+        """Readings of servos missing in the recording."""
         self.servos: dict[int, ServoRange] = {}
         self._trips = RoundTrips()
 

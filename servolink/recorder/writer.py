@@ -47,7 +47,7 @@ class RecorderStatus(Struct, frozen=True):
     dropped: int
     """Messages that are missing, because the disk was too slow or full."""
     problem: str
-    """What is wrong with the disk now; empty if nothing is."""
+    """Present fault of the disk; empty without a fault."""
     saved: tuple[Saved, ...] = ()
     """The files written of a ring."""
 

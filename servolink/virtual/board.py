@@ -261,7 +261,7 @@ class WorkQueue:
         """When the work on a request ends; None if there is none."""
 
     def take(self, request: Received, now: float) -> None:
-        """Work on a request, now or when those before it are finished; it is lost if too many wait."""
+        """Work on a request now, or after earlier ones; a request beyond the queue is lost."""
         self.received += 1
         if self.due is None and not self._waiting:  # a host may ask again at once, while others still wait
             self._begin(request, now)

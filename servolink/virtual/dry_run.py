@@ -34,7 +34,7 @@ class Move:
     target: int
     """The angle in the step."""
     is_cut: bool = False
-    """Whether another move came before this one had ended."""
+    """Whether a later move of the same servo cut this one short."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,7 +129,7 @@ class Hardware:
             servo.switch(on=on)
 
     def _advance_to(self, due: float, now: float) -> None:
-        """Do what is due at `due`, which is `now` or earlier."""
+        """Carry out events of the time `due`, at most `now`."""
         self._buttons.advance(due)
         self.player.advance(due, now)
 

@@ -79,7 +79,7 @@ class BoardKind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class KindOption(NamedTuple):
-    """One option of `BoardKind`, for those that read it from text or describe it."""
+    """Option of `BoardKind`, as read from text and described to people."""
 
     name: str
     hint: Any
@@ -88,11 +88,11 @@ class KindOption(NamedTuple):
     unit: str
     """What stands for the value in help texts, such as SECONDS or all|records."""
     allowed: str
-    """The values that it may have, in words."""
+    """Possible values, in words."""
 
     @property
     def is_flag(self) -> bool:
-        """Whether it is only on or off."""
+        """Whether the option is only on or off."""
         return isinstance(self.default, bool)
 
     @property

@@ -86,7 +86,7 @@ class Player:
         self._work += len(steps)
 
     def run_action(self, action_id: int, now: float) -> None:
-        """Run a stored action. No effect if there is none, or it is not playable."""
+        """Run a stored action. No effect for a missing or unplayable one."""
         if (action := self._record(ACTION, action_id)) is not None:
             self.move(action.steps, now)
 
@@ -117,7 +117,7 @@ class Player:
         self._running, self.macro_id, self._next_macro = None, 0, 0
 
     def advance(self, until: float, now: float) -> None:
-        """Run the macro up to `until`, which is `now` or earlier."""
+        """Run the macro up to the time `until`, at most `now`."""
         if now != self._work_time:
             self._work_time, self._work = now, 0
         while self._running is not None and self._continue_at <= until:
@@ -158,7 +158,7 @@ class Player:
         some of them only, and collecting it again for each would take exponential time.
         """
         if (height := snapshot.heights.get(macro_id)) is None:
-            if macro_id in snapshot.macros:  # and has no height yet
+            if macro_id in snapshot.macros:  # without a height so far
                 raise _Unplayable(f"macro {macro_id} runs itself")
             if above >= MAX_NESTING:
                 raise _Unplayable(_TOO_DEEP)

@@ -26,7 +26,7 @@ _WORDS = {"press": SHORT, "long": LONG, "down": None, "up": None}
 
 
 class ButtonChange(NamedTuple):
-    """A button goes down or up; `at` is in seconds."""
+    """Button that goes down or up at the time `at`, in seconds."""
 
     at: float
     button_id: int

@@ -36,7 +36,7 @@ class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StateFile:
-    """The file of one board. No other board can use it, in this program or another, until its context ends.
+    """File of one board, locked against other boards of any program until the context ends.
 
     Two boards would overwrite what the other one stored.
     """
@@ -51,7 +51,7 @@ class StateFile:
         try:
             lock = open_locked(self._lock_path)
         except OSError as error:
-            load_state(board, path)  # its error says more if nothing can be saved there at all
+            load_state(board, path)  # whose error says more for an unusable path
             raise ServolinkError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
         if lock is None:
             raise ServolinkError(

@@ -200,7 +200,7 @@ def partial_write(before: Contents, after: Contents, random: Random, byte_order:
     places = {each: list(_places(before.records[each], after.records[each])) for each in STORED_TYPES}
     changes = [(each, at) for each in STORED_TYPES for at, (old, new) in enumerate(places[each]) if old is not new]
     random.shuffle(changes)
-    # Changes are numbered from the one at which the power is lost: it is 0, those before it are done.
+    # Power is lost at the change with number 0; changes before it are done.
     for number, (each, at) in enumerate(changes, start=-random.randint(0, len(changes))):
         old, _ = places[each][at]
         if number == 0:
@@ -215,7 +215,7 @@ def partial_write(before: Contents, after: Contents, random: Random, byte_order:
 
 
 def _places(before: tuple[Record, ...], after: tuple[Record, ...]) -> Iterator[_Place]:
-    """Yield each record before the write with what it becomes, and then those that are added."""
+    """Yield each record before the write with its successor, then the added records."""
     if len(after) >= len(before):  # a record takes the place of the one that it replaces
         yield from zip_longest(before, after)
         return

@@ -149,7 +149,7 @@ async def _backup(
     if begun is None:
         return await _save(board, content or Content(), store, on_progress) if wanted else None
     if content is not None and wanted and not await _is_saved(content, begun, store):
-        # It looks as if it had just been cleared, and not all of it is gone: or it is another board.
+        # Either records were left when the board was cleared, or this is another board.
         path = await _save(board, content, store, on_progress)
         _logger.warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
     if begun.backup is None:

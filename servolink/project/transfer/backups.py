@@ -43,7 +43,7 @@ class Backup(Struct, frozen=True, order=True):
     board: str
     """The address of the board, in characters that file names allow."""
     caption_encoding: str
-    """In which captions were read and have to be written, in such characters."""
+    """Encoding with which captions were read and must be written, in characters that file names allow."""
     digest: str
     """Of the content: a backup that was changed is refused."""
     path: Path

@@ -68,7 +68,7 @@ class ImportRun:
         `content` is what `reader` has read from the board, None if it has not, and `before` its project id. `begun`
         is the journal of the run that was interrupted, if there was one, `others` are all the others of this address.
         """
-        over = [one for one in others if one.has_written_all]  # the last import here is now this one
+        over = [one for one in others if one.has_written_all]  # this run replaces the last import
         if self._journal.restores is None:  # a rollback that is lost before it has changed anything is asked for again
             await self._end(over)
         await self._note("writing")
@@ -78,7 +78,7 @@ class ImportRun:
             content = await self._clear(reader)
         await self._write_all(reader, content)
         for one in others:
-            if one.phase == "clearing":  # that board is no longer at this address
+            if one.phase == "clearing":  # another board is at this address now
                 await asyncio.to_thread(self._store.write, msgspec.structs.replace(one, phase="writing"))
         await self._note("finishing")
         await self._marker.finish(self._target.project_id)
@@ -123,7 +123,7 @@ class ImportRun:
         )
 
     async def _write_all(self, reader: BoardReader, content: Content | None) -> None:
-        """Write what differs until nothing does."""
+        """Write all differences, pass after pass, until none is left."""
         writer = RecordWriter(self._board, reader, self._on_progress, self._marker.keep, unchecked=self._unchecked)
         if content is None:
             await self._marker.keep()

@@ -21,7 +21,7 @@ Digests: TypeAlias = "dict[str, str]"
 
 
 class Journal(Struct, frozen=True, forbid_unknown_fields=True):
-    """Written before each step after which another step must follow.
+    """Record of an import, written before each step that needs a further step.
 
     The marker makes it the journal of one board: the board's project id is the marker during the import, wherever and
     to whichever computer it is plugged in. Of boards that keep less of a project id, less is certain.

@@ -77,7 +77,7 @@ class Marker:
     def _is_marker_of_another(self, found: int) -> bool:
         if found == self._before:
             return False
-        # Of 16 bits nobody can tell whether they are a marker, so any number that was not there before is one.
+        # Sixteen bits do not show a marker, so any number but the former project id counts as one.
         return is_unfinished(found) if self.bits == 32 else found != 0
 
     def _refuse_other(self, found: int) -> None:

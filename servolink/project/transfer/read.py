@@ -147,7 +147,7 @@ class BoardReader:
     def __init__(self, board: BoardConnection, on_progress: ProgressCallback, target: Project | None = None) -> None:
         """Read `board`, on which `target` is expected; None expects nothing."""
         self.known: dict[Key, Any | None] = {}
-        """Each record whose content is proved; None for one that is not there."""
+        """Records whose content is proved; None for a missing record."""
         self._board = board
         self._depth = board.connection.depth_bound
         self._on_progress = on_progress
@@ -290,7 +290,7 @@ class BoardReader:
     # --- records ------------------------------------------------------------------------------------------------
 
     async def query(self, record_type: RecordType[Any], record_id: int) -> Any | None:
-        """Read a record once; None if there is none, or none that can be decoded."""
+        """Read a record once; return None for a missing record, or one that cannot be decoded."""
         try:
             found = record_type.record_in(await self._board.request(record_type.query(record_id)))
         except DecodeError:

@@ -48,7 +48,7 @@ class Memory(Struct, frozen=True):
     unit: int | None
     """Bytes in the unit in which the board counts; None: unknown, bytes are assumed."""
     size: int | None
-    """None on boards that do not return it."""
+    """Total memory; None on boards that do not return this value."""
     free_before: int
     free_after: int
     """Below 0: the project seems not to fit. Only writing it shows whether that is so."""
@@ -84,7 +84,7 @@ class Plan(Struct, frozen=True):
     seconds: float
     """Estimated from the time that reading the board took; boards that store slowly take longer."""
     memory: Memory | None
-    """None if the board does not answer when it is asked for its memory."""
+    """Memory of the board; None if the board does not answer the query."""
     is_unfinished: bool
     """The board holds an unfinished import."""
 
@@ -102,7 +102,7 @@ class Plan(Struct, frozen=True):
 
     @property
     def differs(self) -> bool:
-        """Whether there is anything to do."""
+        """Whether an import would change anything."""
         return bool(self.changes or self.inconsistencies)
 
 

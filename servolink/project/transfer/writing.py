@@ -243,7 +243,7 @@ class RecordWriter:
                 return
 
     async def _send_and_read(self, write: Write, record_type: RecordType[Any]) -> tuple[int | None, Any]:
-        """Return the result of an addition, None if there was none, and the record that is there after it."""
+        """Return the result of an addition (None: no response), and the record read back afterwards."""
         if self._queues():
             # Both leave in this order without waiting for each other, so the reading makes the result exact.
             outcome = await asyncio.gather(
@@ -257,7 +257,7 @@ class RecordWriter:
                 return result, found  # type: ignore[return-value]  # no exception is left
         else:
             result = await self._send(write)
-        # A reading that was sent beside the write may have come before it. This one is sent after it is over.
+        # A reading sent beside the write may have been answered first. This one follows the write.
         return result, await self._read(record_type, write.record_id)  # type: ignore[return-value]  # the same
 
     async def _delete(self, write: Write, record_type: RecordType[Any]) -> None:
