@@ -52,7 +52,7 @@ LIBRARIES = """
     asyncio.subprocess concurrent.futures.thread ctypes.util getpass http.client locale logging.handlers multiprocessing
     ssl tempfile urllib.request uuid webbrowser
     hid keyring libusb_package mcap.reader mcap.writer msgspec paho.mqtt.client platformdirs.unix
-    rich.console rich.live rich.progress segno serial.tools.list_ports serial_asyncio shtab usb.backend.libusb1 usb.core
+    rich.console rich.live rich.progress segno serial.tools.list_ports serial_asyncio usb.backend.libusb1 usb.core
 """
 """Imported while this is still Linux: their branches for Windows need Windows."""
 SERVER, NEED_SERVER = "aiohttp.web", {"studio", "--import"}
