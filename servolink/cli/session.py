@@ -7,10 +7,12 @@ import asyncio
 import sys
 from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn
+from functools import partial
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
+from servolink.cli.command import Run
 from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
-from servolink.cli.screen.terminal import can_ask, end_process
+from servolink.cli.screen.terminal import can_ask, confirm, end_process
 from servolink.cli.usage import usage_error
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.platforms.signals import handled
@@ -19,6 +21,9 @@ from servolink.script import INTERRUPTED, NO_BOARD, OK
 if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
     from servolink.client.board import Board
     from servolink.transports.device_info import DeviceInfo
+
+Talk: TypeAlias = "Callable[[argparse.Namespace, Board, Interruption], Awaitable[int]]"
+"""Does what a command is for on its board, and returns the exit code."""
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
@@ -126,6 +131,15 @@ def run_with_board(
     return run_interruptible(main, state)
 
 
+def on_board(*, state: str = _UNMOVED, **options: Any) -> Callable[[Talk], Run]:
+    """Return a decorator of what a command does on its board: see `run_with_board`."""
+
+    def decorated(talk: Talk) -> Run:
+        return lambda args: run_with_board(args, partial(talk, args), state=state, **options)
+
+    return decorated
+
+
 def is_answered(board: Board, query: str) -> bool:
     """Return whether the board may answer a query, such as `QueryProjectID`: its profile does not say otherwise."""
     known = board.profile and board.profile.settings.unsupported
@@ -140,6 +154,20 @@ def refuse_without_answer(args: argparse.Namespace) -> None:
         usage_error(args, "--json needs --yes, because it asks nothing")
     if not can_ask():
         usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
+
+
+def refuse_unasked(args: argparse.Namespace, text: str) -> None:
+    """End as wrong usage, with `text`, if `--yes` was not given and nobody can be asked."""
+    if not args.yes and (args.json or not can_ask()):
+        usage_error(args, text)
+
+
+async def agreed(args: argparse.Namespace, interruption: Interruption, question: str) -> bool:
+    """Return whether to go on, after asking unless `--yes` was given; a no prints the state."""
+    if args.yes or await confirm(question):
+        return True
+    print_error(f"servolink: {interruption.state}")
+    return False
 
 
 def choose_board(args: argparse.Namespace) -> str:

@@ -9,10 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import STORED, Command, option
-from servolink.cli.screen.output import Table, fail, print_error, print_json, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, run_interruptible
-from servolink.cli.usage import usage_error
+from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.session import Interruption, agreed, refuse_unasked, run_interruptible
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
@@ -190,18 +188,13 @@ def run_forget(args: argparse.Namespace) -> int:
         return fail(f"nothing is known of a board {name!r} (profiles: {known}); nothing was changed", FAILED)
     path = profile_path(name)
     question = f"this removes {path} with all limits of {name}"
-    if not args.yes and (args.json or not can_ask()):
-        usage_error(args, f"{question}; --yes does so without asking")
+    refuse_unasked(args, f"{question}; --yes does so without asking")
 
     async def main(interruption: Interruption) -> int:
-        if not args.yes and not await confirm(f"{question}. Forget it?"):
-            print_error(f"servolink: {interruption.state}")
+        if not await agreed(args, interruption, f"{question}. Forget it?"):
             return FAILED
         await asyncio.to_thread(remove_profile, name)
-        if args.json:
-            print_json({"forgotten": name})
-        else:
-            print_text(f"what was known of {name} is forgotten; it keeps its name")
+        print_result(args, {"forgotten": name}, f"what was known of {name} is forgotten; it keeps its name")
         return OK
 
     return run_interruptible(main, "nothing was changed")

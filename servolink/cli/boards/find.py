@@ -10,9 +10,8 @@ from itertools import zip_longest
 
 from servolink.cli.arguments import timeout
 from servolink.cli.command import FIRST_STEPS, STORED, Command, one_of, option
-from servolink.cli.screen.output import Table, fail, print_error, print_json, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, run_interruptible, run_with_board
+from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.session import Interruption, agreed, on_board, refuse_unasked, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
@@ -157,14 +156,11 @@ def _keep_name(args: argparse.Namespace) -> int:
     question = f"{args.name} is {_meant(before)} now"
     if args.name in profile_names() and not is_same_place(before.url, alias.url):
         question += f", which would lose its limits to {_meant(alias)}: see `servolink board show {args.name}`"
-    if args.json or not can_ask():
-        usage_error(args, f"{question}; --yes gives the name to {alias.url}")
+    refuse_unasked(args, f"{question}; --yes gives the name to {alias.url}")
 
     async def main(interruption: Interruption) -> int:
-        if await confirm(f"{question}. Give the name to {alias.url}?"):
-            return _save(args, alias)
-        print_error(f"servolink: {interruption.state}")
-        return FAILED
+        is_agreed = await agreed(args, interruption, f"{question}. Give the name to {alias.url}?")
+        return _save(args, alias) if is_agreed else FAILED
 
     return run_interruptible(main, "nothing was changed")
 
@@ -178,10 +174,7 @@ def _options(args: argparse.Namespace) -> dict[str, str]:
 
 def _save(args: argparse.Namespace, alias: Alias) -> int:
     save_alias(args.name, alias)
-    if args.json:
-        print_json(_named(args.name, alias))
-    else:
-        print_text(f"{args.name} is {_meant(alias)}; kept in {aliases_path()}")
+    print_result(args, _named(args.name, alias), f"{args.name} is {_meant(alias)}; kept in {aliases_path()}")
     return OK
 
 
@@ -239,32 +232,29 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
     help="show project id, memory, battery and what is stored on the board",
     examples=("info", "info --json", "info --timeout 10"),
 )
-def run_info(args: argparse.Namespace) -> int:
+@on_board()
+async def run_info(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Ask for everything and print it."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        memory = await board.memory()
-        described = {
-            "url": board.url,
-            "project_id": await board.project_id(),
-            "has_unfinished_import": await board.has_unfinished_import(),
-            "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
-            "battery_percent": await board.battery(),
-            "servos": len(await board.servo_ids()),
-            "actions": len(await board.actions()),
-            "macros": len(await board.macros()),
-            "joystick_tables": len(await board.joystick_tables()),
-            "active_joystick_table": await board.active_joystick_table(),
-            "angle_unit": board.unit_of(ALL_SERVOS),
-            "round_trip_seconds": board.stats.round_trip(50),
-        }
-        if args.json:
-            print_json(described)
-        else:
-            print_table(_facts(described, memory.size, memory.total_size))
-        return OK
-
-    return run_with_board(args, talk)
+    memory = await board.memory()
+    described = {
+        "url": board.url,
+        "project_id": await board.project_id(),
+        "has_unfinished_import": await board.has_unfinished_import(),
+        "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
+        "battery_percent": await board.battery(),
+        "servos": len(await board.servo_ids()),
+        "actions": len(await board.actions()),
+        "macros": len(await board.macros()),
+        "joystick_tables": len(await board.joystick_tables()),
+        "active_joystick_table": await board.active_joystick_table(),
+        "angle_unit": board.unit_of(ALL_SERVOS),
+        "round_trip_seconds": board.stats.round_trip(50),
+    }
+    if args.json:
+        print_json(described)
+    else:
+        print_table(_facts(described, memory.size, memory.total_size))
+    return OK
 
 
 def _facts(described: dict[str, object], free: int, total: int | None) -> Table:

@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import Command, option
-from servolink.cli.screen.output import Table, counted, print_json, print_table, print_text
-from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
+from servolink.cli.session import (
+    UNFINISHED_IMPORT,
+    UNTOUCHED,
+    Interruption,
+    on_board,
+    refuse_without_answer,
+    run_with_board,
+)
 from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
 from servolink.script import OK
@@ -26,26 +33,24 @@ _DUMMY = bytes(range(16))
     examples=("board project-id", "board project-id 7"),
     options=(option("id", nargs="?", type=whole_number(0, 2**31 - 1), metavar="ID", help="write this one; 0: none"),),
 )
-def run_project_id(args: argparse.Namespace) -> int:
+@on_board(state=UNTOUCHED)
+async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the project id, or write another one and read it back."""
     from servolink.project.model import is_unfinished
 
-    async def talk(board: Board, interruption: Interruption) -> int:
-        if args.id is not None:
-            await refuse_marker(board, args.id)
-            interruption.state = f"project id {args.id} may have been written"
-            await board.write_project_id(args.id)
-        project_id = await board.project_id()
-        if args.id is not None and project_id != args.id:
-            raise ProjectError(f"{board.url} accepted project id {args.id}, but reports {project_id}")
-        if args.json:
-            print_json({"project_id": project_id, "has_unfinished_import": await board.has_unfinished_import()})
-        else:
-            shown = "none: an import is unfinished" if is_unfinished(project_id) else project_id or "none"
-            print_text(f"project id {shown}")
-        return OK
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    if args.id is not None:
+        await refuse_marker(board, args.id)
+        interruption.state = f"project id {args.id} may have been written"
+        await board.write_project_id(args.id)
+    project_id = await board.project_id()
+    if args.id is not None and project_id != args.id:
+        raise ProjectError(f"{board.url} accepted project id {args.id}, but reports {project_id}")
+    if args.json:
+        print_json({"project_id": project_id, "has_unfinished_import": await board.has_unfinished_import()})
+    else:
+        shown = "none: an import is unfinished" if is_unfinished(project_id) else project_id or "none"
+        print_text(f"project id {shown}")
+    return OK
 
 
 async def refuse_marker(board: Board, project_id: int) -> None:
@@ -74,50 +79,35 @@ async def refuse_marker(board: Board, project_id: int) -> None:
         ),
     ),
 )
-def run_mode(args: argparse.Namespace) -> int:
+@on_board(state=UNTOUCHED)
+async def run_mode(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Set the transmission mode."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        interruption.state = f"transmission mode {args.mode} may have been set"
-        await board.set_transmission_mode(args.mode)
-        if args.json:
-            print_json({"transmission_mode": args.mode})
-        else:
-            print_text(f"the board is in transmission mode {args.mode}")
-        return OK
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    interruption.state = f"transmission mode {args.mode} may have been set"
+    await board.set_transmission_mode(args.mode)
+    print_result(args, {"transmission_mode": args.mode}, f"the board is in transmission mode {args.mode}")
+    return OK
 
 
 @Command("board memory", help="show how much memory is free", examples=("board memory", "board memory --json"))
-def run_memory(args: argparse.Namespace) -> int:
+@on_board(state=UNTOUCHED)
+async def run_memory(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the memory."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        memory = await board.memory()
-        if args.json:
-            print_json({"size_bytes": memory.size, "total_size_bytes": memory.total_size})
-        else:
-            total = "unknown" if memory.total_size is None else f"{memory.total_size:,} bytes"
-            print_table(Table((), [("free", f"{memory.size:,} bytes"), ("in all", total)]))
-        return OK
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    memory = await board.memory()
+    if args.json:
+        print_json({"size_bytes": memory.size, "total_size_bytes": memory.total_size})
+    else:
+        total = "unknown" if memory.total_size is None else f"{memory.total_size:,} bytes"
+        print_table(Table((), [("free", f"{memory.size:,} bytes"), ("in all", total)]))
+    return OK
 
 
 @Command("board battery", help="show the charge of the battery", examples=("board battery", "board battery --json"))
-def run_battery(args: argparse.Namespace) -> int:
+@on_board(state=UNTOUCHED)
+async def run_battery(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the charge."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        percent = await board.battery()
-        if args.json:
-            print_json({"battery_percent": percent})
-        else:
-            print_text(f"{percent} %")
-        return OK
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    percent = await board.battery()
+    print_result(args, {"battery_percent": percent}, f"{percent} %")
+    return OK
 
 
 @Command(

@@ -11,7 +11,7 @@ from servolink.cli.arguments import whole_number
 from servolink.cli.command import DEVELOPERS, Command, option
 from servolink.cli.screen.live import counting
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.session import Interruption, on_board
 from servolink.client.board import Board
 from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.packet import Query
@@ -38,34 +38,31 @@ _PERCENTILES = (50, 90, 99)
         ),
     ),
 )
-def run(args: argparse.Namespace) -> int:
+@on_board()
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Measure each kind of query in turn; nothing on the board is changed."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        results = []
-        for what, query in _QUERIES:
-            with counting(what, args.requests) as count:
-                results.append(await _measure(board, query, args.requests, count))
-        stats = board.stats.as_dict()
-        if args.json:
-            print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
-            return OK
-        rows = [
-            (
-                what,
-                round(result["requests_per_second"]),
-                result["bytes_per_second"],
-                # None if every response came late, when the query had been sent again.
-                *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
-            )
-            for (what, _), result in zip(_QUERIES, results, strict=True)
-        ]
-        percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
-        print_table(Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind"))
-        print_text(f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}")
+    results = []
+    for what, query in _QUERIES:
+        with counting(what, args.requests) as count:
+            results.append(await _measure(board, query, args.requests, count))
+    stats = board.stats.as_dict()
+    if args.json:
+        print_json({"url": board.url, "requests": args.requests, "results": results, "stats": stats})
         return OK
-
-    return run_with_board(args, talk)
+    rows = [
+        (
+            what,
+            round(result["requests_per_second"]),
+            result["bytes_per_second"],
+            # None if every response came late, when the query had been sent again.
+            *(seconds and round(seconds * 1000, 2) for seconds in result["round_trip_seconds"].values()),
+        )
+        for (what, _), result in zip(_QUERIES, results, strict=True)
+    ]
+    percentiles = (f"p{percent} ms" for percent in _PERCENTILES)
+    print_table(Table(("query", "responses/s", "bytes/s", *percentiles), rows, f"{args.requests} of each kind"))
+    print_text(f"responses too late: {stats['timeouts']}, bytes outside frames: {sum(stats['skipped'].values())}")
+    return OK
 
 
 async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import DEVELOPERS, Command, one_of, option
-from servolink.cli.screen.output import counted, print_error, print_json, print_text
+from servolink.cli.screen.output import counted, print_error, print_json, print_result, print_text
 from servolink.errors import DecodeError, EncodeError, ServolinkError
 from servolink.escaping import escape
 from servolink.json_text import read_json
@@ -93,10 +93,7 @@ def run_encode(args: argparse.Namespace) -> int:
             else:
                 print_error(f"servolink: {'object' if args.objects else 'line'} {number}: {error}")
         else:
-            if args.json:
-                print_json({"bytes": frame})
-            else:
-                print_text(frame)
+            print_result(args, {"bytes": frame}, frame)
     return outcome
 
 

@@ -12,9 +12,7 @@ from servolink.cli.developers.packets import lines_for, parse_object
 from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import print_error, print_json, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
-from servolink.cli.usage import usage_error
+from servolink.cli.session import UNTOUCHED, Interruption, agreed, refuse_unasked, run_with_board
 from servolink.errors import EncodeError
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest
@@ -63,14 +61,13 @@ def run(args: argparse.Namespace) -> int:
     packet = _packet(args)
     limits = limits_of(args)
     question = _question(packet)
-    if question and not args.yes and (args.json or not can_ask()):
-        usage_error(args, f"{question}; --yes does so without asking")
+    if question:
+        refuse_unasked(args, f"{question}; --yes does so without asking")
 
     async def talk(board: Board, interruption: Interruption) -> int:
         if isinstance(packet, WriteProjectIDRequest):
             await refuse_marker(board, packet.project_id)
-        if question and not args.yes and not await confirm(f"{question}. Send it?"):
-            print_error(f"servolink: {interruption.state}")
+        if question and not await agreed(args, interruption, f"{question}. Send it?"):
             return FAILED
         if isinstance(packet, _OVERWRITES) and not args.no_backup:
             await _save(board, args)

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import file_path, whole_number
 from servolink.cli.command import Command, option
-from servolink.cli.fleet.boards import NOBODY
-from servolink.cli.fleet.broker import BROKER, GROUPS, fleet_of
+from servolink.cli.fleet.broker import BROKER, GROUPS, boards_of
 from servolink.cli.screen.live import PHASES
-from servolink.cli.screen.output import Table, counted, fail, print_error, print_json, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
-from servolink.cli.usage import usage_error
-from servolink.script import FAILED, NO_BOARD, OK
+from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.terminal import confirm
+from servolink.cli.session import Interruption, agreed, refuse_unasked, refuse_without_answer, run_interruptible
+from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.control.messages import Applied
@@ -63,10 +61,7 @@ def run_apply(args: argparse.Namespace) -> int:
     refuse_without_answer(args)
 
     async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            await fleet.list()
-            if not fleet.controller.roster.online:
-                return fail(NOBODY, NO_BOARD)
+        async with boards_of(args) as fleet:
             return await _Apply(args, fleet, interruption, project, unchecked=unchecked).run()
 
     return run_interruptible(main, _UNCHANGED)
@@ -211,10 +206,7 @@ def run_export(args: argparse.Namespace) -> int:
         raise ProjectError(f"{args.folder} is not a folder; choose another name")
 
     async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            await fleet.list()
-            if not fleet.controller.roster.online:
-                return fail(NOBODY, NO_BOARD)
+        async with boards_of(args) as fleet:
             return await _export(args, fleet, interruption)
 
     return run_interruptible(main, "no file was written")
@@ -225,11 +217,10 @@ async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interrup
 
     boards = fleet.boards(args.on or "all")
     there = [path.name for board in boards if (path := export_path(args.folder, board)).exists()]
-    if there and not args.yes:
-        if args.json or not can_ask():
-            usage_error(args, f"{args.folder} holds {', '.join(there)} already; --yes replaces them")
-        if not await confirm(f"{args.folder} holds {', '.join(there)} already. Replace them?"):
-            print_error(f"servolink: {interruption.state}")
+    if there:
+        held = f"{args.folder} holds {', '.join(there)} already"
+        refuse_unasked(args, f"{held}; --yes replaces them")
+        if not await agreed(args, interruption, f"{held}. Replace them?"):
             return FAILED
     args.folder.mkdir(parents=True, exist_ok=True)
     interruption.state = f"some files in {args.folder} may be written, each whole"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, option
-from servolink.cli.fleet.broker import BROKER, fleet_of
+from servolink.cli.fleet.broker import BROKER, NOBODY, fleet_of
 from servolink.cli.screen.output import Table, counted, fail, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
@@ -16,8 +16,6 @@ from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
     from servolink.fleet.roster import BoardSeen
-
-NOBODY = "no board has joined this broker under this prefix: run `servolink fleet join` on the machine of a board"
 
 
 @Command(

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import group, option
+from servolink.errors import OpenError
 
 if TYPE_CHECKING:
     from servolink.fleet.access import BrokerAccess
@@ -15,6 +18,7 @@ if TYPE_CHECKING:
 
 BROKER_VARIABLE = "SERVOLINK_BROKER"
 _BROKER = "mqtt://localhost"
+NOBODY = "no board has joined this broker under this prefix: run `servolink fleet join` on the machine of a board"
 
 
 ACCESS = (
@@ -80,3 +84,13 @@ def fleet_of(args: argparse.Namespace, *, servos: bool = False) -> Fleet:
     url = args.broker or os.environ.get(BROKER_VARIABLE) or _BROKER
     groups = getattr(args, "groups", None)
     return fleet.connect(access_of(args, url), prefix=args.prefix or PREFIX, groups=groups, servos=servos)
+
+
+@asynccontextmanager
+async def boards_of(args: argparse.Namespace) -> AsyncIterator[Fleet]:
+    """Yield the fleet of `args`, connected. Raise OpenError if no board is there."""
+    async with fleet_of(args) as fleet:
+        await fleet.list()
+        if not fleet.controller.roster.online:
+            raise OpenError(NOBODY)
+        yield fleet

@@ -13,7 +13,7 @@ from servolink.cli.arguments import board_name, file_path, not_empty, number, ti
 from servolink.cli.command import Command, group, option
 from servolink.cli.fleet.broker import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
-from servolink.cli.screen.output import counted, print_error, print_json, print_text, text_width
+from servolink.cli.screen.output import counted, cut, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.errors import TransportUnavailable, install_extra
@@ -147,7 +147,4 @@ def _status_line(fleet: Fleet, broker: str, width: int) -> tuple[bool, str]:
     parts = [broker if is_joined else f"{broker} (not connected)", counted(len(nows), "board")]
     if is_joined and away:
         parts.append(f"not connected: {', '.join(away)}")
-    text = escape("  ".join(parts + moved))
-    while text_width(text) > width:
-        text = text[:-1]
-    return is_joined and not away, text
+    return is_joined and not away, cut(escape("  ".join(parts + moved)), width)

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME, number
 from servolink.cli.command import Command, option
-from servolink.cli.fleet.boards import NOBODY
-from servolink.cli.fleet.broker import BROKER, GROUPS, fleet_of
-from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
+from servolink.cli.fleet.broker import BROKER, GROUPS, NOBODY, boards_of, fleet_of
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.script import FAILED, NO_BOARD, OK
 
@@ -40,10 +39,7 @@ def run_together(args: argparse.Namespace) -> int:
     """Prepare all boards, and start them with one message."""
 
     async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            await fleet.list()
-            if not fleet.controller.roster.online:
-                return fail(NOBODY, NO_BOARD)
+        async with boards_of(args) as fleet:
             interruption.state = "boards may have been started; `servolink fleet stop` stops all"
             ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)
             interruption.state = "boards were started; `servolink fleet stop` stops all"

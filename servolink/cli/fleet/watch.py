@@ -12,7 +12,7 @@ from servolink.cli.command import Command, option
 from servolink.cli.fleet.boards import battery_of, described, problems_of, state_of
 from servolink.cli.fleet.broker import BROKER, fleet_of
 from servolink.cli.screen.live import Line, can_draw, pictures
-from servolink.cli.screen.output import Table, counted, plain_lines, print_json, print_text, text_width
+from servolink.cli.screen.output import Table, counted, cut, plain_lines, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
 from servolink.escaping import escape
@@ -118,7 +118,7 @@ def picture(boards: Sequence[BoardSeen], width: int, height: int) -> list[Line]:
     names, *rows = plain_lines(_table(shown)) if shown else [""]
     styles = [_STYLES[_rank(seen)] for seen in shown]
     lines = [*head, (names, "bold"), *zip(rows, styles, strict=True), ("", ""), *foot]
-    return [(_cut(escape(text), width), style) for text, style in lines[:height]]
+    return [(cut(escape(text), width), style) for text, style in lines[:height]]
 
 
 _STYLES = ("bold red", "yellow", "", "dim")
@@ -157,9 +157,3 @@ def _hottest(seen: BoardSeen) -> int | None:
     if not seen.is_online or (frame := seen.servos) is None:
         return None
     return max((servo.temperature_raw for servo in frame.servos), default=None)
-
-
-def _cut(text: str, width: int) -> str:
-    while text_width(text) > width:
-        text = text[:-1]
-    return text

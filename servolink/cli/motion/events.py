@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.command import MOVE, Command, option
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.cli.session import ENDLESS, Interruption, run_with_board
+from servolink.cli.session import ENDLESS, Interruption, on_board
 from servolink.script import OK
 
 if TYPE_CHECKING:
@@ -28,28 +28,25 @@ if TYPE_CHECKING:
         option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
     ),
 )
-def run(args: argparse.Namespace) -> int:
+@on_board(reconnect=True)
+async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print events until there are enough, or until Ctrl-C."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        async with board.button_events() as events:
-            print_error("listening for button events until Ctrl-C")
-            interruption.state = "no more events are shown"
-            if args.count is None and args.seconds is None:
-                interruption.code = OK
-            reporting = asyncio.create_task(_report_states(board))
-            try:
-                async with asyncio.timeout(args.seconds):
-                    await _print_events(events, args)
-            except TimeoutError:
-                pass
-            finally:
-                reporting.cancel()
-                if events.dropped:
-                    print_error(f"servolink: {counted(events.dropped, 'event')} lost: they came too fast")
-        return OK
-
-    return run_with_board(args, talk, reconnect=True)
+    async with board.button_events() as events:
+        print_error("listening for button events until Ctrl-C")
+        interruption.state = "no more events are shown"
+        if args.count is None and args.seconds is None:
+            interruption.code = OK
+        reporting = asyncio.create_task(_report_states(board))
+        try:
+            async with asyncio.timeout(args.seconds):
+                await _print_events(events, args)
+        except TimeoutError:
+            pass
+        finally:
+            reporting.cancel()
+            if events.dropped:
+                print_error(f"servolink: {counted(events.dropped, 'event')} lost: they came too fast")
+    return OK
 
 
 async def _report_states(board: Board) -> None:

@@ -14,8 +14,7 @@ from servolink.cli.command import MOVE, Command, group, one_of, option
 from servolink.cli.motion.servos import are, listed, print_servos, reported
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, run_with_board
+from servolink.cli.session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.errors import ProfileError, RequestError, ServolinkError
 from servolink.motion.angles import Adc, Angle, Degrees
@@ -301,14 +300,10 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
 
 def check_can_release(args: argparse.Namespace) -> None:
     """End as wrong usage if nobody has said --yes and nobody can be asked."""
-    if not args.yes and (args.json or not can_ask()):
-        usage_error(args, f"{_WARNING}; add --yes if they may")
+    refuse_unasked(args, f"{_WARNING}; add --yes if they may")
 
 
 async def may_release(args: argparse.Namespace, interruption: Interruption, which: str) -> bool:
     """Return whether the servos may go limp, after asking if need be."""
     interruption.state = "nothing was released"
-    if args.yes or await confirm(f"{_WARNING}. Release {which}?"):
-        return True
-    print_error(f"servolink: {interruption.state}")
-    return False
+    return await agreed(args, interruption, f"{_WARNING}. Release {which}?")

@@ -22,7 +22,7 @@ from servolink.cli.motion.move import check_can_release, chosen_servos, may_rele
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
 from servolink.cli.motion.servos import are, listed, reported
 from servolink.cli.motion.teach_session import CaptureSession, ReleasedServos
-from servolink.cli.screen.output import counted, is_terminal, print_error, print_json, print_text
+from servolink.cli.screen.output import counted, is_terminal, print_error, print_json, print_result, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.usage import usage_error
@@ -236,10 +236,7 @@ async def play_lesson(board: Board, interruption: Interruption, args: argparse.N
     if started:
         await _keep(board, "stays", f"{are([servo.servo_id for servo in started])} started, and none turned by that")
     await play(board, interruption, found, shown=not args.json and is_terminal())
-    if args.json:
-        print_json({"played": args.name, "duration_seconds": found.seconds()})
-    else:
-        print_text(f"{name_of_run(found)} was played")
+    print_result(args, {"played": args.name, "duration_seconds": found.seconds()}, f"{name_of_run(found)} was played")
 
 
 async def _is_wanted(args: argparse.Namespace, name: str) -> bool:

@@ -17,8 +17,8 @@ from servolink.cli.motion.servos import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
 from servolink.cli.screen.output import angle_text, fail, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
-from servolink.cli.screen.terminal import can_ask, confirm, single_keys
-from servolink.cli.session import ENDLESS, Interruption, is_answered, run_with_board
+from servolink.cli.screen.terminal import confirm, single_keys
+from servolink.cli.session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.alarms import RaisedAlarm
 from servolink.errors import ConnectionLost, NotFound, ServolinkError
@@ -93,8 +93,8 @@ def run(args: argparse.Namespace) -> int:
     if args.csv is not None and not may_replace(args.csv):
         usage_error(args, f"{args.csv} exists and holds no such rows, so it is not replaced; choose another name")
     asks = args.csv is not None and args.csv.exists() and not args.yes
-    if asks and (args.json or not can_ask()):
-        usage_error(args, f"{args.csv} exists; --yes replaces it")
+    if asks:
+        refuse_unasked(args, f"{args.csv} exists; --yes replaces it")
 
     from servolink.cli.screen.live import can_draw
 

@@ -7,7 +7,7 @@ import argparse
 from servolink.cli.arguments import SERVO_NAME, file_path, new_file, number, or_caption, whole_number
 from servolink.cli.command import Command, option
 from servolink.cli.projects.source import FORCE, OUTPUT, SOURCE, with_project, write_edited, write_new
-from servolink.cli.screen.output import counted, print_json, print_text
+from servolink.cli.screen.output import counted, print_result
 from servolink.cli.usage import usage_error
 from servolink.project.adjust import rename_record, rename_servo, scale_project
 from servolink.project.build import build_project
@@ -223,10 +223,11 @@ def run_new(args: argparse.Namespace) -> int:
     rest = Action.pose("Rest", dict.fromkeys(servo_ids, 0), seconds=1.0)
     project = build_project(rest, captions={servo_id: f"servo {servo_id}" for servo_id in servo_ids})
     write_new(args, args.file, project)
-    if args.json:
-        print_json({"file": str(args.file), "servos": args.servos, "actions": len(project.actions)})
-    else:
-        print_text(f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'")
+    print_result(
+        args,
+        {"file": str(args.file), "servos": args.servos, "actions": len(project.actions)},
+        f"{args.file}: written, with {counted(args.servos, 'servo')} and action 1 'Rest'",
+    )
     return OK
 
 

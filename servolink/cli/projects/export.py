@@ -10,10 +10,8 @@ from msgspec.structs import replace
 from servolink.cli.arguments import new_file
 from servolink.cli.command import PROJECTS, Command, option
 from servolink.cli.screen.live import shown_progress
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, run_with_board
-from servolink.cli.usage import usage_error
+from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape
@@ -38,13 +36,11 @@ from servolink.script import FAILED, OK
 def run_export(args: argparse.Namespace) -> int:
     """Read everything from the board and write the file, whole or not at all, after asking if it exists."""
     _refuse_other_files(args.file)
-    asks = args.file.exists() and not args.yes
-    if asks and (args.json or not can_ask()):
-        usage_error(args, f"{args.file} exists; --yes replaces it")
+    if is_there := args.file.exists():
+        refuse_unasked(args, f"{args.file} exists; --yes replaces it")
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        if asks and not await confirm(f"{args.file} exists. Replace it?"):
-            print_error(f"servolink: {interruption.state}")
+        if is_there and not await agreed(args, interruption, f"{args.file} exists. Replace it?"):
             return FAILED
         with shown_progress(board, quiet=args.json) as on_progress:
             project = await board.export_project(on_progress=on_progress)
@@ -54,11 +50,12 @@ def run_export(args: argparse.Namespace) -> int:
         save_project(args.file, project, unchecked=bool(odd))
         interruption.state = f"{args.file} is written"
         counts = {kind.field: len(getattr(project, kind.field)) for kind in STORED_TYPES}
-        if args.json:
-            print_json({"file": str(args.file), "project_id": project.project_id, **counts})
-        else:
-            texts = ", ".join(counted(counts[kind.field], kind.label) for kind in STORED_TYPES)
-            print_text(f"{args.file}: project {project.project_id or 'without id'}, {texts}")
+        texts = ", ".join(counted(counts[kind.field], kind.label) for kind in STORED_TYPES)
+        print_result(
+            args,
+            {"file": str(args.file), "project_id": project.project_id, **counts},
+            f"{args.file}: project {project.project_id or 'without id'}, {texts}",
+        )
         if odd:
             print_error(
                 "servolink: the board holds values that servolink would not write unasked, such as "

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from servolink.cli.screen.output import console, counted, print_json, print_text, text_width
+from servolink.cli.screen.output import console, counted, cut, print_json, print_text, text_width
 from servolink.cli.screen.terminal import cleanup
 from servolink.escaping import escape
 
@@ -94,9 +94,7 @@ def status_line(status: RecorderStatus, width: int, *, is_ring: bool = False) ->
     text, keys = escape("  ".join(parts)), f"  m: mark{'  w: write' if is_ring else ''}  q: end"
     if text_width(text + keys) <= width:
         return text + keys
-    while text_width(text) > width:
-        text = text[:-1]
-    return text
+    return cut(text, width)
 
 
 def summary(status: RecorderStatus, *, is_ring: bool) -> str:

@@ -18,6 +18,7 @@ from servolink.cli.screen.output import (
     Table,
     console,
     counted,
+    cut,
     is_terminal,
     print_error,
     print_json,
@@ -191,9 +192,7 @@ def _print_line(line: Line) -> None:
 
 
 def _sized(who: str) -> str:
-    who = escape(who)
-    while text_width(who) > _WHO:
-        who = who[:-1]
+    who = cut(escape(who), _WHO)
     return who + " " * (_WHO - text_width(who))
 
 

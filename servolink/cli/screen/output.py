@@ -5,6 +5,7 @@ Text from outside (a board, a file, the system) is escaped here and nowhere else
 
 from __future__ import annotations
 
+import argparse
 import errno
 import json
 import os
@@ -112,6 +113,14 @@ class Table:
 def print_json(described: dict[str, Any]) -> None:
     """Print one object on one line of ASCII."""
     print(json.dumps(described), flush=True)
+
+
+def print_result(args: argparse.Namespace, described: dict[str, Any], text: str, style: str = "") -> None:
+    """Print `described` for programs, with --json, or `text` for people."""
+    if args.json:
+        print_json(described)
+    else:
+        print_text(text, style)
 
 
 def print_table(table: Table) -> None:
@@ -248,3 +257,10 @@ def text_width(text: str) -> int:
         0 if unicodedata.combining(character) else 2 if unicodedata.east_asian_width(character) in "WF" else 1
         for character in text
     )
+
+
+def cut(text: str, width: int) -> str:
+    """Return as much of `text` as fits into `width` columns."""
+    while text_width(text) > width:
+        text = text[:-1]
+    return text

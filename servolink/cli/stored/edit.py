@@ -6,8 +6,8 @@ import argparse
 from functools import partial
 from typing import Any
 
-from servolink.cli.screen.output import print_json, print_text
-from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.cli.screen.output import print_result
+from servolink.cli.session import UNTOUCHED, Interruption, on_board, refuse_without_answer
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
 from servolink.cli.stored.show import kind_of
@@ -117,21 +117,15 @@ def run_delete(args: argparse.Namespace) -> int:
     return change_board(args, edit)
 
 
-def run_activate(args: argparse.Namespace) -> int:
+@on_board(state=UNTOUCHED)
+async def run_activate(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Make a joystick table the active one, and read it back."""
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        table = await board.joystick_table(args.record)
-        interruption.state = f"{name_of(table)} may be active"
-        await board.set_active_joystick_table(table.table_id)
-        active = await board.active_joystick_table()
-        interruption.state = f"joystick table {active or 'none'} is active"
-        if active != table.table_id:
-            raise ProjectError(f"{board.url} accepted {name_of(table)}, but reports {active or 'none'} as active")
-        if args.json:
-            print_json({"active_joystick_table": active})
-        else:
-            print_text(f"{name_of(table)} is active")
-        return OK
-
-    return run_with_board(args, talk, state=UNTOUCHED)
+    table = await board.joystick_table(args.record)
+    interruption.state = f"{name_of(table)} may be active"
+    await board.set_active_joystick_table(table.table_id)
+    active = await board.active_joystick_table()
+    interruption.state = f"joystick table {active or 'none'} is active"
+    if active != table.table_id:
+        raise ProjectError(f"{board.url} accepted {name_of(table)}, but reports {active or 'none'} as active")
+    print_result(args, {"active_joystick_table": active}, f"{name_of(table)} is active")
+    return OK

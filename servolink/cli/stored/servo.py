@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.command import Command, option
+from servolink.cli.motion.servos import print_servos
+from servolink.cli.screen.output import print_json, print_text
+from servolink.cli.session import UNTOUCHED, Interruption, on_board, run_with_board
+from servolink.errors import NotFound
 from servolink.script import OK
 
 if TYPE_CHECKING:
@@ -19,20 +23,15 @@ _ANY = "id or caption, or all"
 _SERVOS = (option("servos", nargs="+", type=SERVO_NAME, metavar="SERVO", help=_ANY),)
 
 
-def run_state(args: argparse.Namespace) -> int:
+@on_board(state="no servo was changed")
+async def run_state(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Start servos, or stop and hold them, and print what the servos then report."""
-    from servolink.cli.motion.servos import print_servos
-    from servolink.cli.session import Interruption, run_with_board
-
-    async def talk(board: Board, interruption: Interruption) -> int:
-        servo_ids, captions = await _find_servos(board, args.servos)
-        for servo_id in servo_ids:
-            interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
-            await board.set_servo(servo_id, start=args.start, hold=True)
-        print_servos(await board.servos(), as_json=args.json, captions=captions)
-        return OK
-
-    return run_with_board(args, talk, state="no servo was changed")
+    servo_ids, captions = await _find_servos(board, args.servos)
+    for servo_id in servo_ids:
+        interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
+        await board.set_servo(servo_id, start=args.start, hold=True)
+    print_servos(await board.servos(), as_json=args.json, captions=captions)
+    return OK
 
 
 SERVO_START = Command(
@@ -65,25 +64,21 @@ _SERVO = (option("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption"
         option("unit", choices=("degree", "adc"), metavar="degree|adc", help="degrees or raw ADC readings"),
     ),
 )
-def run_unit(args: argparse.Namespace) -> int:
+@on_board(state="no unit was set", angle_unit=None)
+async def run_unit(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Set the unit of angles."""
-    from servolink.cli.screen.output import print_json, print_text
-    from servolink.cli.session import Interruption, run_with_board
     from servolink.protocol.servos import ALL_SERVOS
 
-    async def talk(board: Board, interruption: Interruption) -> int:
-        servo_ids, _ = await _find_servos(board, args.servos)
-        for servo_id in servo_ids:
-            interruption.state = "units of angles may have been set"
-            await board.set_angle_unit(args.unit, servo_id)
-        if args.json:
-            print_json({"servo_ids": servo_ids, "angle_unit": args.unit})
-        else:
-            which = "all servos" if ALL_SERVOS in servo_ids else ", ".join(f"servo {one}" for one in servo_ids)
-            print_text(f"{which}: angles are in {'degrees' if args.unit == 'degree' else 'raw ADC readings'}")
-        return OK
-
-    return run_with_board(args, talk, state="no unit was set", angle_unit=None)
+    servo_ids, _ = await _find_servos(board, args.servos)
+    for servo_id in servo_ids:
+        interruption.state = "units of angles may have been set"
+        await board.set_angle_unit(args.unit, servo_id)
+    if args.json:
+        print_json({"servo_ids": servo_ids, "angle_unit": args.unit})
+    else:
+        which = "all servos" if ALL_SERVOS in servo_ids else ", ".join(f"servo {one}" for one in servo_ids)
+        print_text(f"{which}: angles are in {'degrees' if args.unit == 'degree' else 'raw ADC readings'}")
+    return OK
 
 
 async def _find_servos(
@@ -94,7 +89,6 @@ async def _find_servos(
     Raise NotFound, before anything is changed, for a servo that is missing.
     """
     from servolink.client.names import find_servos
-    from servolink.errors import NotFound
     from servolink.protocol.servos import ALL_SERVOS
 
     found, captions = await find_servos(board, servos)
@@ -143,7 +137,6 @@ def _change(args: argparse.Namespace, **fields: Any) -> int:
     """Change what the board stores for one servo."""
     from msgspec.structs import replace
 
-    from servolink.cli.session import UNTOUCHED, Interruption, run_with_board
     from servolink.cli.stored.change import change_parameters
 
     async def talk(board: Board, interruption: Interruption) -> int:

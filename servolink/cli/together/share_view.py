@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager
 from msgspec import Struct
 
 from servolink.cli.screen.live import staying_line
-from servolink.cli.screen.output import Table, counted, print_error, text_width
+from servolink.cli.screen.output import Table, counted, cut, print_error
 from servolink.control.notifications import (
     ConnectionNow,
     HoldNotice,
@@ -81,10 +81,7 @@ def status_line(status: HubStatus, rate: float, width: int) -> str:
     ]
     if status.hold is not None:
         parts.insert(1, f"used alone by {status.hold.who}")
-    text = escape("  ".join(parts))
-    while text_width(text) > width:
-        text = text[:-1]
-    return text
+    return cut(escape("  ".join(parts)), width)
 
 
 def facts(status: HubStatus) -> Table:
