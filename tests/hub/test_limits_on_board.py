@@ -28,9 +28,9 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
 )
 from tests.client.fake_board import SWALLOWED, late, lie
+from tests.control.test_roles import REQUESTS, example
 from tests.hub.raw_program import RawProgram
 from tests.hub.shared_world import MOVE, STOP, World, on_hub
-from tests.hub.test_roles import REQUESTS, example
 
 # --- roles and limits -------------------------------------------------------------------------------------------------
 
