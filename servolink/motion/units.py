@@ -17,9 +17,9 @@ class ServoUnits(Struct):
     """
 
     common: AngleUnit | None = None
-    """Unit of all servos without one of their own; None if it is unknown."""
+    """Unit of all servos without one of their own; None for an unknown unit."""
     own: dict[int, AngleUnit | None] = field(default_factory=dict)
-    """By servo id, the unit of those that may differ from `common`; None if it is unknown."""
+    """Units of servos that may differ from `common`, by servo id; None for an unknown unit."""
 
     def of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit of a servo, None if it is unknown."""
@@ -56,8 +56,8 @@ class ServoUnits(Struct):
         Only `servo_ids` matter, None for all servos. Each request must be accepted, and no packet that depends on units
         may be under way meanwhile.
         """
-        # A servo with a unit of its own, here or there, exists: the board has accepted it. Others may not, and a board
-        # rejects a unit for a servo that it does not have. So those are set together with all.
+        # A servo with a unit of its own in either exists, as the board has accepted it. Others may not, and a board
+        # rejects a unit for a missing servo. So the unit of other servos is set for all servos together.
         existing = wanted.own.keys() | {servo_id for servo_id, unit in self.own.items() if unit is not None}
         others = (self.own.keys() if servo_ids is None else servo_ids) - existing
         if wanted.common is not None and (

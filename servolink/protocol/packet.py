@@ -117,7 +117,7 @@ def bare(hint: Any) -> Any:
 
 
 def metadata(hint: Any, kind: type) -> Any:
-    """Return the first metadata of this type, None if there is none."""
+    """Return the first metadata of this type; None without any."""
     return next((entry for entry in _all_metadata(hint) if isinstance(entry, kind)), None)
 
 

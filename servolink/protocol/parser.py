@@ -95,7 +95,7 @@ class FrameParser:
         """Stop waiting for the rest of the partial frame and return the frames inside it."""
         data = bytes(self._held)
         if len(data) < HEADER_SIZE:
-            return self._scan(data)  # it has claimed no length yet, and may not be a frame at all
+            return self._scan(data)  # without a length so far, perhaps not a frame at all
         self._reason = INCOMPLETE
         self._recovery.lose_sync()
         self._skip(data, 0, len(MAGIC), [])

@@ -73,7 +73,7 @@ class Recovery:
             start = end - OVERHEAD - len(frame[1])
             self.rereads = [reread for reread in self.rereads if reread > start]
         if len(self.rereads) >= self._deepest:
-            self.last = None  # it is inside so many others that it is not searched again
+            self.last = None  # nested too deeply for another search
         if not self.in_sync:
             self.in_sync, self._rest, self._inner, self._zeros = True, None, None, 0
         self.is_calm = self.last is not None and not self.rereads

@@ -1,4 +1,4 @@
-"""The methods about the board and its surroundings: what is here, why it does not work, and who else may come in."""
+"""Methods about the surroundings of a board: boards here, the doctor, and links for other machines."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class FoundBoards(Struct, frozen=True):
 
 
 class DoctorReport(Struct, frozen=True):
-    """What is wrong, in the order in which to deal with it."""
+    """Findings of the doctor, the first to be dealt with first."""
 
     findings: tuple[Finding, ...]
 
@@ -54,7 +54,7 @@ class LinkList(Struct, frozen=True):
 
     links: tuple[LinkAddress, ...]
     is_open_to_others: bool
-    """Whether there can be links."""
+    """Whether the studio was started for links."""
 
 
 class LinkChange(Struct, forbid_unknown_fields=True):
@@ -66,7 +66,7 @@ class LinkChange(Struct, forbid_unknown_fields=True):
 
 @METHODS.add("studio.boards", Role.EDIT)
 async def studio_boards(caller: Caller, params: NoParams) -> FoundBoards:
-    """Return the boards that are here. None of them is opened."""
+    """Return the boards on this machine without opening any."""
     found = boards(await asyncio.to_thread(search))
     ours = {caller.url, f"share://{caller.studio.hub}"}
     return FoundBoards(

@@ -104,7 +104,7 @@ class Drafts:
         return tuple(one for one in file.records if one.revision > told)
 
     async def save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
-        """Keep the edits of `who`; return those that are kept now, and what is kept where another one came before.
+        """Keep the edits of `who`; return the kept edits, and the earlier edits of others that won.
 
         Raise EncodeError, which names the place, for anything but a record.
         """
@@ -118,7 +118,7 @@ class Drafts:
             return self._save(edits, who)
 
     def _save(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
-        file = self._read()  # each time: another studio of this board may have written it
+        file = self._read()  # read each time: another studio of this board may have written the file
         is_told = file.revision == self._told
         records = {(one.kind, one.id): one for one in file.records}
         saved: list[Kept] = []
@@ -214,7 +214,7 @@ def _says_same(kept: Kept, edit: Edit) -> bool:
 
 
 def _fewer(records: list[Kept]) -> list[Kept]:
-    """Return at most as many as are kept, without the oldest of those that were given up."""
+    """Return the records that fit, without the oldest of the discarded ones."""
     if len(records) > MOST_RECORDS:
         excess = len(records) - MOST_RECORDS
         given_up = [number for number, one in enumerate(records) if one.is_discarded][:excess]

@@ -24,7 +24,7 @@ _logger = logging.getLogger(__name__)
 
 
 def read_figure(board: str) -> Figure | None:
-    """Return the figure of the board of this name, None if there is none, or none that can be read."""
+    """Return the figure of the board of this name; None for a missing or unreadable figure."""
     try:
         path = _path(board)
         return figure_from_json(read_json(read_file(path, MAX_SIZE)))

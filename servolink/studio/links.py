@@ -61,7 +61,7 @@ class Links:
         self._tokens: dict[LinkRole, Token] = {role: gate.new_token(role) for role in ROLES} if hosts else {}
 
     def addresses(self) -> tuple[LinkAddress, ...]:
-        """Return those that are valid; none for a studio that only this machine reaches."""
+        """Return the valid links; none for a studio reached from this machine only."""
         return tuple(
             LinkAddress(role, host, address, qr_code(address))
             for host in self._hosts

@@ -27,12 +27,12 @@ class OpenPage(Protocol):
     """A page that is open."""
 
     token: Token
-    """The one that it showed."""
+    """Token with which the page was opened."""
     who: str
     """What people call it."""
 
     def rename(self, who: str) -> None:
-        """Call it `who` from now on."""
+        """Give the page the name `who`."""
 
     def notify(self, name: str, params: Struct) -> None:
         """Send a notification."""
@@ -42,7 +42,7 @@ class OpenPage(Protocol):
 
 
 class Studio:
-    """What all pages have in common."""
+    """State that all pages share."""
 
     def __init__(self, hub: str) -> None:
         """Serve the board that is shared as `hub`."""

@@ -190,7 +190,7 @@ def _name_for_hub(who: str) -> str:
 
 
 def _profile_in(welcome: Welcome) -> ProfileInUse | None:
-    """Return the profile of the board, None if there is none, or one of another version of servolink."""
+    """Return the profile of the board; None without a profile, or with one of another version of servolink."""
     with suppress(msgspec.MsgspecError):
         found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
         return None if found is None else ProfileInUse(welcome.name, found)

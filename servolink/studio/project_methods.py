@@ -48,7 +48,7 @@ class Found(Struct, frozen=True):
 
 
 class Checked(Struct, frozen=True):
-    """All of them, errors first."""
+    """Findings, errors first."""
 
     found: tuple[Found, ...]
 

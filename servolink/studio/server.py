@@ -25,7 +25,7 @@ from servolink.studio.methods import Studio
 from servolink.studio.page import MOST_MESSAGE, serve_page
 
 HEADERS = {
-    # Nothing from elsewhere, nothing inline, and no page may show this one in a frame.
+    # Forbids other origins, inline code and frames.
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
         "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

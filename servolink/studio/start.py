@@ -50,7 +50,7 @@ async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -
 
 
 async def _check_hub(name: str) -> None:
-    """Raise OpenError, which says what to do, if no hub of this name is running."""
+    """Raise OpenError, with a remedy, without a running hub of this name."""
     greeting = Greeting(wants="rpc", who="studio: looking for the hub", role="watch")
     pipe, _ = await greet(name, greeting, asyncio.Protocol())
     pipe.abort()

@@ -31,7 +31,7 @@ class _Call(Generic[T]):
         self._function = function
         self._task: asyncio.Task[None] | None = None
         self._ended: SimpleQueue[None] = SimpleQueue()
-        self.result: T  # set if there is no error
+        self.result: T  # set without an error
         self.error: BaseException | None = None
 
     def start(self) -> None:
