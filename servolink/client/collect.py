@@ -10,9 +10,8 @@ from servolink.client.servos import Servo
 from servolink.errors import MotionRefused, NotFound, RequestError
 from servolink.project.model import Project
 from servolink.project.records import name_of
-from servolink.protocol.macro_playing import MAX_NESTING
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
-from servolink.protocol.records import Action, Macro
+from servolink.protocol.records import MAX_NESTING, Action, Macro
 
 if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
     from servolink.project.speed import Run

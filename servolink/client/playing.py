@@ -18,9 +18,8 @@ from servolink.errors import ConnectionLost, EncodeError, NotFound, RequestError
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
 from servolink.project.model import Project
-from servolink.protocol.macro_playing import MacroPlaying
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
-from servolink.protocol.records import Action, MacroCommandType, Step
+from servolink.protocol.records import Action, MacroCommandType, MacroPlaying, Step
 from servolink.protocol.servos import ExecuteActionRequest
 
 if TYPE_CHECKING:  # imported late: most programs play nothing

@@ -19,10 +19,9 @@ from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type, record_to_json
 from servolink.protocol.layout import layout
-from servolink.protocol.macro_playing import MAX_NESTING
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import MACRO, RECORD_TYPES, SERVO_PARAMETER, TABLE
-from servolink.protocol.records import Button, Macro, MacroCommandType, ServoParameter, Step
+from servolink.protocol.records import MAX_NESTING, Button, Macro, MacroCommandType, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS
 
 Severity: TypeAlias = Literal["error", "warning"]

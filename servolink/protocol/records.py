@@ -1,8 +1,9 @@
-"""The records stored on a board (document, 3.3 and 3.4), and their parts."""
+"""Records stored on a board (document, 3.3 and 3.4), their parts, and how a macro is played."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any
 
@@ -221,3 +222,56 @@ def _reference(macro: object, name: str) -> int:
     if not isinstance(macro, Macro):
         raise EncodeError(f"must be a Macro, such as Macro.of(caption, ...) makes, not {quote(macro)}", name)
     return RecordRef.of(macro)
+
+
+MAX_NESTING = 32
+"""How deep macros may run macros, itself included, on virtual boards and where a program follows what a macro runs.
+
+The document has no such limit.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class MacroPlaying:
+    """Plays macros without a clock: what moves is passed to `move`, and each pause is yielded in seconds.
+
+    All steps of an action start together, and it takes as long as its longest step. A ratio of 50 makes a command twice
+    as long, its delays too. A command takes its `total_interval`, or longer if what it runs does.
+    """
+
+    actions: Mapping[int, Action]
+    macros: Mapping[int, Macro]
+    move: Callable[[tuple[Step, ...], float], None]
+    """Takes the steps that start now, and their speed: at 0.5 each takes twice its interval."""
+    slowness: float = 1.0
+    """How many times longer than in the document an interval is on the board."""
+
+    def play(self, macro_id: int, speed: float = 1.0) -> Generator[float, None, float]:
+        """Run a macro, yielding each time to wait; return the time it took.
+
+        Every record that it needs must be there, no macro may run itself, and no ratio may be 0.
+        """
+        total = 0.0
+        for command in self.macros[macro_id].commands:
+            yield 0.0
+            elapsed = 0.0
+            for _ in range(command.loop):
+                elapsed += yield from self._play_once(command, speed * command.ratio / 100)
+            rest = command.total_interval / 1000 / speed - elapsed
+            if rest > 0:
+                yield rest
+            total += max(rest, 0.0) + elapsed
+        return total
+
+    def _play_once(self, command: MacroCommand, speed: float) -> Generator[float, None, float]:
+        if command.type == MacroCommandType.MACRO:
+            yield 0.0  # so that nested loops without any time are work, too, and interrupted after enough of it
+            return (yield from self.play(command.command_id, speed))
+        if command.type == MacroCommandType.DELAY:
+            duration = command.command_id / 1000 / speed
+        else:
+            action = self.actions[command.command_id]
+            self.move(action.steps, speed)
+            duration = action.seconds * self.slowness / speed
+        yield duration
+        return duration

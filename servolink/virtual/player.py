@@ -10,10 +10,9 @@ from msgspec import Struct
 
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.editing import AddMacroRequest
-from servolink.protocol.macro_playing import MAX_NESTING, MacroPlaying
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import Action, Macro, MacroCommandType, Step
+from servolink.protocol.records import MAX_NESTING, Action, Macro, MacroCommandType, MacroPlaying, Step
 from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.servo import Servo
 from servolink.virtual.storage import Storage

@@ -13,8 +13,7 @@ from servolink.project.project_file import project_to_form
 from servolink.project.records import durations, wrong_durations
 from servolink.project.speed import Run
 from servolink.protocol.json_form import record_from_json, record_to_json
-from servolink.protocol.macro_playing import MacroPlaying
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, MacroPlaying, Step
 from tests.studio.web_code import call_all, needs_node
 
 pytestmark = needs_node

@@ -15,9 +15,8 @@ from servolink.protocol.editing import (
     QueryMacroRequest,
 )
 from servolink.protocol.frame import encode_frame
-from servolink.protocol.macro_playing import MAX_NESTING
 from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import MacroCommand, MacroCommandType
+from servolink.protocol.records import MAX_NESTING, MacroCommand, MacroCommandType
 from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard

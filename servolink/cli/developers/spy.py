@@ -36,8 +36,8 @@ from servolink.spy.learning import Passed
 if TYPE_CHECKING:
     from servolink.recorder.channels import Direction
     from servolink.spy.learning import Learner, Passed
-    from servolink.spy.recording import SpyRecording
     from servolink.spy.relay import Relay
+    from servolink.spy.watching import SpyRecording
     from servolink.transports.stream import StreamTransport
 
 _PATIENCE = 2.0  # seconds, at the end, for what has not been looked at
@@ -87,9 +87,8 @@ def run(args: argparse.Namespace) -> int:
 
 async def _spy(args: argparse.Namespace) -> int:
     from servolink.spy.learning import Learner
-    from servolink.spy.recording import SpyRecording
     from servolink.spy.relay import Relay
-    from servolink.spy.watching import Watcher
+    from servolink.spy.watching import SpyRecording, Watcher
 
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     board = await _board(args)

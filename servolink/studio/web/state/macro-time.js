@@ -1,4 +1,4 @@
-// What a macro does when, as `servolink/protocol/macro_playing.py` plays it: all steps of an action start together, and
+// What a macro does when, as `MacroPlaying` of `servolink/protocol/records.py` plays it: all steps of an action start together, and
 // it takes as long as its longest step. A command takes its total interval, or longer if what it runs does.
 
 import { inOrder } from "./durations.js";
