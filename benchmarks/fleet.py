@@ -22,7 +22,7 @@ from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.measuring import CORES, Result, Table, table
 from servolink.fleet.access import parse_broker
 from servolink.fleet.client import Fleet, connect
-from servolink.fleet.mqtt_thread import Received
+from servolink.fleet.mqtt_client import Received
 
 COUNTS = (1, 10, 50, 200)
 HZ = 10.0

@@ -14,7 +14,7 @@ from servolink.control.peer import encode
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.home_assistant import Document, HomeAssistant, discovery, without
-from servolink.fleet.mqtt_thread import Publication
+from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.telemetry import Telemetry

@@ -9,7 +9,7 @@ from servolink.control.faults import error_object
 from servolink.control.peer import encode
 from servolink.fleet.hub_session import HubError
 from servolink.fleet.journal import Journal
-from servolink.fleet.mqtt_thread import Publication
+from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.topics import Topics
 

@@ -17,7 +17,7 @@ from servolink.fleet.commands import CommandDesk, Level
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
-from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun

@@ -13,7 +13,7 @@ from typing import NoReturn
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.mqtt_thread import ConnectionOptions, MqttThread, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, MqttClient, Publication, Received
 
 FIRST_PAUSE = 0.2
 """Seconds from a loss to the first attempt; each further pause is twice as long."""
@@ -41,7 +41,7 @@ class BrokerConnection:
         self.on_problem: Callable[[str], None] = lambda text: None
         """Called with what people should look at, such as a topic that is denied; once for each text."""
         self._options = options
-        self._thread: MqttThread | None = None
+        self._client: MqttClient | None = None
         self._ready = asyncio.Event()
         self._reported: set[str] = set()
         self._jitter = Random(options.identifier)  # noqa: S311 - not a secret
@@ -49,7 +49,7 @@ class BrokerConnection:
     @property
     def is_connected(self) -> bool:
         """Whether the connection is there."""
-        return self._thread is not None
+        return self._client is not None
 
     async def until_connected(self) -> None:
         """Return when the connection is there and `on_connect` has returned."""
@@ -60,15 +60,15 @@ class BrokerConnection:
         was_connected, pause = False, FIRST_PAUSE
         while True:
             try:
-                async with MqttThread(self.access, self._options, self.on_message) as thread:
-                    self._thread = thread
+                async with MqttClient(self.access, self._options, self.on_message) as client:
+                    self._client = client
                     try:
-                        await thread.unless_lost(self._begin(thread))
+                        await client.unless_lost(self._begin(client))
                         was_connected, pause = True, FIRST_PAUSE
-                        await asyncio.wait((thread.ended,))
-                        raise ConnectionLost(thread.ended.result())
+                        await asyncio.wait((client.ended,))
+                        raise ConnectionLost(client.ended.result())
                     finally:
-                        self._thread = None
+                        self._client = None
                         self._ready.clear()
             except (OSError, ValueError, ConnectionLost) as error:
                 text = f"{self.access.address}: {explain(error)}"
@@ -84,9 +84,9 @@ class BrokerConnection:
         Raise ConnectionLost if there is no connection, or it is lost meanwhile: then the broker may have it or not.
         Raise Denied if the broker does not allow the topic, which it says for QoS 1 only.
         """
-        if self._thread is None:
+        if self._client is None:
             raise ConnectionLost(f"there is no connection with {self.access.address}")
-        refusal = await self._thread.publish(message)
+        refusal = await self._client.publish(message)
         if refusal is not None:
             text = f"the broker does not allow writing to {escape(message.topic)}: {refusal}; correct its access list"
             self._report(text)
@@ -94,12 +94,12 @@ class BrokerConnection:
 
     def acknowledge(self, message: Received) -> None:
         """Tell the broker that a message with QoS 1 need not be delivered again."""
-        if self._thread is not None:
-            self._thread.acknowledge(message)
+        if self._client is not None:
+            self._client.acknowledge(message)
 
-    async def _begin(self, thread: MqttThread) -> None:
+    async def _begin(self, client: MqttClient) -> None:
         for topic, qos in self.subscriptions:
-            refusal = await thread.subscribe(topic, qos)
+            refusal = await client.subscribe(topic, qos)
             if refusal is not None:
                 self._report(f"the broker does not allow reading {escape(topic)}: {refusal}; correct its access list")
         if self.on_connect is not None:

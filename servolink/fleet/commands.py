@@ -26,7 +26,7 @@ from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.journal import MOST_KEPT, Entry, Journal
-from servolink.fleet.mqtt_thread import Received
+from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import Fence, PulseLink

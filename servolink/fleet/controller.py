@@ -19,7 +19,7 @@ from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.exchange import Exchange, OnStep, failure_of
-from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
     DEFAULT_EXPIRY,

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
 from servolink.fleet.controller import Controller
-from servolink.fleet.mqtt_thread import Publication
+from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.topics import BoardTopic
 
 _KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by the last, others forget the board, too

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_thread import ConnectionOptions, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Received
 
 _QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 

@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn
 
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.mqtt_thread import Publication
+from servolink.fleet.mqtt_client import Publication
 
 MOST_KEPT = 1000
 """Messages that wait; the oldest is dropped for a new one, and counted."""

@@ -26,7 +26,7 @@ from servolink.errors import ConnectionLost, ServolinkError
 from servolink.escaping import escape
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubError, HubSession, result_of
-from servolink.fleet.mqtt_thread import Publication
+from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics

@@ -19,7 +19,7 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_thread import ConnectionOptions, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_desk import read_stop

@@ -16,7 +16,7 @@ from servolink.fleet import kept
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.join import Fleet, Here
-from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.fleet.topics import Topics
 from servolink.hub.hub import Hub

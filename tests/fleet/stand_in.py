@@ -12,7 +12,7 @@ import msgspec
 from servolink.control.faults import ErrorData, ErrorObject
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
 from servolink.tasks import Tasks
 from tests.fleet.bridged import running

@@ -16,11 +16,23 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.mqtt_thread import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.platforms import socket_watch
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 
 pytestmark = needs_broker
+
+
+@pytest.fixture(autouse=True, params=["the event loop", "a thread"])
+def _watched_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Watch the socket as on each system: the event loop of Windows cannot."""
+    if request.param == "a thread":
+        monkeypatch.setattr(socket_watch, "SocketWatch", _refuse)
+
+
+def _refuse(*_: object) -> None:
+    raise NotImplementedError
 
 
 @asynccontextmanager
@@ -46,8 +58,8 @@ def connection_to(url: str, name: str = "test", **options: Any) -> BrokerConnect
 
 def socket_of(connection: BrokerConnection) -> Any:
     """Return the socket of a connection, to lose it."""
-    assert connection._thread is not None
-    return connection._thread.client.socket()
+    assert connection._client is not None
+    return connection._client.socket
 
 
 def limited(test: Callable[..., Awaitable[None]], *arguments: Any) -> None:
@@ -221,5 +233,40 @@ def test_a_message_does_not_wait_for_the_confirmation_of_the_one_before(broker: 
     async def test() -> None:
         async with running(connection_to(broker.url)) as connection:
             assert socket_of(connection).getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+    limited(test)
+
+
+@pytest.mark.parametrize(
+    "junk", [b"\x20\x03\x00\x00\xff", b"\x20\xff\xff\xff\xff\x7f", b"HTTP/1.1 400 Bad Request\r\n\r\n"]
+)
+def test_a_server_that_speaks_something_else_is_an_error(junk: bytes) -> None:
+    async def answer(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(junk)
+        writer.close()
+
+    async def test() -> None:
+        async with await asyncio.start_server(answer, "127.0.0.1", 0) as server:
+            port = server.sockets[0].getsockname()[1]
+            with pytest.raises(OpenError, match=f"^mqtt://127.0.0.1:{port}: "):
+                await connection_to(f"mqtt://127.0.0.1:{port}").run()
+
+    limited(test)
+
+
+def test_messages_that_come_at_once_stay_in_order(broker: Broker) -> None:
+    async def test() -> None:
+        heard: list[bytes] = []
+        connection = connection_to(broker.url)
+        connection.on_message = lambda message: heard.append(message.payload)
+        connection.subscriptions = [("t", 1)]
+        payloads = [str(number).encode() * 500 for number in range(300)]
+        async with running(connection):
+            await asyncio.gather(*(connection.send(Publication("t", payload, 1)) for payload in payloads))
+            await connection.send(Publication("t", b"last", 1))
+            async with asyncio.timeout(LIMIT):
+                while heard[-1:] != [b"last"]:
+                    await asyncio.sleep(0)
+        assert heard == [*payloads, b"last"]
 
     limited(test)

@@ -19,7 +19,7 @@ from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.journal import Journal
-from servolink.fleet.mqtt_thread import Received
+from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.topics import Prepare

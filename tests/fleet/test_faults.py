@@ -18,7 +18,7 @@ from servolink.client.connect import connect
 from servolink.errors import OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.fleet import broker as broker_module
 from servolink.fleet import connect as connect_fleet
-from servolink.fleet import mqtt_thread, roster
+from servolink.fleet import mqtt_client, roster
 from servolink.fleet.access import broker_access
 from servolink.fleet.client import Fleet
 from servolink.fleet.exchange import Exchange
@@ -224,7 +224,7 @@ def test_a_command_that_a_stalled_network_brings_after_a_stop_is_not_carried_out
 
 @pytest.mark.slow
 def test_boards_come_back_after_a_network_that_was_silent(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mqtt_thread, "KEEPALIVE", 1)
+    monkeypatch.setattr(mqtt_client, "KEEPALIVE", 1)
 
     async def main() -> None:
         async with network(broker, of_board=True) as (proxy, fleet, _):

@@ -1,7 +1,7 @@
-"""MqttThread: one MQTT connection, which a thread of its own reads and writes, so that any event loop can use it.
+"""MqttClient: one MQTT connection on the event loop, with whatever loop the system has.
 
-paho-mqtt speaks the protocol. All that it reports is handed to the event loop: one wake-up brings all that has come.
-The thread is not that of paho's `loop_start`, which ends without a word when a broker sends what paho cannot read.
+paho-mqtt speaks the protocol, and is called in the event loop only. Messages are handled in the turn in which they
+came: nothing can fill up, and the broker's flow control holds back what a flood brings.
 """
 
 from __future__ import annotations
@@ -9,13 +9,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-import ssl
 import threading
-from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
-from selectors import EVENT_READ, EVENT_WRITE, DefaultSelector
 from types import TracebackType
 from typing import Any, NamedTuple, Self, TypeVar
 
@@ -30,6 +27,7 @@ from servolink.errors import ConnectionLost
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.topics import CONTENT_TYPE, MOST_BYTES
+from servolink.platforms.socket_watch import SocketWatch, ThreadedSocketWatch, watch_socket
 
 T = TypeVar("T")
 
@@ -37,10 +35,8 @@ KEEPALIVE = 10
 """Seconds without a message after which the broker must answer a ping."""
 
 _LIMIT = 10.0  # seconds for the broker to answer
-_GOODBYE = 1.0  # seconds for the thread to say that the connection ends
 _LARGEST = 2 * MOST_BYTES  # bytes: a command that is too long arrives, and is answered
-_MOST_EVENTS = 32
-"""Events that wait for the event loop: with more, nothing is read, and the broker holds back what a flood brings."""
+_MOST_AT_ONCE = 32  # packets that are read before other work has its turn
 _WRONG_LOGIN = {4, 5, 134, 135}  # reason codes; the small ones are those of MQTT 3
 _NO_PING = 141
 _LOST = "the connection was lost"
@@ -92,38 +88,33 @@ class ConnectionOptions:
     """Whether `is_retained` says how a message was sent; else it says that the message was kept by the broker."""
 
 
-class MqttThread:
-    """One connection with a broker, as a context manager; all methods are for the event loop."""
+class MqttClient:
+    """One connection with a broker, as a context manager."""
 
     def __init__(
         self, access: BrokerAccess, options: ConnectionOptions, on_message: Callable[[Received], None]
     ) -> None:
-        """Call `on_message` in the event loop with each message; an error that it raises is logged."""
-        self.client = _new_client(access, options)
-        self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        """Why the connection has ended; not done as long as it lasts."""
+        """Call `on_message` with each message; an error that it raises is logged."""
         self._loop = asyncio.get_running_loop()
+        self.ended: asyncio.Future[str] = self._loop.create_future()
+        """Why the connection has ended; not done as long as it lasts."""
+        self._client = _new_client(access, options)
         self._access = access
         self._options = options
         self._on_message = on_message
         self._connected: asyncio.Future[None] = self._loop.create_future()
         self._answers: dict[int, asyncio.Future[ReasonCode]] = {}
-        self._events: deque[tuple[Callable[..., None], tuple[Any, ...]]] = deque()
-        self._is_loop_woken = False
-        self._has_room = threading.Event()
-        self._is_closing = False
-        self._alarm, self._alarm_end = socket.socketpair()
-        for sock in (self._alarm, self._alarm_end):
-            sock.settimeout(0)
-        self._thread = threading.Thread(target=self._run, name=f"mqtt {options.identifier}", daemon=True)
+        self._watch: SocketWatch | ThreadedSocketWatch | None = None
+        self._has_read = False
 
     async def __aenter__(self) -> Self:
         """Connect. Raise OSError or ValueError if that fails."""
-        self._thread.start()
+        # A daemon, because names and addresses that do not answer must not hold up the end of the program.
+        threading.Thread(target=self._connect, name="servolink broker", daemon=True).start()
         try:
             await _limited(self._connected)
         except BaseException:
-            await self._close()
+            self._close()
             raise
         return self
 
@@ -131,7 +122,12 @@ class MqttThread:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Disconnect. Wherever an answer of the broker is waited for, ConnectionLost is raised."""
-        await self._close()
+        self._close()
+
+    @property
+    def socket(self) -> Any:
+        """Socket of the connection; None when it has ended."""
+        return self._client.socket()
 
     async def unless_lost(self, work: Coroutine[Any, Any, None]) -> None:
         """Do some work. Raise ConnectionLost as soon as the connection ends."""
@@ -139,7 +135,7 @@ class MqttThread:
         try:
             await asyncio.wait((task, self.ended), return_when=asyncio.FIRST_COMPLETED)
             if not task.done():
-                raise ConnectionLost(await self.ended)
+                raise ConnectionLost(self.ended.result())
         finally:
             task.cancel()
             await asyncio.wait((task,))
@@ -148,7 +144,7 @@ class MqttThread:
     async def subscribe(self, topic: str, qos: int) -> str | None:
         """Subscribe to a topic. Return why the broker refuses, None if it does not."""
         options = SubscribeOptions(qos, retainAsPublished=self._options.sees_retained)
-        code, packet_id = self.client.subscribe(topic, options=options)
+        code, packet_id = self._client.subscribe(topic, options=options)
         return await _limited(self._answer(code, packet_id))
 
     async def publish(self, message: Publication) -> str | None:
@@ -156,16 +152,20 @@ class MqttThread:
 
         Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before.
         """
-        info = self.client.publish(*message[:4], properties=_properties(message))
+        info = self._client.publish(*message[:4], properties=_properties(message))
+        if not message.qos and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS and info.is_published():
+            return None
         return await self._answer(info.rc, info.mid)
 
     def acknowledge(self, message: Received) -> None:
         """Acknowledge a message."""
-        self.client.ack(message.packet_id, message.qos)
+        self._client.ack(message.packet_id, message.qos)
+        self._flush()
 
     async def _answer(self, code: MQTTErrorCode, packet_id: int | None) -> str | None:
         if code != MQTTErrorCode.MQTT_ERR_SUCCESS or packet_id is None or self.ended.done():
             raise ConnectionLost(f"the connection with the broker is lost: {paho.error_string(code)}")
+        self._flush()
         future = self._answers[packet_id] = self._loop.create_future()
         try:
             answer = await future
@@ -173,40 +173,51 @@ class MqttThread:
             self._answers.pop(packet_id, None)
         return str(answer).lower() if answer.is_failure else None
 
-    async def _close(self) -> None:
-        self._is_closing = True
-        self._has_room.set()
-        self.client.disconnect()
-        if self.client.socket() is not None:  # else the thread may be connecting, which takes seconds
-            await asyncio.wait((self.ended,), timeout=_GOODBYE)
-        sock: Any = self.client.socket()
-        if sock is not None:
-            with suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)
-        self._finish(_LOST)
+    # --- beginning and end ---------------------------------------------------------------------------------------
 
-    # --- events, in the event loop -------------------------------------------------------------------------------
-
-    def _take_events(self) -> None:
-        self._is_loop_woken = False
-        for _ in range(len(self._events)):  # those that come meanwhile have another turn
-            function, arguments = self._events.popleft()
-            function(*arguments)
-        self._has_room.set()
-
-    def _receive(self, message: paho.MQTTMessage) -> None:
+    def _connect(self) -> None:
+        """Connect, in a thread: looking up a name, connecting and TLS would hold up the event loop."""
+        error: Exception | None = None
         try:
-            self._on_message(_received(message))
-        except Exception:  # it would end the connection
-            _logger.exception("a message could not be handled")
-            self.client.ack(message.mid, message.qos)
+            self._client.connect(
+                self._access.address.host,
+                self._access.address.port,
+                KEEPALIVE,
+                clean_start=not self._options.session_seconds,
+                properties=_connect_properties(self._options),
+            )
+        except Exception as raised:  # noqa: BLE001 - raised again where the connection is waited for
+            error = raised
+        with suppress(RuntimeError):  # the event loop has been closed
+            self._loop.call_soon_threadsafe(self._begin, error)
 
-    def _take_answer(self, packet_id: int, code: ReasonCode) -> None:
-        future = self._answers.get(packet_id)
-        if future is not None and not future.done():
-            future.set_result(code)
+    def _begin(self, error: Exception | None) -> None:
+        client, sock = self._client, self.socket
+        if error is not None or sock is None:
+            self._finish(_LOST, error)
+            return
+        if self.ended.done():  # it was cancelled meanwhile
+            self._close()
+            return
+        # Or a message waits up to 40 ms for the broker to confirm the one before: an acknowledgement, usually.
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client.on_connect = lambda _client, _data, _flags, code, _properties: self._accept(_refusal(code))
+        client.on_subscribe = lambda _client, _data, packet_id, codes, _properties: self._take(packet_id, codes[0])
+        client.on_publish = lambda _client, _data, packet_id, code, _properties: self._take(packet_id, code)
+        client.on_message = lambda _client, _data, message: self._receive(message)
+        client.on_disconnect = lambda _client, _data, flags, code, _properties: self._finish(_ending(flags, code))
+        client.on_socket_close = lambda _client, _data, _sock: self._end_watch()
+        self._watch = watch_socket(sock, self._read, self._write)
+        self._tick()
 
-    def _begin(self, refusal: Exception | None) -> None:
+    def _tick(self) -> None:
+        """Ask the broker whether it is there, if nothing has come for long."""
+        if not self.ended.done():
+            self._handle(self._client.loop_misc)
+            self._loop.call_later(1.0, self._tick)
+
+    def _accept(self, refusal: Exception | None) -> None:
+        self._has_read = True
         if self._connected.done():
             return
         if refusal is None:
@@ -214,89 +225,68 @@ class MqttThread:
         else:
             self._connected.set_exception(refusal)
 
+    def _close(self) -> None:
+        self._client.disconnect()
+        self._end_watch()
+        if (sock := self.socket) is not None:  # the broker takes nothing any more; or it is still being connected
+            sock.close()
+        self._finish(_LOST)
+
+    def _end_watch(self) -> None:
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
+
     def _finish(self, reason: str, error: Exception | None = None) -> None:
-        self._begin(error or ConnectionError("the connection was closed before the broker answered"))
         if not self.ended.done():
             self.ended.set_result(reason)
+        self._accept(error or ConnectionError("the connection was closed before the broker answered"))
         for future in self._answers.values():
             if not future.done():
                 future.set_exception(ConnectionLost("the connection with the broker was lost"))
 
-    # --- the thread ----------------------------------------------------------------------------------------------
+    # --- reading and writing -------------------------------------------------------------------------------------
 
-    def _run(self) -> None:
-        client, error = self.client, None
-        client.on_socket_register_write = lambda *_: self._ring()  # without it, paho would write in the event loop
-        client.on_socket_open = _send_at_once
-        client.on_connect = lambda _client, _data, _flags, code, _properties: self._post(self._begin, _refusal(code))
-        client.on_subscribe = lambda _client, _data, packet_id, codes, _properties: self._post(
-            self._take_answer, packet_id, codes[0]
-        )
-        client.on_publish = lambda _client, _data, packet_id, code, _properties: self._post(
-            self._take_answer, packet_id, code
-        )
-        client.on_message = lambda _client, _data, message: self._post_message(message)
-        client.on_disconnect = lambda _client, _data, flags, code, _properties: self._post(
-            self._finish, _ending(flags, code)
-        )
+    def _read(self) -> None:
+        for _ in range(_MOST_AT_ONCE):
+            self._has_read = False
+            self._handle(self._client.loop_read)
+            if not self._has_read or self._watch is None:
+                break
+        else:  # decrypted bytes may be left, which the socket does not show
+            self._loop.call_soon(self._read)
+        self._flush()
+
+    def _write(self) -> None:
+        self._handle(self._client.loop_write)
+        self._flush()
+
+    def _flush(self) -> None:
+        """Have the loop write the rest when the system takes more; usually there is none."""
+        if self._watch is not None:
+            self._watch.watch_writing(self._client.want_write())
+
+    def _handle(self, work: Callable[[], MQTTErrorCode]) -> None:
         try:
-            client.connect(
-                self._access.address.host,
-                self._access.address.port,
-                KEEPALIVE,
-                clean_start=not self._options.session_seconds,
-                properties=_connect_properties(self._options),
-            )
-            if self._is_closing:
-                client.disconnect()
-            self._serve()
-        except Exception as raised:  # noqa: BLE001 - whatever a broker makes paho raise, the connection is lost
-            error = raised
-        finally:
-            with suppress(RuntimeError):  # the event loop has ended
-                self._post(self._finish, _LOST, error)
-            for sock in (self._alarm, self._alarm_end, client.socket()):
-                if sock is not None:
-                    sock.close()
-            client.on_message = client.on_connect = client.on_subscribe = client.on_publish = None
-            client.on_disconnect = client.on_socket_register_write = None  # they refer to this, which refers to it
-
-    def _serve(self) -> None:
-        client = self.client
-        with DefaultSelector() as selector:
-            selector.register(self._alarm_end, EVENT_READ)
-            sock: Any = client.socket()
-            selector.register(sock, EVENT_READ)
-            while (
-                client.loop_write() == MQTTErrorCode.MQTT_ERR_SUCCESS
-                and client.loop_misc() == MQTTErrorCode.MQTT_ERR_SUCCESS
-            ):
-                selector.modify(sock, EVENT_READ | EVENT_WRITE if client.want_write() else EVENT_READ)
-                is_pending = isinstance(sock, ssl.SSLSocket) and sock.pending()
-                ready = {key.fileobj for key, _ in selector.select(0 if is_pending else 1)}
-                if self._alarm_end in ready:
-                    self._alarm_end.recv(4096)
-                if (is_pending or sock in ready) and client.loop_read() != MQTTErrorCode.MQTT_ERR_SUCCESS:
-                    return
-
-    def _ring(self) -> None:
-        """Wake the thread: there is something to write."""
-        with suppress(OSError):  # rung often already; or the connection has ended
-            self._alarm.send(b"\0")
-
-    def _post(self, function: Callable[..., None], *arguments: Any) -> None:
-        self._events.append((function, arguments))
-        if not self._is_loop_woken:
-            self._is_loop_woken = True
-            self._loop.call_soon_threadsafe(self._take_events)
-
-    def _post_message(self, message: paho.MQTTMessage) -> None:
-        self._post(self._receive, message)
-        while not self._is_closing:
-            self._has_room.clear()
-            if len(self._events) < _MOST_EVENTS:
+            if work() == MQTTErrorCode.MQTT_ERR_SUCCESS:
                 return
-            self._has_room.wait()
+        except Exception:  # paho raises all kinds of errors for what it cannot read: the connection is lost
+            _logger.debug("the broker sent what cannot be read", exc_info=True)
+        self._close()
+
+    def _receive(self, message: paho.MQTTMessage) -> None:
+        self._has_read = True
+        try:
+            self._on_message(_received(message))
+        except Exception:  # it would end the connection
+            _logger.exception("a message could not be handled")
+            self._client.ack(message.mid, message.qos)
+
+    def _take(self, packet_id: int, code: ReasonCode) -> None:
+        self._has_read = True
+        future = self._answers.get(packet_id)
+        if future is not None and not future.done():
+            future.set_result(code)
 
 
 _logger = logging.getLogger(__name__)
@@ -317,11 +307,6 @@ def _new_client(access: BrokerAccess, options: ConnectionOptions) -> paho.Client
     if (will := options.will) is not None:
         client.will_set(*will[:4], properties=_properties(will))
     return client
-
-
-def _send_at_once(client: paho.Client, data: Any, sock: Any) -> None:
-    """Have messages sent at once, not when the broker has confirmed the one before, up to 40 ms later."""
-    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
 
 def _refusal(code: ReasonCode) -> Exception | None:
