@@ -80,6 +80,8 @@ class Hub:
         self._stopping = Stops(
             board, self.stops, sender, self._upstream, self.leases, tell=self.tell, follow=self._over
         )
+        self.ask, self.ask_stop, self.ask_waiting = self._upstream.ask, self._stopping.ask, self._upstream.send_waiting
+        """Take the requests and stops of a `Program`, and send its requests when the program reads again."""
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
         self._listeners: list[Listener] = []
@@ -172,18 +174,6 @@ class Hub:
         self.tell(ProgramNotice("left", program.session_id, program.who), program.session_id)
 
     # --- what programs ask --------------------------------------------------------------------------------------
-
-    def ask(self, exchange: Exchange) -> None:
-        """Send a request when it is its turn; see `Program`."""
-        self._upstream.ask(exchange)
-
-    def ask_stop(self, exchange: Exchange) -> None:
-        """Send a stop before everything else; see `Program`."""
-        self._stopping.ask(exchange)
-
-    def ask_waiting(self) -> None:
-        """Send the requests of a program that reads again; see `Program`."""
-        self._upstream.send_waiting()
 
     async def run(
         self,

@@ -64,7 +64,7 @@ class Stops:
         upstream: Upstream,
         keeper: LeaseKeeper,
         *,
-        tell: Callable[..., None],
+        tell: Callable[[Struct, str], None],
         follow: RequestFollower,
     ) -> None:
         """Stop `board`. `tell` passes on notices; `follow` hears of stops that no packet of a program asked for."""
@@ -128,14 +128,14 @@ class Stops:
             if state == "closed":
                 return
             if state == "lost":
-                self._tell(ProblemNotice(f"{reason}: the board is stopped as soon as it is connected again"))
+                self._tell(ProblemNotice(f"{reason}: the board is stopped as soon as it is connected again"), "")
                 continue
             try:
                 await asyncio.shield(self.begin(reason))
             except ConnectionLost:
                 continue
             except ServolinkError as error:
-                self._tell(ProblemNotice(str(error)))
+                self._tell(ProblemNotice(str(error)), "")
             return
 
     def _all_stop(self, session_id: str) -> None:
