@@ -1,4 +1,4 @@
-"""Alarms on what servos report, such as `current_raw>800 for 0.5s`; the time of each reading is passed in."""
+"""Alarms on readings of servos, such as `current_raw>800 for 0.5s`; the time of each reading is passed in."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ LONGEST = 3600.0
 """Seconds that a value may be asked to last."""
 
 _SLACK = 1e-6  # seconds: sums of periods are not exact
-# Compiled when it is first used: that takes longer than loading this module.
+# Compiled on first use: compiling takes longer than loading the module.
 _RULE = r"\s*([a-z_]{1,20})\s*([<>])\s*(-?[0-9]{1,10})(?:\s+for\s+([0-9]{1,6}(?:\.[0-9]{1,6})?)\s*s)?\s*"
 _ATTRIBUTES: dict[str, str] = {"current_raw": "current", "temperature_raw": "temperature"}
 
 
 class Alarm(Struct, frozen=True):
-    """A value that no servo should have, for some time or at all.
+    """Value no servo should have, for some time or at all.
 
     It is raised once for each servo, and again after a reading in which the servo's value was good. Raise ValueError
-    for a quantity, sign or time that there is not.
+    for an unknown quantity or sign, or a time out of range.
     """
 
     quantity: Quantity
@@ -39,12 +39,12 @@ class Alarm(Struct, frozen=True):
     """Whether values below or above the limit are bad."""
     limit: int
     seconds: float = 0.0
-    """How long every reading has to be bad, 0..3600 s; 0: one reading is enough."""
+    """Seconds for which every reading must be bad, 0..3600; 0 for a single reading."""
     stops: bool = False
-    """Whether all servos are stopped and held when it is raised (see `Board.stop`)."""
+    """Whether the alarm stops and holds all servos (see `Board.stop`)."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be watched."""
+        """Refuse conditions without a meaning."""
         if self.quantity not in get_args(Quantity):
             raise ValueError(f"an alarm is about current_raw or temperature_raw, not {quote(self.quantity)}")
         if self.sign not in ("<", ">"):
@@ -58,7 +58,7 @@ class Alarm(Struct, frozen=True):
 
     @classmethod
     def parse(cls, text: str, *, stops: bool = False) -> Alarm:
-        """Return the alarm that `text` describes, such as `temperature_raw>300` or `current_raw>800 for 0.5s`."""
+        """Return the alarm described by `text`, such as `temperature_raw>300` or `current_raw>800 for 0.5s`."""
         found = re.fullmatch(_RULE, text, re.ASCII)
         if found is None:
             raise ValueError(
@@ -68,26 +68,26 @@ class Alarm(Struct, frozen=True):
         return cls(cast("Quantity", quantity), cast("Literal['<', '>']", sign), int(limit), float(seconds or 0), stops)
 
     def __str__(self) -> str:
-        """Return what `parse` takes."""
+        """Return the text of the alarm, as for `parse`."""
         return f"{self.quantity}{self.sign}{self.limit}" + (f" for {self.seconds:g}s" if self.seconds else "")
 
     def value_of(self, servo: Servo) -> int:
-        """Return the value of a servo that this alarm is about."""
+        """Return the watched value of a servo."""
         value: int = getattr(servo, _ATTRIBUTES[self.quantity])
         return value
 
     def is_bad(self, value: int) -> bool:
-        """Return whether no servo should have this value."""
+        """Return whether the value of a servo is bad."""
         return value > self.limit if self.sign == ">" else value < self.limit
 
 
 class RaisedAlarm(Struct, frozen=True):
-    """An alarm that was raised for a servo."""
+    """Alarm raised for a servo."""
 
     alarm: Alarm
     servo_id: int
     value: int
-    """The raw value in the reading that raised it."""
+    """Raw value in the reading."""
 
     def __str__(self) -> str:
         """Return servo, value and alarm, such as `servo 3: temperature_raw is 312 (alarm temperature_raw>300)`."""
@@ -95,7 +95,7 @@ class RaisedAlarm(Struct, frozen=True):
 
 
 def checked_alarms(alarms: object) -> tuple[Alarm, ...]:
-    """Return `alarms`. Raise TypeError for a single one, and for any that is a text or something else."""
+    """Return `alarms`. Raise TypeError for a single alarm, and for texts or other types."""
     if isinstance(alarms, str) or not isinstance(alarms, Iterable):
         raise TypeError(f"alarms must be a list of alarms, such as [Alarm.parse(...)], not {quote(alarms)}")
     checked = tuple(alarms)
@@ -115,7 +115,7 @@ class AlarmWatch:
         self._raised: set[tuple[Alarm, int]] = set()
 
     def check(self, servos: Sequence[Servo], now: float) -> tuple[RaisedAlarm, ...]:
-        """Return the alarms that are raised by what `servos` report at `now`."""
+        """Return the alarms raised by the states of `servos` at `now`."""
         if not self._alarms:  # almost always, 50 times a second for each program that watches
             return ()
         return tuple(
@@ -126,7 +126,7 @@ class AlarmWatch:
         )
 
     def _is_raised(self, alarm: Alarm, servo: Servo, now: float) -> bool:
-        """Return whether this reading of a servo raises an alarm that was not raised before."""
+        """Return whether a reading of a servo raises a new alarm."""
         key = alarm, servo.servo_id
         if not alarm.is_bad(alarm.value_of(servo)):
             self._bad_since.pop(key, None)

@@ -1,4 +1,4 @@
-"""Read what is stored on a board, together with everything that it runs."""
+"""Reading of stored records together with everything they run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from servolink.project.records import name_of
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
 from servolink.protocol.records import MAX_NESTING, Action, Macro
 
-if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
+if TYPE_CHECKING:  # imported late: most programs run no stored records
     from servolink.project.speed import Run
 
-_MOST = ACTION.list_limit + MACRO.list_limit  # no board can list more
+_MOST = ACTION.list_limit + MACRO.list_limit  # bound of all lists of records
 
 Get: TypeAlias = Callable[[RecordType[Any], int], Awaitable[Any]]
 """Returns a record by type and id. Raises NotFound if there is none."""
 
 
 async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
-    """Read an action or a macro and all that it runs.
+    """Read an action or a macro with all records run by it.
 
     Raise NotFound if the board does not return one of them, MotionRefused if they are too many or nested too deep.
     """
@@ -53,7 +53,7 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
 
 
 def check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
-    """Raise RequestError for a run that would never be over, NotFound for one of servos that are not there."""
+    """Raise RequestError for an endless run, NotFound for a run of missing servos."""
     from servolink.project.preflight import uncheckable  # late: most runs are not waited for
 
     name = name_of(run.record)

@@ -27,7 +27,7 @@ from servolink.transports.base import Transport
 from servolink.transports.foreign import contained
 from servolink.transports.registry import create
 
-if TYPE_CHECKING:  # loaded when it is used: most boards have no profile
+if TYPE_CHECKING:  # loaded on use: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
     from servolink.control.share import ShareTransport
     from servolink.profiles.profile import BoardProfile, ProfileInUse
@@ -100,7 +100,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             "write_depth": write_depth,
         }
         self._options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-        ConnectionOptions(**self._options)  # checks them; those in the address are known only when it is
+        ConnectionOptions(**self._options)  # checks the options; those in the address are known later
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
         if not (url is None or isinstance(url, str | Transport)):
@@ -117,25 +117,25 @@ class connect:  # noqa: N801 - reads as the function it stands for
         self._is_entered = False  # by `async with`, from before the board is open
         self._board: Board | None = None
         self.taps = Taps()
-        """Who hears what passes, from the first byte on."""
+        """Listeners to bytes and requests, from the first byte on."""
 
-    if not TYPE_CHECKING:  # a type checker would take it as a promise that every attribute exists
+    if not TYPE_CHECKING:  # a type checker would accept every attribute
 
         def __getattr__(self, name: str) -> NoReturn:
-            """Raise AttributeError; for what a board has, explain how to get one."""
+            """Raise AttributeError; for an attribute of boards, explain how to get a board."""
             if not name.startswith("_") and hasattr(Board, name):
                 raise AttributeError(f"{name!r} belongs to a connected board, and nothing is connected yet: {_HOW}")
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
         def __enter__(self) -> NoReturn:
-            """Raise TypeError, which says how to open a board."""
+            """Raise TypeError with the way to open a board."""
             raise TypeError(f"servolink.connect cannot be used with `with` alone: {_HOW}")
 
         def __exit__(self, *error: object) -> None:
-            """Exist, so that `with` calls `__enter__`."""
+            """Do nothing; `with` needs the method to call `__enter__`."""
 
     def __repr__(self) -> str:
-        """Return the address, and how to open it: Python shows this where a board was meant."""
+        """Return the address and how to open the board, for code that has forgotten to await."""
         url = self._url if self._url is None or isinstance(self._url, str) else self._url.url
         return f"<connect{escape(f' {url}' if url else '')}, nothing is connected yet: {_HOW}>"
 
@@ -166,7 +166,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         board = self._board_on(Session(connection, reopen, profile))
         try:
             await port.learn()
-            await board.project_id()  # by which the board is recognised after a loss
+            await board.project_id()  # to recognise the board after a loss
         except BaseException as error:
             await board.close()
             if isinstance(error, RequestTimeout):
@@ -209,7 +209,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def _prepare(
         self, transport: Transport, name: str | None, given: dict[str, Any]
     ) -> tuple[ConnectionOptions, ProfileInUse | None]:
-        """Return the options of the connection, of which some are `given`, and the profile: a hub knows it."""
+        """Return the options of the connection, with those `given` first, and the profile, which a hub knows."""
         if (hub := _hub_on(transport)) is None:
             profile = self._profile_of(name)
             return ConnectionOptions(**(_options_in(profile) | given)), profile
@@ -261,7 +261,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         return self.open().__await__()
 
     async def __aenter__(self) -> Board:
-        """Open the board. Raise RuntimeError while another `async with` of the same object has one open."""
+        """Open the board. Raise RuntimeError inside another `async with` of the same object."""
         if self._is_entered:
             raise RuntimeError("this `connect(...)` is used by another `async with`; call connect again for each")
         self._is_entered = True
@@ -282,14 +282,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
 
 async def _link_to(hub: ShareTransport, connection: Connection) -> BoardSharing | None:
-    """Tie a connection to the control interface of its hub; None if it has none."""
+    """Tie a connection to the control interface of its hub; None for a hub without one."""
     from servolink.client.hub_link import open_link  # late: most boards are not shared
 
     return await open_link(connection, hub)
 
 
 def _check_profile(profile: object) -> None:
-    """Raise TypeError unless this is a profile, a name or None."""
+    """Raise TypeError unless `profile` is a profile, a name or None."""
     if profile is None or isinstance(profile, str):
         return
     from servolink.profiles.profile import BoardProfile
@@ -299,7 +299,7 @@ def _check_profile(profile: object) -> None:
 
 
 def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuard | None:
-    """Guard a connection whose board is known by its profile; None if it is not."""
+    """Guard a connection whose profile identifies the board; None without such a profile."""
     if profile is None or profile.profile.identity is None:
         return None
     from servolink.client.identity_guard import IdentityGuard
@@ -311,7 +311,7 @@ def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuar
 
 
 def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:
-    """Return the options of the connection that a profile knows."""
+    """Return the options of the connection in a profile."""
     if profile is None:
         return {}
     known = {name: getattr(profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
@@ -319,7 +319,7 @@ def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:
 
 
 def _shorten_traceback(error: OpenError) -> None:
-    """Drop the frames of an error whose text says everything: that the system could not open a port or an address.
+    """Drop the frames of a self-explaining error: the system could not open a port or an address.
 
     Other causes keep theirs, because they are defects, such as a TypeError in a transport of another package.
     """
@@ -341,7 +341,7 @@ def _hub_on(transport: Transport) -> ShareTransport | None:
 
 
 async def _name_hub(url: str, error: OpenError) -> None:
-    """Raise an error that says which hub has the board, if one has the board that could not be opened."""
+    """Raise an error with the name of the hub, if a hub uses the board that could not be opened."""
     from servolink.discovery.hubs import hub_of  # late: most boards can be opened
 
     if (hub := await asyncio.to_thread(hub_of, url)) is not None:

@@ -22,14 +22,14 @@ _CLOSING_TIMEOUT = 0.5  # seconds for ending the subscription when the board is 
 
 
 class ButtonSubscription(Source[Reader[ButtonEvent]]):
-    """Subscribes on the board while there is at least one reader, and gives each reader every event."""
+    """Subscription on the board while there are readers; each reader gets every event."""
 
     def __init__(self, session: Session) -> None:
         """Start without readers, not subscribed."""
         super().__init__(session.loop)
         self._readers: set[Reader[ButtonEvent]] = set()
         self._subscribed: bool | None = False
-        """Whether the board sends events; None after a request to change that was not answered."""
+        """Whether the board sends events; None after an unanswered request to change it."""
         self._ended = False
         self._changing = asyncio.Lock()
         self._leaving: set[asyncio.Task[None]] = set()
@@ -39,7 +39,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
         session.restore_with(self._restore)
 
     async def join(self, reader: Reader[ButtonEvent]) -> None:
-        """Deliver events to `reader`. Raise Rejected or ConnectionLost if the board does not send them."""
+        """Deliver events to `reader`. Raise Rejected or ConnectionLost if the board sends none."""
         if self._connection.ended is not None:
             reader.ended = self._ended
             raise same(self._connection.ended)
@@ -57,7 +57,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
         await self._settle()
 
     def leave_soon(self, reader: Reader[ButtonEvent]) -> None:
-        """Leave in the background, for callers that cannot await."""
+        """Leave in the background, for callers outside coroutines."""
         if reader in self._readers and not self._loop.is_closed():
             task = self._loop.create_task(self._leave_quietly(reader))
             self._leaving.add(task)
@@ -88,7 +88,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
         await self._settle()
 
     async def _leave_quietly(self, reader: Reader[ButtonEvent]) -> None:
-        with suppress(ServolinkError):  # nobody reads any more; events that still come are only counted
+        with suppress(ServolinkError):  # without readers, later events are only counted
             await self.leave(reader)
 
     async def _settle(self) -> None:
@@ -97,7 +97,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
             wanted = bool(self._readers)
             if wanted == self._subscribed or self._connection.ended is not None:
                 return
-            # None while the request is under way: if it fails unanswered, the next call asks again, whatever it wants.
+            # None while the request is under way: after an unanswered request, the next call asks again in any case.
             before, self._subscribed = self._subscribed, None
             request = SubscribeButtonEventRequest(subscribe=int(wanted))
             response = await self._connection.request(request)
@@ -134,7 +134,7 @@ class ButtonEvents(SharedIterator[ButtonEvent, Reader[ButtonEvent]]):
 
     @property
     def dropped(self) -> int:
-        """The number of events that this reader lost because it was too slow."""
+        """Number of events lost because the reader was too slow."""
         return self._reader.dropped
 
     def _new_reader(self) -> Reader[ButtonEvent]:

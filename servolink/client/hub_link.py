@@ -1,4 +1,4 @@
-"""The client's side of a board that a hub shares: joining it, what the hub tells and what the program asks it."""
+"""The client's side of a shared board: joining the hub, its notices, and requests to it."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ from servolink.protocol.packet import Packet, is_motion
 
 _OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
 """The options in a profile that count through a hub too; it settles the others with the board."""
-_LIMIT = 5.0  # seconds for the hub to answer what it answers at once
+_LIMIT = 5.0  # seconds for immediate answers of the hub
 _logger = logging.getLogger(__name__)
 
 
 class HubLink:
-    """Takes the lease before a motion, so that a refused one is an error with a reason, and waits for who is alone."""
+    """Takes the lease before a motion, for a refusal with a reason, and waits during exclusive use by others."""
 
     def __init__(self, connection: Connection, welcome: Welcome) -> None:
         """Use `open_link`."""
         self._connection = connection
         self._welcome = welcome
         self._has_lease = False
-        self._mover: str | None = None  # another program that holds the lease
-        self._holds = 0  # how many of this program's transfers are under way
+        self._mover: str | None = None  # another program with the lease
+        self._holds = 0  # transfers of this program under way
         self.has_lost_board = False
-        """Whether the hub has lost the board, and tries to get it back."""
+        """Whether the hub has lost the board, and is reconnecting."""
         self.on_board: Callable[[bool], None] = lambda has_lost_board: None
-        """Called with `has_lost_board` when the hub tells that."""
+        """Called with `has_lost_board` when the hub loses or finds the board."""
 
     async def open(self, greeting: Greeting) -> None:
-        """Connect to the control interface of the hub. Raise OpenError, which says what to do."""
+        """Connect to the control interface of the hub. Raise OpenError with the remedy."""
         rpc = Greeting(wants="rpc", who=greeting.who, role=greeting.role, session=self._welcome.session)
         self._channel, _ = await open_channel(self._welcome.name, rpc)
-        early: list[tuple[str, Raw]] = []  # they may be newer than the state, and be read before it is learnt
+        early: list[tuple[str, Raw]] = []  # perhaps newer than the state, and read before
         self._channel.on_notification = lambda *notification: early.append(notification)
         self._channel.on_end = self._end
         try:
@@ -72,17 +72,17 @@ class HubLink:
         await self._channel.close()
 
     async def take_lease(self, *, force: bool = False) -> None:
-        """Take the lease, with `force` from another program too. Raise MotionRefused, which says who has it."""
+        """Take the lease, with `force` from another program too. Raise MotionRefused with the name of the holder."""
         await self._channel.call("lease.take", timeout=_LIMIT, force=force)
         self._has_lease, self._mover = True, None
 
     async def stop(self) -> None:
-        """Stop all servos, and return when the hub has read that they are stopped. Raise OutcomeUnknown if not."""
+        """Stop all servos, and return when the hub has read all of them as stopped. Raise OutcomeUnknown otherwise."""
         await self._channel.call("stop")
 
     @asynccontextmanager
     async def alone(self, reason: str) -> AsyncIterator[None]:
-        """Hold the board alone in this context, as soon as no other program does; not if the program only reads."""
+        """Take exclusive use of the board in this context, after other programs; not for a program that only reads."""
         self._holds += 1
         try:
             if self._holds == 1 and self._welcome.role == "edit":
@@ -95,7 +95,7 @@ class HubLink:
 
     @asynccontextmanager
     async def moving(self) -> AsyncIterator[None]:
-        """Hold the lease while servos turn because of what is stored.
+        """Hold the lease while stored records turn servos.
 
         Raise MotionRefused, which names the holder, if another program has it, and Rejected without the role.
         """
@@ -111,16 +111,16 @@ class HubLink:
                 self._channel.tell("lease.give")
 
     async def _take_lease_for(self, packet: Packet, ticket: Ticket) -> None:
-        """Take the lease before a motion. Raise MotionRefused, which says who has it, if another program has."""
+        """Take the lease before a motion. Raise MotionRefused with the name of another holder."""
         if not self._has_lease and is_motion(packet):
             await self.take_lease()
 
     def _refuse_role(self, packet: Packet, ticket: Ticket) -> Rejected | None:
-        """Refuse what needs a higher role: the hub would not send it, and could not always say so."""
+        """Refuse packets for higher roles: the hub would not send them, and could not always report the refusal."""
         return self._lacking(needed_role(packet), type(packet).__name__)
 
     def _refuse_lease(self, packet: Packet, ticket: Ticket) -> MotionRefused | None:
-        """Refuse a motion while another program holds the lease; a free one is taken by the hub."""
+        """Refuse a motion while another program holds the lease; the hub takes a free lease."""
         if self._mover is None or not is_motion(packet):
             return None
         name = escape(self._welcome.name)
@@ -130,7 +130,7 @@ class HubLink:
         )
 
     def _lacking(self, needed: Role, what: str) -> Rejected | None:
-        """Return the error if `what` needs a higher role than this program has."""
+        """Return the error if `what` needs a higher role than the program's."""
         name, role = escape(self._welcome.name), self._welcome.role
         if Role.parse(role) >= needed:
             return None
@@ -152,7 +152,7 @@ class HubLink:
             elif method == "connection":
                 self._learn_upstream(msgspec.json.decode(params, type=ConnectionNow))
             elif method == "stopped":
-                self._connection.stops.stop()  # it ends what waits here or is sent step by step, as our own do
+                self._connection.stops.stop()  # ends waiting motions and playing, as a stop of this program
             elif method == "refused":
                 refused = msgspec.json.decode(params, type=RefusedNotice)
                 _logger.warning("%s was not sent to the board: %s", escape(refused.packet), escape(refused.reason))
@@ -189,8 +189,8 @@ class HubLink:
 
 
 async def open_link(connection: Connection, transport: ShareTransport) -> HubLink | None:
-    """Tie a connection that is open to the control interface of its hub; None if it has none. Raise OpenError."""
-    welcome = await transport.greet()  # which is known by now
+    """Tie an open connection to the control interface of its hub; None for a hub without one. Raise OpenError."""
+    welcome = await transport.greet()  # known by now
     if not welcome.has_control:
         return None
     link = HubLink(connection, welcome)
@@ -201,9 +201,9 @@ async def open_link(connection: Connection, transport: ShareTransport) -> HubLin
 async def join_hub(
     transport: ShareTransport, given: dict[str, Any], profile: ProfileInUse | None
 ) -> tuple[ConnectionOptions, ProfileInUse | None]:
-    """Greet the hub; return the options of the connection, of which some are `given`, and the profile of the board.
+    """Greet the hub; return the options of the connection, with those `given` first, and the profile of the board.
 
-    That is `profile` or, if it is None, the hub's. Raise OpenError, and leave nothing open, if the hub lets nobody in.
+    Without `profile`, the profile is the hub's. Raise OpenError, and leave nothing open, if the hub lets nobody in.
     """
     transport.greeting.byte_order = given.get("byte_order", "little")
     welcome = await transport.greet()

@@ -1,4 +1,4 @@
-"""IdentityGuard: keeps another board than that of a profile from being moved or changed."""
+"""IdentityGuard: protection of a board from motions and changes meant for another board."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from servolink.transports.device_info import ANY_DEVICE
 _HARMLESS = (
     Query,
     SendDummyDataRequest,
-    SetAngleUnitRequest,  # in which a board is read, too
+    SetAngleUnitRequest,  # needed for reading, too
     SubscribeButtonEventRequest,
     TransmissionModeSettingRequest,
 )
@@ -29,10 +29,10 @@ _logger = logging.getLogger(__name__)
 
 
 class IdentityGuard:
-    """Gate that refuses what moves or changes a board, if it is not the one of the profile."""
+    """Gate against motions and changes of another board than the profile's."""
 
     def __init__(self, connection: Connection, profile: ProfileInUse) -> None:
-        """Guard `connection`, whose board must be the one of `profile`."""
+        """Guard `connection`, whose board must fit `profile`."""
         self._connection = connection
         self._profile = profile
         self._expected = profile.profile.identity or BoardIdentityRecord()
@@ -40,36 +40,36 @@ class IdentityGuard:
         self._checking = asyncio.Lock()
 
     async def prepare(self, packet: Packet, ticket: Ticket) -> None:
-        """Check the board before `packet` is sent. Raise WrongBoard if it is another one."""
+        """Check the board before `packet` is sent. Raise WrongBoard for another board."""
         if self.refusal(packet, ticket) and (difference := await self._check()):
             raise WrongBoard(f"{difference}: {type(packet).__name__} was not sent. {self._remedy}", packet)
 
     def refusal(self, packet: Packet, ticket: Ticket) -> WrongBoard | None:
-        """Refuse what moves or changes a board that was not found to be the right one; a release never."""
+        """Refuse motions and changes of an unchecked or wrong board, but never a release."""
         if self._is_right or packet.effect is Effect.GOES_LIMP or isinstance(packet, _HARMLESS):
             return None
         return WrongBoard(f"whether this is {self._name} is not known: {type(packet).__name__} was not sent", packet)
 
     async def refuse_another(self) -> None:
-        """Raise WrongBoard if the board is another one."""
+        """Raise WrongBoard for another board."""
         if difference := await self._check():
             raise WrongBoard(f"{difference}. {self._remedy}")
 
     async def warn(self) -> None:
-        """Check the board at once, and log a warning if it is another one: it can be read all the same."""
-        with suppress(RequestTimeout, DecodeError):  # asked again before it is moved or changed
+        """Check the board at once, and log a warning for another board, which may be read all the same."""
+        with suppress(RequestTimeout, DecodeError):  # asked again before a motion or change
             if difference := await self._check():
                 _logger.warning("%s; it can be read, but neither moved nor changed", escape(difference))
 
     async def _check(self) -> str:
-        """Return who was expected and who is here, unless this is known to be the right board; one caller asks it."""
+        """Return the difference from the profile, empty for the right board; concurrent callers share one check."""
         async with self._checking:
             difference = "" if self._is_right else await self._difference()
             self._is_right = not difference
         return difference
 
     async def _difference(self) -> str:
-        """Return who was expected and who is here, empty if this is the right board."""
+        """Return the difference from the profile, empty for the right board."""
         found = await self._found()
         if self._expected.fits(found):
             return ""
@@ -77,7 +77,7 @@ class IdentityGuard:
         return f"{self._name} was learnt with {expected}; the board at {self._connection.transport.url} has {here}"
 
     async def _found(self) -> BoardIdentityRecord:
-        """Return the identity of the board that is here, as far as it is known of the one expected."""
+        """Return the identity of the connected board, in the facts known of the expected board."""
         expected, unsupported = self._expected, self._profile.settings.unsupported or ()
         servo_ids, memory_total, port = None, None, ANY_DEVICE
         if expected.servo_ids is not None and "QueryServoList" not in unsupported:
@@ -112,5 +112,5 @@ class IdentityGuard:
 
 
 def _described(identity: BoardIdentityRecord) -> str:
-    """Return what tells a board from others, such as `servos 1..16, memory total 65536`."""
+    """Return the facts of an identity, such as `servos 1..16, memory total 65536`."""
     return ", ".join(map(" ".join, identity.facts())) or "unknown"

@@ -1,4 +1,4 @@
-"""Servos, records and buttons by caption: what a program may give in place of an id.
+"""Captions of servos, records and buttons, in place of ids.
 
 An integer is an id, and so is a text of digits; `name:3` is the caption `3`. A caption that is written exactly so comes
 first, then one that differs in case only. Captions are read from the board each time, because another program may have
@@ -33,7 +33,7 @@ R = TypeVar("R", bound=Response)
 
 
 class Source(Protocol):
-    """A board or a session, which reads the captions."""
+    """Reader of captions: a board or a session."""
 
     def request(self, packet: Request[R], /) -> Coroutine[Any, Any, R]:
         """Send `packet` and return the response."""
@@ -49,7 +49,7 @@ async def servo_ids(source: Source, servos: Iterable[int | str]) -> list[int]:
 
 
 async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list[int], dict[int, str]]:
-    """Return the ids of servos, as `servo_ids` does, and the captions that were read for that, by id.
+    """Return the ids of servos, as `servo_ids` does, and the captions read for the answer, by id.
 
     If only ids are given, no captions are read.
     """
@@ -57,7 +57,7 @@ async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list
     request, named = QueryServoParameterRequest(), list[Named]()
     if any(isinstance(name, str) for name in names):
         stored = (await source.request(request)).servos
-        # An entry for 255 would make one caption mean all servos.
+        # An entry for 255 would make a caption mean all servos.
         named = [Named("servo", one.servo_id, one.servo_caption) for one in stored if one.servo_id != ALL_SERVOS]
     ids = [_the_one(named, "servo", name, request) if isinstance(name, str) else name for name in names]
     return ids, {one.record_id: one.caption for one in named}
@@ -69,12 +69,12 @@ async def servo_id(source: Source, servo: int | str) -> int:
 
 
 async def servo_targets(source: Source, targets: Targets) -> Mapping[int, float]:
-    """Return `targets` by id, `all` as each servo of the board. Raise EncodeError for a servo that is given twice."""
+    """Return `targets` by id, `all` as each servo of the board. Raise EncodeError for a repeated servo."""
     return (await find_targets(source, targets))[0]
 
 
 async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, float], dict[int, str]]:
-    """Return `targets` by id, as `servo_targets` does, and the captions that were read for that, by id."""
+    """Return `targets` by id, as `servo_targets` does, and the captions read for the answer, by id."""
     if not isinstance(targets, Mapping) or not any(isinstance(servo, str) for servo in targets):
         return targets, {}  # type: ignore[return-value]  # by id, or refused later
     targets = dict(targets)  # a copy, because the caller may change the original meanwhile
@@ -96,7 +96,7 @@ async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, f
 async def record_id(
     source: Source, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False
 ) -> int:
-    """Return the id of a stored record. Raise NotFound or AmbiguousName for what is not one record's caption.
+    """Return the id of a stored record. Raise NotFound for an unknown caption, AmbiguousName for a repeated caption.
 
     With `must_exist`, raise NotFound also for an id that the board does not list.
     """
@@ -106,7 +106,7 @@ async def record_id(
     request = record_type.list_request
     entries = record_type.entries_in(await source.request(request))
     all_named = [Named(record_type.label, record_type.id_of(one), record_type.caption_of(one)) for one in entries]
-    named = [one for one in dict.fromkeys(all_named) if one.record_id]  # a board that has none may list the id 0
+    named = [one for one in dict.fromkeys(all_named) if one.record_id]  # an empty board may list the id 0
     if isinstance(name, str):
         found = _the_one(named, record_type.label, name, request)
         if len(same := [one for one in named if one.record_id == found]) > 1:

@@ -1,4 +1,4 @@
-"""Playing: plays an action or a macro of a project on a board, step by step, without storing it there."""
+"""Playing: an action or a macro of a project on a board, step by step, without storing."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ _LOOK_EVERY = 0.04  # seconds between two looks for a pause, a stop or a loss
 
 
 class Playback:
-    """Pauses and continues what `Board.play` plays, and says how far it is. Any thread may use it."""
+    """Pause, continuation and progress of `Board.play`. Safe for use from any thread."""
 
     def __init__(self) -> None:
         """Start unpaused."""
         self.is_paused = False
-        """Whether no further step begins; servos still finish the one that has begun."""
+        """Whether no further step begins; servos still finish a begun step."""
         self.seconds = 0.0
         """How much was played, without pauses and without the movement to the first pose."""
         self.total_seconds = 0.0
-        """How long all of it takes; 0 until everything was checked."""
+        """Duration of the whole run; 0 before the check."""
 
     def pause(self) -> None:
-        """Begin no further step. The servos finish the steps that have begun, and are then held."""
+        """Begin no further step. The servos finish begun steps, and are then held."""
         self.is_paused = True
 
     def resume(self) -> None:
@@ -57,7 +57,7 @@ class Playing:
     def __init__(
         self, session: Session, servos: ServoController, runs: StoredRuns, interval_unit: float = INTERVAL_UNIT
     ) -> None:
-        """Check with `runs` as for what is stored; an interval of 1 stands for `interval_unit` seconds."""
+        """Check with `runs` as for stored records; an interval of 1 stands for `interval_unit` seconds."""
         self._session = session
         self._servos = servos
         self._runs = runs
@@ -71,7 +71,7 @@ class Playing:
 
         check_project(project)
         ticket = self._session.ticket()
-        by_type(project)  # refuses an id that is used twice: either record could be meant
+        by_type(project)  # refuses a repeated id: either record could be meant
         record = find(project, str(name), (ACTION, MACRO))
         stored = await collect(_reader(project), type_of(record), type_of(record).id_of(record))
 
@@ -92,7 +92,7 @@ class Playing:
         return run.seconds()
 
     async def _playable(self, stored: Project, record: Any) -> Run:
-        """Return the run of a record. Raise EncodeError or RequestError if it cannot be played to its end."""
+        """Return the run of a record. Raise EncodeError or RequestError for an unplayable or endless run."""
         from servolink.client.collect import check_can_wait
         from servolink.project.records import name_of
         from servolink.project.speed import Run
@@ -101,7 +101,7 @@ class Playing:
             self._check_values(one)
         run = Run(stored, record, self._interval_unit)
         servos = await self._servos.servos()
-        check_can_wait(run, servos)  # so nothing in it is endless from here on
+        check_can_wait(run, servos)  # from here on nothing is endless
         for action, speed in run.slowest():
             try:
                 self._session.codec.encode(_movement(action.steps, speed))
@@ -117,7 +117,7 @@ class Playing:
         return run
 
     def _check_values(self, record: Any) -> None:
-        """Raise EncodeError for values that no board takes; its caption is not sent."""
+        """Raise EncodeError for values out of range; the caption is not sent."""
         from servolink.project.records import name_of, with_caption
 
         kind: RecordType[Any] = type_of(record)
@@ -131,9 +131,9 @@ class Playing:
 
 
 class _Player:
-    """Sends the steps of one run as their time comes."""
+    """Sender of the steps of a run, each at its time."""
 
-    def __init__(  # all of them are needed for each step
+    def __init__(  # all are needed for each step
         self,
         session: Session,
         run: Run,
@@ -148,15 +148,15 @@ class _Player:
         self._ticket = ticket
         self._playback = playback
         self._waiting: list[ExecuteActionRequest] = []
-        """Movements that are to begin now."""
+        """Movements to begin now."""
         self._due = asyncio.get_running_loop().time()
-        """When what comes next begins, seconds of the event loop's clock."""
+        """Time of the next step, seconds of the event loop's clock."""
         self.latest = ExecuteActionRequest()
-        """The movement that was sent last."""
+        """Latest movement sent."""
         self._has_begun = False
 
     def lost(self, error: ConnectionLost) -> ConnectionLost:
-        """Return the error of a run whose connection was lost: what became of it, and the first cause."""
+        """Return the error of a run whose connection was lost, with the first cause."""
         from servolink.project.records import name_of
 
         cause = self._connection.ended or error
@@ -166,13 +166,13 @@ class _Player:
         return ConnectionLost(f"{name_of(self._run.record)} was not started: {cause}")
 
     async def play(self) -> None:
-        """Send all steps, and return when the last one has had its time."""
+        """Send all steps, and return after the time of the last."""
         for seconds in self._pauses():
             await self._wait_until_resumed()
             shortest = 0.0
             for movement in self._waiting:
                 await self._send(movement)
-                shortest = self._unit  # an action that takes no time must not fill the line when it is repeated
+                shortest = self._unit  # repeats of an action without duration must not fill the line
             self._waiting.clear()
             await self._wait(max(seconds, shortest))
 
@@ -201,11 +201,11 @@ class _Player:
             raise RequestError(
                 f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played", movement
             ) from None
-        # A step that is sent late is not cut short: the next one would turn faster than was checked.
+        # A late step is not cut short: the next would turn faster than checked.
         self._due = max(self._due, asyncio.get_running_loop().time())
 
     async def _wait(self, seconds: float) -> None:
-        """Wait until `seconds` after what was last due; stops, losses and progress are looked at meanwhile."""
+        """Wait until `seconds` after the latest due time, with checks for stops, losses and progress."""
         loop = asyncio.get_running_loop()
         before, self._due = self._playback.seconds, self._due + seconds
         while (left := self._due - loop.time()) > 0:
@@ -214,7 +214,7 @@ class _Player:
             self._check()
         self._playback.seconds = before + seconds
         if seconds <= 0:
-            await asyncio.sleep(0)  # a macro can have billions of commands that take no time
+            await asyncio.sleep(0)  # a macro can have billions of commands without duration
             self._check()
 
     async def _wait_until_resumed(self) -> None:
@@ -231,7 +231,7 @@ class _Player:
 
 
 def _movement(steps: tuple[Step, ...], speed: float) -> ExecuteActionRequest:
-    """Return the movement that starts the steps of an action, at a speed of 1 or less."""
+    """Return the movement to start the steps of an action, at a speed of 1 or less."""
     return ExecuteActionRequest(
         tuple(
             # Rounded first, as 7 / 0.7 is a little more than 10.
@@ -242,7 +242,7 @@ def _movement(steps: tuple[Step, ...], speed: float) -> ExecuteActionRequest:
 
 
 def _reader(project: Project) -> Any:
-    """Return a function that returns records of `project` as `collect` wants them."""
+    """Return a function for `collect` that returns records of `project`."""
 
     async def get(kind: RecordType[Any], number: int) -> Any:
         try:

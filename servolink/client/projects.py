@@ -1,4 +1,4 @@
-"""Projects (4): everything stored on a board at once. The code of transfers is imported when it is used."""
+"""Projects (4): everything stored on a board at once. The code of transfers is imported on use."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from servolink.escaping import escape, quote
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 
-if TYPE_CHECKING:  # loading them takes longer than loading all packets
+if TYPE_CHECKING:  # loading transfers takes longer than loading all packets
     from pathlib import Path
 
     from servolink.project.transfer.pinned import PinnedConnection
 
 
 class ProjectTransfers:
-    """Reads and writes all that is stored on a board, over one connection each time, with what its profile knows."""
+    """Reads and writes everything stored on a board, each time over one connection, with the facts of the profile."""
 
     def __init__(self, session: Session) -> None:
         """Transfer through `session`."""
@@ -33,7 +33,7 @@ class ProjectTransfers:
             return await export_project(board, on_progress)
 
     async def plan(self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback) -> Plan:
-        """Return what `apply` would change (see `Board.plan_project`)."""
+        """Return the changes of an `apply` (see `Board.plan_project`)."""
         from servolink.project.transfer.plan import plan_project
 
         check_project(project)
@@ -77,7 +77,7 @@ class ProjectTransfers:
     async def roll_back(
         self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback
     ) -> ApplyResult:
-        """Make the board hold what is in a backup (see `Board.rollback_project`)."""
+        """Write a backup to the board (see `Board.rollback_project`)."""
         from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
 
@@ -100,7 +100,7 @@ class ProjectTransfers:
         return is_import_unfinished(BackupStore(folder), project_id, self._session.connection.board_url)
 
     async def project_id(self) -> int:
-        """Return the project id (3.3.13). The first time that it marks an unfinished import, log a warning."""
+        """Return the project id (3.3.13). At the first mark of an unfinished import, log a warning."""
         project_id = await self._session.project_id()
         if is_unfinished(project_id) and not self._reported_unfinished:
             self._reported_unfinished = True
@@ -121,6 +121,6 @@ class ProjectTransfers:
 
 
 def check_project(project: object) -> None:
-    """Raise TypeError, which says how to read a file, if `project` is not a Project."""
+    """Raise TypeError with the way to read a file, unless `project` is a Project."""
     if not isinstance(project, Project):
         raise TypeError(f"project must be a Project, not {quote(project)}; read a file with load_project(path)")

@@ -1,4 +1,4 @@
-"""RawPackets: packets that a program makes itself, kept within the same limits as the methods of a board."""
+"""RawPackets: packets made by programs, kept within the same limits as the methods of a board."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 
-if TYPE_CHECKING:  # late: most programs run nothing that is stored
+if TYPE_CHECKING:  # late: most programs run no stored records
     from servolink.client.stored_runs import StoredRuns
 
 R = TypeVar("R", bound=Response)
 
 
 class RawPackets:
-    """Sends any packet. What the library remembers of the servos is kept up to date, and limits hold."""
+    """Sends any packet within the limits, and keeps the known state of the servos up to date."""
 
     def __init__(
         self, session: Session, servos: ServoController, runs: Callable[[], StoredRuns], limits: MotionLimits
     ) -> None:
-        """Send through `session`, movements through `servos` and what `runs` returns if there are limits."""
+        """Send through `session`; under limits, send movements through `servos` and the result of `runs`."""
         self._session = session
         self._servos = servos
         self._runs = runs
@@ -40,7 +40,7 @@ class RawPackets:
     def request(
         self, packet: Request[R], *, timeout: float | None, unchecked: bool, ticket: Ticket | None
     ) -> Coroutine[Any, Any, R]:
-        """Return what sends a packet that the board answers, when it is awaited (see `Board.request`)."""
+        """Return a coroutine to send a request (see `Board.request`)."""
         if isinstance(packet, SetAngleUnitRequest):
             setting: Any = self._servos.units.request(packet, timeout=timeout, unchecked=unchecked)
             return setting  # type: ignore[no-any-return]
@@ -53,13 +53,13 @@ class RawPackets:
         return asked
 
     async def send(self, packet: Command, *, ticket: Ticket | None) -> None:
-        """Send a packet that the board does not answer (see `Board.send`)."""
+        """Send a packet without a response (see `Board.send`)."""
         if isinstance(packet, ExecuteActionRequest):
             _check_each_once(packet)
         if not self._limits or not isinstance(packet, ExecuteActionRequest | ExecuteActionExRequest):
             await self._session.send(packet, ticket=ticket)
             return
-        self._session.codec.encode(packet)  # refuses values that cannot be sent, before they are compared
+        self._session.codec.encode(packet)  # refuses invalid values before comparing them
         if isinstance(packet, ExecuteActionRequest):
             await self._servos.send(packet, ticket=ticket)
         else:

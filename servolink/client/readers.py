@@ -1,4 +1,4 @@
-"""Async iterators of which any number share one source on the board, such as a subscription."""
+"""Async iterators over a shared source on the board, such as a subscription."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ReaderT = TypeVar("ReaderT", bound="Reader[Any]")
 
 
 class Reader(Generic[T]):
-    """The items that one iterator has not read yet."""
+    """Unread items of an iterator."""
 
     def __init__(self, limit: int) -> None:
         """Keep the latest `limit` items."""
@@ -30,7 +30,7 @@ class Reader(Generic[T]):
         self.error: Exception | None = None
 
     def put(self, item: T) -> bool:
-        """Add an item. Return whether the oldest one was dropped for it."""
+        """Add an item. Return whether the oldest item was dropped."""
         drops = len(self.items) == self.items.maxlen
         self.dropped += drops
         self.items.append(item)
@@ -38,21 +38,21 @@ class Reader(Generic[T]):
         return drops
 
     def end(self, error: Exception | None = None) -> None:
-        """End the iterator behind the items that are there: with `error`, quietly if this program has ended it."""
+        """End the iterator behind the unread items: with `error`, or quietly after an end by this program."""
         self.ended = True
         self.error = error
         with suppress(RuntimeError):  # the reader's loop has ended, and nobody can be woken
             self.changed.set()
 
     def raise_end(self) -> None:
-        """Raise what the iterator ends with."""
+        """Raise the error at the end of the iterator."""
         if self.error is None or (isinstance(self.error, ConnectionLost) and self.error.__cause__ is None):
             raise StopAsyncIteration  # the program has closed the board
         raise same(self.error) if isinstance(self.error, ConnectionLost) else self.error
 
 
 class Source(ABC, Generic[ReaderT]):
-    """What gives items to its readers."""
+    """Source of items for readers."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         """Give items in `loop`."""
@@ -60,7 +60,7 @@ class Source(ABC, Generic[ReaderT]):
 
     @abstractmethod
     async def join(self, reader: ReaderT) -> None:
-        """Give items to `reader` from now on."""
+        """Deliver items to `reader` from now on."""
 
     @abstractmethod
     async def leave(self, reader: ReaderT) -> None:
@@ -68,7 +68,7 @@ class Source(ABC, Generic[ReaderT]):
 
     @abstractmethod
     def leave_soon(self, reader: ReaderT) -> None:
-        """Leave in the background, for callers in the loop that cannot await."""
+        """Leave in the background, for callers in the loop outside coroutines."""
 
     def leave_later(self, reader: ReaderT) -> None:
         """Leave when the loop has its next turn: Python calls finalizers anywhere, and in any thread."""
@@ -77,7 +77,7 @@ class Source(ABC, Generic[ReaderT]):
 
 
 class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
-    """An iterator over a source; `async with`, or simply `async for`, joins and leaves it."""
+    """Iterator over a source; `async with`, or simply `async for`, joins and leaves."""
 
     def __init__(self, source: Source[ReaderT]) -> None:
         """Join `source` when the first item is asked for."""
@@ -87,14 +87,14 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
 
     @abstractmethod
     def _new_reader(self) -> ReaderT:
-        """Return a reader that has not joined."""
+        """Return a new reader."""
 
     def __aiter__(self) -> Self:
         """Return the iterator itself."""
         return self
 
     async def __anext__(self) -> T:
-        """Return the next item, waiting for it if necessary."""
+        """Wait for the next item and return it."""
         await self._join()
         reader = self._reader
         while not reader.items:
@@ -126,7 +126,7 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
 
     def __del__(self) -> None:
         """Leave after `break` has left an `async for` loop."""
-        if getattr(self, "_joined", False):  # it is not there if the arguments were refused
+        if getattr(self, "_joined", False):  # missing after refused arguments
             self._source.leave_later(self._reader)
 
     async def _join(self) -> None:

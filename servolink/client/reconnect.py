@@ -1,4 +1,4 @@
-"""Restoring a lost connection, the states that a connection goes through, and how its board is recognised."""
+"""Restoring a lost connection: its states, attempts in growing pauses, and recognition of the board."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ConnectionStates:
 
 
 class Reconnector:
-    """Reopens a board in the background, in growing intervals, until that succeeds."""
+    """Attempts to reopen a board in the background, in growing intervals."""
 
     def __init__(
         self,
@@ -59,7 +59,7 @@ class Reconnector:
         resume: Callable[[Connection], Awaitable[None]],
         on_another: Callable[[str], None],
     ) -> None:
-        """Connect with `open_connection`; `resume` then restores the session, or raises if that is impossible.
+        """Connect with `open_connection`; `resume` then restores the session, or raises on failure.
 
         `on_another` is called with a description when another board answers, and with no text when that has ended.
         """
@@ -72,7 +72,7 @@ class Reconnector:
         self._stopped = False
 
     def start(self) -> bool:
-        """Start to reconnect unless that is under way. Return False after `stop`, when nothing is started."""
+        """Start to reconnect, unless under way. Return False after `stop`, when nothing is started."""
         if not self._stopped and (self._task is None or self._task.done()):
             self._task = asyncio.get_running_loop().create_task(self._until_connected())
         return not self._stopped
@@ -123,40 +123,40 @@ class BoardIdentity:
     """
 
     def __init__(self) -> None:
-        """Start with no project id, which matches no board."""
+        """Start without a project id; no board matches."""
         self._project_ids: frozenset[int] = frozenset()
         self.changes = 0
         """How many times the set of possible ids has changed."""
         self._former: list[tuple[frozenset[int], float]] = []
-        """The possible ids before each of the latest changes of the board, and when it has surely stored the change."""
+        """Possible ids before each recent change of the board, and when the change is surely stored."""
 
     def set(self, project_id: int) -> None:
-        """Record the one id that the board is known to have."""
+        """Record the known id of the board."""
         self._project_ids = frozenset({project_id})
         self.changes += 1
 
     def add(self, project_id: int) -> None:
-        """Record an id that the board may have, besides those it may have already."""
+        """Record a further possible id."""
         self._project_ids |= {project_id}
         self.changes += 1
 
     def changes_now(self, now: float) -> None:
-        """Record that the board confirmed a change of its id at `now`, before `set` or `add`.
+        """Record a confirmed change of the id at `now`, before `set` or `add`.
 
-        It may keep the change in its memory for a moment before that outlives a loss of power.
+        The board may keep the change in memory for a moment before it outlives a loss of power.
         """
         self._former = [(ids, until) for ids, until in self._former if until > now]
         self._former.append((self._project_ids, now + SETTLES_AFTER))
 
     def lost(self, now: float) -> None:
-        """Record that the connection was lost at `now`, perhaps as the board has lost power."""
+        """Record a loss of the connection at `now`, perhaps with a loss of power."""
         for ids, until in self._former:
             if until > now:
                 self._project_ids |= ids
         self.changes += 1
 
     def learn(self, project_id: int, since: int) -> None:
-        """Record the response to a query that was sent when `changes` was `since`."""
+        """Record the response to a query sent when `changes` was `since`."""
         if self.changes == since:
             self.set(project_id)
         else:
@@ -166,7 +166,7 @@ class BoardIdentity:
 
     @contextmanager
     def changing(self, connection: Connection, project_id: int) -> Iterator[None]:
-        """Add `project_id` if the request made in the body fails in a way that leaves open whether it was done."""
+        """Add `project_id` if the request in the body fails with an unknown outcome."""
         was_lost = connection.ended is not None
         try:
             yield
@@ -178,7 +178,7 @@ class BoardIdentity:
             raise
 
     async def check(self, connection: Connection) -> None:
-        """Ask a new connection for its project id and record it. Raise NotFound if it is another board."""
+        """Read and record the project id on a new connection. Raise NotFound for another board."""
         request = QueryProjectIDRequest()
         found = (await connection.request(request)).project_id
         if found not in self._project_ids:

@@ -1,4 +1,4 @@
-"""What is stored on a board (3.3, 3.4): actions, macros, joystick tables and the parameters of servos."""
+"""Records stored on a board (3.3, 3.4): actions, macros, joystick tables and the parameters of servos."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NOT_STORED = "its memory may be full, or the id may be taken"
 
 
 class RecordStore:
-    """Reads and changes the records of a board, whatever their type, and reads back what changed."""
+    """Reads and changes the records of a board, of all types, and reads changes back."""
 
     def __init__(self, session: Session) -> None:
         """Ask through `session`."""
@@ -39,7 +39,7 @@ class RecordStore:
         return record_type.entries_in(await self._session.request(record_type.list_request))
 
     async def id_of(self, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False) -> int:
-        """Return the id of a record that may be given by caption (see `servolink.client.names`)."""
+        """Return the id of a record given by id or caption (see `servolink.client.names`)."""
         return await id_of_record(self._session, record_type, record, must_exist=must_exist)
 
     async def get(self, record_type: RecordType[T], record: int | str) -> T:
@@ -58,7 +58,7 @@ class RecordStore:
         if not isinstance(record, record_type.record_class):
             raise TypeError(f"the record must be of type {record_type.record_class.__name__}, not {quote(record)}")
         _check_references(record_type, record)
-        async with self._adding:  # or two that are added at the same time would get the same id
+        async with self._adding:  # or two concurrent calls would get the same id
             if record_type.id_of(record) == 0:
                 record = replace(record, **{record.__struct_fields__[0]: await self._free_id(record_type)})
             await self._session.command(record_type.add(record), _NOT_STORED)
@@ -79,7 +79,7 @@ class RecordStore:
         await self._session.command(request, "its memory may be full, or it has no such servo")
 
     async def set_active_table(self, table: int | str) -> None:
-        """Make a joystick table the active one (3.4.5). Raise Rejected if there is none."""
+        """Activate a joystick table (3.4.5). Raise Rejected for a missing table."""
         request = SetActiveJoystickTableRequest(await self.id_of(TABLE, table))
         await self._session.command(request, "it may have no such joystick table")
 
@@ -88,7 +88,7 @@ class RecordStore:
         return (await self._session.request(QueryActiveJoystickTableRequest())).table_id or None
 
     async def took_effect(self, request: Packet) -> bool | None:
-        """Return whether the board is now as `request` would have made it (see `Board.took_effect`)."""
+        """Return whether the board is in the state after `request` (see `Board.took_effect`)."""
         for record_type in RECORD_TYPES:
             if isinstance(request, record_type.add_class):
                 wanted = record_type.record_in(request)
@@ -124,7 +124,7 @@ class RecordStore:
 
 
 def _check_references(record_type: RecordType[T], record: T) -> None:
-    """Raise EncodeError if `record` refers by object to a record that has no id yet."""
+    """Raise EncodeError if `record` refers by object to a record without an id."""
     for target, record_id in record_type.references(record):
         if isinstance(record_id, RecordRef) and record_id == 0:
             caption = target.caption_of(record_id.record)

@@ -42,15 +42,15 @@ from servolink.protocol.servos import (
     SetServoParameterResponse,
 )
 
-_ARRIVED = 2  # within this many degrees (or ADC steps) of the target
-_GRACE = 1.0  # seconds that a movement may take longer than planned
+_ARRIVED = 2  # degrees (or ADC steps) from the target
+_GRACE = 1.0  # seconds beyond the planned duration of a movement
 _PAUSE = 0.04  # seconds between two readings of moving servos
 _STOP_TRIES = 3
-_MOST_NAMED = 8  # servos that have not arrived
+_MOST_NAMED = 8  # servos still away from their targets
 
 
 class Servo(Struct, frozen=True):
-    """One servo as the board reports it (3.2.2)."""
+    """State of a servo as reported by the board (3.2.2)."""
 
     servo_id: int
     angle: int
@@ -61,13 +61,13 @@ class Servo(Struct, frozen=True):
     """Raw reading."""
     servo_type: int
     is_start: bool
-    """Whether it may move; a stopped servo ignores movements."""
+    """Whether the servo may move; a stopped servo ignores movements."""
     is_hold: bool
-    """Whether it holds its angle; a released servo is limp."""
+    """Whether the servo holds an angle; a released servo is limp."""
 
     @property
     def state(self) -> str:
-        """`released`, `stopped`, or `ready` if it moves when it is told to."""
+        """`released`, `stopped`, or `ready` to move."""
         return "released" if not self.is_hold else "stopped" if not self.is_start else "ready"
 
     def _repr_html_(self) -> str:
@@ -75,7 +75,7 @@ class Servo(Struct, frozen=True):
 
 
 class Servos(tuple[Servo, ...]):
-    """Servos, which notebooks show as a table."""
+    """Servos, shown as a table in notebooks."""
 
     __slots__ = ()
 
@@ -102,7 +102,7 @@ class ServoController:
         limits: MotionLimits,
         interval_unit: float = INTERVAL_UNIT,
     ) -> None:
-        """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are.
+        """Set all servos to `angle_unit` before the first command with an angle; None changes no unit.
 
         An interval of 1 (3.2.5) stands for `interval_unit` seconds.
         """
@@ -121,7 +121,7 @@ class ServoController:
         return await self._read(QueryServoRequest(ALL_SERVOS))
 
     async def servo(self, which: int | str) -> Servo:
-        """Return the state of one servo (3.2.2). Raise NotFound if the board has no such servo."""
+        """Return the state of a servo (3.2.2). Raise NotFound for a missing servo."""
         if which == ALL:
             raise NotFound("'all' stands for all servos, whose states `servos` returns; for a caption write 'name:all'")
         servo_id = await id_of_servo(self._session, which)
@@ -153,11 +153,11 @@ class ServoController:
         unchecked: bool = False,
         ticket: Ticket | None = None,
     ) -> SetServoParameterResponse:
-        """Send a packet that starts, stops, holds or releases, and return the response, whatever it says."""
+        """Send a packet to start, stop, hold or release, and return the response without a check."""
         try:
             return await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
         finally:
-            self.soft_start.forget(packet)  # whether or not it was answered: it may have been done
+            self.soft_start.forget(packet)  # answered or not: the request may have been executed
 
     async def move(
         self,
@@ -173,8 +173,8 @@ class ServoController:
         connection = self._session.connection
         ticket = ticket or connection.stops.ticket()
         check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
-        angles = checked_targets(await servo_targets(self._session, targets))  # a copy, as the caller may change them
-        if not self.units.is_changing:  # while they change, only `_planned` can say what is possible
+        angles = checked_targets(await servo_targets(self._session, targets))  # a copy: callers change theirs
+        if not self.units.is_changing:  # during a change, only `_planned` knows the units
             self._goals(angles, speed)
         while True:
             goals, intervals, moving = await self._planned(angles, duration, speed)
@@ -198,7 +198,7 @@ class ServoController:
     async def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Yield what the servos report until they have arrived (see `Board.follow`)."""
+        """Yield readings until the servos have arrived (see `Board.follow`)."""
         angles = checked_targets(await servo_targets(self._session, targets))
         await self.units.ensure()
         goals = self._in_units(wire_angles(angles, self.units.of))
@@ -206,7 +206,7 @@ class ServoController:
             yield servos
 
     def until_at_rest(self, angles: Mapping[int, int]) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Yield readings until servos rest at `angles`, which are in the unit of each servo."""
+        """Yield readings until servos rest at `angles`, in the unit of each servo."""
         return self.until_arrived(self._in_units(angles), 0.0, settle=True)
 
     async def until_arrived(
@@ -217,7 +217,7 @@ class ServoController:
         start = loop.time()
         before: dict[int, int] = {}
         while True:
-            # By when it was asked: if the loop stalls, this is where the servos were before, not after that.
+            # By the time of the request: after a stall of the loop, the reading is from before the stall.
             too_late = loop.time() - start >= seconds + _GRACE
             try:
                 servos = await self.servos()
@@ -236,7 +236,7 @@ class ServoController:
             await asyncio.sleep(_PAUSE)
 
     async def send(self, packet: ExecuteActionRequest, *, ticket: Ticket | None = None) -> None:
-        """Send a movement as it is. Raise MotionRefused if it exceeds the limits (see `Board.send`)."""
+        """Send a movement unchanged. Raise MotionRefused beyond the limits (see `Board.send`)."""
         connection = self._session.connection
         ticket = ticket or connection.stops.ticket()
         angles = {step.servo_id: step.degree for step in packet.steps}
@@ -255,7 +255,7 @@ class ServoController:
         self.soft_start.moved(moving, longest, ticket)
 
     async def stop(self) -> None:
-        """Stop and hold all servos, ahead of everything that waits to be sent (see `Board.stop`)."""
+        """Stop and hold all servos, ahead of all waiting packets (see `Board.stop`)."""
         request = SetServoParameterRequest(ALL_SERVOS, 0, 1)
         doubt = ""
         for _ in range(_STOP_TRIES):
@@ -264,10 +264,10 @@ class ServoController:
             # `set_servo`. So the state of the servos is what counts.
             await connection.send_stop(request)
             if connection.hub is not None and connection.is_suspended:
-                await connection.hub.stop()  # it reads the servos: nobody else may now
+                await connection.hub.stop()  # the hub reads the servos: no other program may now
                 return
             try:
-                await connection.shake_hands()  # if that was put off, so that the stop goes first
+                await connection.shake_hands()  # if put off, so that the stop goes first
                 states = await connection.request(
                     QueryServoRequest(ALL_SERVOS), timeout=connection.patience / _STOP_TRIES, first=True
                 )
@@ -283,13 +283,13 @@ class ServoController:
         raise OutcomeUnknown(f"a stop was sent {_STOP_TRIES} times and could not be confirmed: {doubt}", request)
 
     async def _read(self, request: QueryServoRequest) -> tuple[Servo, ...]:
-        """Return the servos, with angles in the unit in which the board reported them."""
+        """Return the servos, with angles in the reported unit."""
         while True:
             await self.units.ensure()
             connection = self._session.connection
             units_sent = connection.units_sent
             states = (await connection.request(request)).servos
-            # A unit sent while the query was under way leaves open in which one it was answered: read again.
+            # After a unit sent during the query, the unit of the response is unknown: read again.
             if units_sent == connection.units_sent:
                 return Servos(map(self._servo, states))
 
@@ -305,7 +305,7 @@ class ServoController:
         )
 
     def _goals(self, targets: Mapping[int, float], speed: Speed | None) -> dict[int, int]:
-        """Return `targets` in the units that are set. Raise EncodeError for those that are not possible."""
+        """Return `targets` in the units set now. Raise EncodeError for impossible targets."""
         angles = wire_angles(targets, self.units.of)
         check_limits(angles, self.units.of, self._limits, speed)
         return self._in_units(angles)
@@ -316,7 +316,7 @@ class ServoController:
     async def _planned(
         self, targets: Mapping[int, float], duration: float | None, speed: Speed | None
     ) -> tuple[dict[int, int], dict[int, int], set[int]]:
-        """Return the goals, each servo's time in intervals and the servos that will move, for the units set now."""
+        """Return the goals, the time of each servo in intervals and the moving servos, for the units set now."""
         await self.units.ensure()
         here, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
         goals = self._goals(targets, speed)
@@ -327,14 +327,14 @@ class ServoController:
         return goals, intervals, moving
 
     def _needs_pose(self, servo_ids: Iterable[int]) -> bool:
-        """Return whether a movement of these servos can be checked only from where they are."""
+        """Return whether the check of a movement needs the present angles."""
         has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in servo_ids)
         return has_cap or bool(self.soft_start.first_moves(servo_ids))
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
-        """Return the present angles of servos if they are needed, and which of them would move.
+        """Return the present angles of servos, if needed, and the servos to move.
 
-        Servos that are stopped or released would not.
+        Stopped and released servos do not move.
         """
         if not needed:
             return {}, set(servo_ids)
@@ -343,7 +343,7 @@ class ServoController:
         return here, {servo.servo_id for servo in servos if servo.servo_id in here and servo.is_start and servo.is_hold}
 
     def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
-        """Raise MotionRefused for a step that turns its servo by `degrees` and is too fast."""
+        """Raise MotionRefused for too fast a step of `degrees`."""
         seconds = step.interval * self._interval_unit
         exceeded = self._limits.exceeded_cap(step.servo_id, degrees, seconds)
         why = f"its cap is {exceeded}"
@@ -358,7 +358,7 @@ class ServoController:
 
 
 def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
-    """Return the angles of the servos wanted, by id. Raise NotFound if one is missing."""
+    """Return the angles of the servos wanted, by id. Raise NotFound for a missing servo."""
     here = {servo.servo_id: servo.angle for servo in servos}
     if missing := [servo_id for servo_id in wanted if servo_id not in here]:
         raise NotFound(f"the board has no servo {missing[0]}", QueryServoRequest(ALL_SERVOS))
@@ -366,7 +366,7 @@ def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
 
 
 def _not_arrived(away: Mapping[int, tuple[int, int]]) -> TargetNotReached:
-    """Return the error for servos that are at one angle and should be at another."""
+    """Return the error for servos away from their targets."""
     places = [f"servo {servo_id} is at {here}, not at {goal}" for servo_id, (here, goal) in away.items()]
     if len(places) > _MOST_NAMED:
         places[_MOST_NAMED:] = [f"{len(places) - _MOST_NAMED} more servos are on their way"]

@@ -28,7 +28,7 @@ R = TypeVar("R", bound=Response)
 
 
 class Session:
-    """Sends requests to one board; holds what must be restored when a lost connection is replaced."""
+    """Sends requests to a board; holds the state to restore when a lost connection is replaced."""
 
     def __init__(
         self,
@@ -36,21 +36,21 @@ class Session:
         reopen: Callable[[], Awaitable[Connection]] | None = None,
         profile: ProfileInUse | None = None,
     ) -> None:
-        """Use `connection`; with `reopen`, which opens another one to the same board, replace it when it is lost.
+        """Use `connection`; replace a lost connection with `reopen`, which opens another to the same board.
 
         `profile` is what is known of the board.
         """
         self.connection = connection
-        """The present connection, replaced by another one after a loss."""
+        """Present connection, replaced after a loss."""
         self.profile = profile
-        """What is known of the board; None if nothing is."""
+        """Known facts of the board; None without a profile."""
         self.identity = BoardIdentity()
         self._enders: list[Callable[[ConnectionLost], None]] = []
         self._restorers: list[Callable[[Connection], Awaitable[None]]] = []
-        self._mode: int | None = None  # the transmission mode set by this session; None if it was left alone
+        self._mode: int | None = None  # transmission mode set by this session; None if unchanged
         self._states = ConnectionStates()
         self.loop = asyncio.get_running_loop()
-        """The event loop that connected."""
+        """Event loop of the connection."""
         self._ended: ConnectionLost | None = None
         self._reconnector: Reconnector | None = None
         if reopen is not None:
@@ -83,11 +83,11 @@ class Session:
         return self._states.read()
 
     def restore_with(self, restore: Callable[[Connection], Awaitable[None]]) -> None:
-        """Call `restore` with each new connection before the session uses it; it raises if it cannot restore."""
+        """Call `restore` with each new connection before use; `restore` raises on failure."""
         self._restorers.append(restore)
 
     def end_with(self, end: Callable[[ConnectionLost], None]) -> None:
-        """Call `end` when the connection is lost and will not be replaced, or closed; at once if it was."""
+        """Call `end` when the connection is lost for good, or closed; at once after the end."""
         self._enders.append(end)
         if self._ended is not None:
             end(self._ended)
@@ -95,11 +95,11 @@ class Session:
     # --- motions ------------------------------------------------------------------------------------------------
 
     def ticket(self) -> Ticket:
-        """Return the ticket of a motion that is asked for now: a later stop or a loss of the connection ends it."""
+        """Return a ticket for a motion requested now, valid until a stop or a loss of the connection."""
         return self.connection.stops.ticket()
 
     def check_goes_on(self, name: str, packet: Packet, ticket: Ticket) -> None:
-        """Raise the error that ends a motion which has begun with `packet`: a loss, a stop, or another program.
+        """Raise the error of an ended motion that began with `packet`: a loss, a stop, or another program.
 
         `name` says what is moving, such as `action 3`.
         """
@@ -121,7 +121,7 @@ class Session:
         unchecked: bool = False,
         ticket: Ticket | None = None,
     ) -> Coroutine[Any, Any, R]:
-        """Return what sends `packet`, when it is awaited, and returns its response (see `Board.request`)."""
+        """Return a coroutine to send `packet` and return the response (see `Board.request`)."""
         if not isinstance(packet, Request):
             raise _wrong_packet(packet)
         if timeout is not None:
@@ -129,13 +129,13 @@ class Session:
         return self.connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> None:
-        """Send a packet that the board does not answer (see `Board.send`)."""
+        """Send a packet without a response (see `Board.send`)."""
         if not isinstance(packet, Command):
             raise _wrong_packet(packet)
         await self.connection.send(packet, ticket=ticket)
 
     async def command(self, packet: Request[Result], likely_cause: str) -> None:
-        """Send a command that is answered with success or failure. Raise Rejected with `likely_cause` on failure."""
+        """Send a command whose response is success or failure. Raise Rejected with `likely_cause` on failure."""
         if not (await self.request(packet)).result:
             raise Rejected(f"{self.url} refused {described(packet)}: {likely_cause}", packet)
 
@@ -148,7 +148,7 @@ class Session:
 
     @asynccontextmanager
     async def transfer(self, reason: str, *, moves: bool = False) -> AsyncIterator[None]:
-        """Transfer much in this context; of a shared board, have it alone as well if there is a `reason`.
+        """Return a context for a large transfer; on a shared board, with a `reason`, also with exclusive use.
 
         With `moves`, servos may turn: raise MotionRefused at once if another program moves a shared board.
         """
@@ -190,16 +190,16 @@ class Session:
         self.identity.changes_now(self.loop.time())
         self.identity.set(project_id)
         if self._reconnector is not None:
-            # Only to recognise the board later: it may keep less of the id than it was given.
+            # Only to recognise the board later: some boards store less of the id.
             with suppress(ServolinkError):
                 self.identity.add((await self.request(QueryProjectIDRequest())).project_id)
 
     # --- loss and end -------------------------------------------------------------------------------------------
 
     def is_at_home(self) -> bool:
-        """Return whether this runs in the event loop that connected, False if that has ended.
+        """Return True in the event loop of the connection, False after the end of that loop.
 
-        Raise RuntimeError if it has not: tasks of one loop cannot be awaited in another.
+        Raise RuntimeError in another loop before that end: tasks of one loop cannot be awaited in another.
         """
         here, home = asyncio.get_running_loop(), self.loop
         if here is not home and not home.is_closed():
@@ -233,7 +233,7 @@ class Session:
         self.connection.on_another(text)
 
     def _follow_state(self, connection: Connection) -> None:
-        """Pass on that there is a connection; of a shared board, whether its hub has one."""
+        """Report the new connection; for a shared board, the state of the hub's connection."""
         if connection.hub is None:
             self._states.change("connected")
         else:
@@ -250,13 +250,13 @@ class Session:
             end(error)
 
     async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
-        await self.connection.close()  # a connection that ended by silence still holds its port
+        await self.connection.close()  # after an end by silence the port is still open
         return await reopen()
 
     async def _resume(self, connection: Connection) -> None:
-        """Restore the session on a new connection, then use it. Raise whatever prevents that."""
+        """Restore the session on a new connection, then use the connection. Raise the error of a failure."""
         connection.answers.on_end = self._connection_ended
-        # First this protocol, if a mode was ever set: a board that restarted in mode 0 would not answer the check.
+        # First this protocol, if a mode was ever set: a restarted board in mode 0 would not answer the check.
         if self._mode is not None:
             await set_mode(connection, 1)
         # Before anything is changed: another board may be plugged in at this address.
@@ -268,14 +268,14 @@ class Session:
         # Last, because a board in mode 0 answers nothing any more.
         if self._mode not in (None, 1):
             await set_mode(connection, self._mode)
-        if connection.ended is not None:  # lost again meanwhile, when its end was not ours to handle
+        if connection.ended is not None:  # lost again meanwhile, before this session handled the end
             raise same(connection.ended)
         self.stats.reconnects += 1
         self._follow_state(connection)
 
 
 def _wrong_packet(packet: object) -> TypeError:
-    """Return the error for what was passed to `request` and is not answered, or to `send` and is, or for no packet."""
+    """Return the error for a wrong argument of `request` or `send`: the other kind of packet, or no packet."""
     if isinstance(packet, type) and issubclass(packet, Packet):
         fields = ", ".join(packet.__struct_fields__)
         return TypeError(f"{packet.__name__} is a class and not a packet; write {packet.__name__}({fields})")

@@ -1,4 +1,4 @@
-"""SoftStart: which servos are in an unknown pose, so that their next movement must be slow."""
+"""SoftStart: servos in an unknown pose, whose next movement must be slow."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 
 
 class SoftStart:
-    """Remembers which servos have made their first movement.
+    """Record of first movements of servos.
 
     A servo is in an unknown pose until its first movement on this connection has had its time, and again after it was
     stopped or released: somebody may have turned it since. Without `soft_start` all poses count as known.
@@ -24,11 +24,11 @@ class SoftStart:
         self._session = session
         self._limits = limits
         self._known_at: dict[int, float] = {}
-        """When the first movement of a servo ends, in seconds of the event loop's clock; no entry before it begins."""
+        """End of the first movement by servo, in seconds of the event loop's clock; no entry before its begin."""
         self._epoch = self._now()
 
     def first_moves(self, servo_ids: Iterable[int]) -> set[int]:
-        """Return those of `servo_ids` whose next movement must be slow."""
+        """Return the servos whose next movement must be slow."""
         self._forget_old()
         now = asyncio.get_running_loop().time()
         return {
@@ -38,9 +38,9 @@ class SoftStart:
         }
 
     def moved(self, servo_ids: Iterable[int], seconds: float, ticket: Ticket) -> None:
-        """Count a movement that was just sent and takes `seconds` as the first one of servos that had none.
+        """Count a movement of `seconds`, just sent, as the first of servos without one.
 
-        But not if `ticket` does not hold any more: a stop overtakes a movement that waits for room on the line.
+        A movement whose `ticket` has ended does not count: a stop overtakes a movement that waits for the line.
         """
         self._forget_old()
         if not self._session.connection.stops.holds(ticket):
@@ -50,7 +50,7 @@ class SoftStart:
             self._known_at.setdefault(servo_id, end)
 
     def forget(self, request: SetServoParameterRequest) -> None:
-        """Forget the pose of a servo that `request` stops or releases, or of all servos."""
+        """Forget the pose of the servos stopped or released by `request`."""
         if request.is_start and request.is_hold:
             return
         if request.servo_id == ALL_SERVOS:

@@ -1,4 +1,4 @@
-"""StoredRuns: runs what is stored on a board (3.2.6, 3.3.9), after comparing it with the limits of movements."""
+"""StoredRuns: stored actions and macros (3.2.6, 3.3.9), compared with the limits of movements before a run."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 
-if TYPE_CHECKING:  # imported late: most programs run nothing that is stored
+if TYPE_CHECKING:  # imported late: most programs run no stored records
     from servolink.project.speed import Run
 
 _LOOK_EVERY = 0.1  # seconds
 
 
 class StoredRuns:
-    """Runs stored actions and macros. If movements are limited, what would exceed a limit is not run."""
+    """Runs stored actions and macros. Under limits, refuses a run beyond a limit."""
 
     def __init__(
         self,
@@ -99,7 +99,7 @@ class StoredRuns:
         unchecked: bool = False,
         ticket: Ticket | None = None,
     ) -> ExecuteMacroResponse:
-        """Start a stored macro and return the response, whatever it says. Raise MotionRefused beyond limits."""
+        """Start a stored macro and return the response without a check. Raise MotionRefused beyond limits."""
         if not self._limits:
             return await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
         if timeout is not None:
@@ -109,7 +109,7 @@ class StoredRuns:
         return await connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
-        """Read what runs when a record is run. Raise RequestError if its end shall be waited for and cannot be."""
+        """Read the run of a record. Raise RequestError if the caller wants to wait for an unknown end."""
         from servolink.project.speed import Run
 
         stored = await collect(self._records.get, kind, record_id)
@@ -121,13 +121,13 @@ class StoredRuns:
     async def _prepare(
         self, kind: RecordType[Any], record_id: int, ticket: Ticket, *, wait: bool = False, dry_run: bool = False
     ) -> tuple[Run, Ticket]:
-        """Read a record and all that it runs, and prepare its run (see `prepare`)."""
+        """Read a record with all records run by it, and prepare the run (see `prepare`)."""
         return await self.prepare(lambda: self._read(kind, record_id, wait=False), ticket, wait=wait, dry_run=dry_run)
 
     async def prepare(
         self, read: Callable[[], Awaitable[Run]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
     ) -> tuple[Run, Ticket]:
-        """Return the run that `read` returns and may begin now, with its ticket as of this check.
+        """Return the run from `read` if it may begin now, with a ticket as of this check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
@@ -156,7 +156,7 @@ class StoredRuns:
             ticket = ticket.begun()
 
     async def _until_over(self, run: Run, packet: Packet, ticket: Ticket) -> None:
-        """Wait until a run is over and its servos rest where it leaves them (see `Board.run_action`)."""
+        """Wait until a run is over and the servos rest in the last pose (see `Board.run_action`)."""
         loop = asyncio.get_running_loop()
         end = loop.time() + run.seconds()
         # The line is left free meanwhile, so a stop and a loss are looked for here.
@@ -166,13 +166,13 @@ class StoredRuns:
         await self.until_at_rest(run, packet, ticket)
 
     async def until_at_rest(self, run: Run, packet: Packet, ticket: Ticket) -> None:
-        """Wait until the servos of a run rest where it leaves them. Raise TargetNotReached for those that do not."""
+        """Wait until the servos of a run rest in the last pose. Raise TargetNotReached for the others."""
         async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
             async for _ in readings:
                 self._session.check_goes_on(name_of(run.record), packet, ticket)
 
     async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], ticket: Ticket) -> None:
-        """Move servos to the first pose of a record and wait until they have arrived. A stop ends it."""
+        """Move servos to the first pose of a record and wait for the arrival. A stop ends the movement."""
         softest = min(speed for servo_id in pose if (speed := self._limits.soft_speed_of(servo_id)) is not None)
         seconds = await self._servos.move(pose, speed=softest, ticket=ticket)
         goals = {servo_id: Degrees(angle) for servo_id, angle in pose.items()}
@@ -185,7 +185,7 @@ class StoredRuns:
             raise TargetNotReached(text, error.late) from None
 
     def _check_is_wanted(self, name: str, ticket: Ticket) -> None:
-        """Raise the error that keeps a run from beginning: a loss, a stop, or another program that moves the servos."""
+        """Raise the error of a run that cannot begin: a loss, a stop, or another program with the lease."""
         connection = self._session.connection
         if not connection.stops.issued(ticket):
             raise ConnectionLost(f"{name} was not run: the connection was lost while it was checked")
@@ -208,7 +208,7 @@ class StoredRuns:
 
 
 def _is_active(servo: Servo) -> bool:
-    """Return whether a servo would move; one that is stopped or released would not."""
+    """Return whether a servo would move, neither stopped nor released."""
     return servo.is_start and servo.is_hold
 
 

@@ -1,4 +1,4 @@
-"""Readings of all servos, one after the other (3.2.2): the board is asked once for all iterators together."""
+"""Consecutive readings of all servos (3.2.2), with a single query for all iterators."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ _SLACK = 1e-6  # seconds: sums of periods are not exact
 
 
 class ServoReading(Struct, frozen=True):
-    """The state of all servos at one time."""
+    """State of all servos at a time."""
 
     seconds: float
     """When the response came, on the clock of the event loop (`loop.time()`): only differences have a meaning."""
     servos: tuple[Servo, ...]
     missed: int = 0
-    """Readings left out directly before this one: the program was too slow for them, or the board."""
+    """Readings left out directly before: the program or the board was too slow."""
     alarms: tuple[RaisedAlarm, ...] = ()
-    """Alarms raised since the reading before, also by readings that were left out."""
+    """Alarms raised since the reading before, also by readings left out."""
 
 
 class _RatedReader(Reader[ServoReading]):
-    """The latest reading, at most so often as its iterator wants one."""
+    """Latest reading, at most at the rate of the iterator."""
 
     def __init__(self, hz: float | None, alarms: tuple[Alarm, ...]) -> None:
         super().__init__(1)
@@ -49,7 +49,7 @@ class _RatedReader(Reader[ServoReading]):
         """When the next reading is to be asked for, or later."""
 
     def offer(self, asked_at: float, reading: ServoReading) -> bool:
-        """Take a reading that was asked for at `asked_at`, unless it is too early; in place of an unread one.
+        """Take a reading requested at `asked_at`, unless too early; an unread reading is replaced.
 
         Return whether it raises an alarm that stops the servos.
         """
@@ -72,7 +72,7 @@ class _RatedReader(Reader[ServoReading]):
 
 
 class ServoWatch(Source[_RatedReader]):
-    """Reads all servos while there is at least one reader, as often as the one that wants the most readings.
+    """Reads all servos while there are readers, at the rate of the fastest reader.
 
     Without a rate as many queries are asked as the connection has use for: one that is answered is asked again, one
     more is added while nobody waits for a permit, and one is left out while others wait.
@@ -88,10 +88,10 @@ class ServoWatch(Source[_RatedReader]):
         self._resuming: asyncio.Task[None] | None = None
         self._stopping: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._period: float | None = None  # None: as fast as possible
+        self._period: float | None = None  # as fast as possible if None
         self._began_at = 0.0
         self._ticks = 0  # periods since then
-        self._is_late = False  # whether there was no room for the latest one
+        self._is_late = False  # whether there was no room for the latest
         self._has_read = False  # whether there was a reading
         self._ended = False
         session.end_with(self._end)
@@ -119,7 +119,7 @@ class ServoWatch(Source[_RatedReader]):
             self._begin()
 
     async def close(self) -> None:
-        """End every reader and stop reading, once a stop that an alarm asked for has ended."""
+        """End every reader and stop reading, after a stop caused by an alarm."""
         if self._stopping is not None:
             await asyncio.wait((self._stopping,))
         for reader in list(self._readers):
@@ -142,7 +142,7 @@ class ServoWatch(Source[_RatedReader]):
         self._begin()
 
     def _begin(self) -> None:
-        """Begin to read at the rate that the readers want now."""
+        """Begin to read at the rate of the present readers."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -158,19 +158,19 @@ class ServoWatch(Source[_RatedReader]):
             self._tick(self._period)
 
     def _tick(self, period: float) -> None:
-        """Ask for the reading that is due now, and set the timer for the next one."""
+        """Send the query due now, and set the timer for the next."""
         due = self._began_at + self._ticks * period
         self._ticks = max(self._ticks, int((self._loop.time() - self._began_at) / period)) + 1
         self._timer = self._loop.call_at(self._began_at + self._ticks * period, self._tick, period)
         self._is_late = not self._ask(due)
 
     def _fill(self) -> None:
-        """Ask one query more if there is use for it; it does the same in turn."""
+        """Send another query if useful; the query does the same in turn."""
         if self._readers and self._period is None:
             self._ask(self._loop.time())
 
     def _ask(self, due: float) -> bool:
-        """Ask a query that is due at `due`, unless the connection is lost or has no use for it."""
+        """Send a query due at `due`, unless the connection is lost or busy enough."""
         connection = self._session.connection
         has_enough = connection.has_waiting or len(self._queries) >= connection.callers
         if self._resuming is not None or (self._queries and has_enough):
@@ -181,7 +181,7 @@ class ServoWatch(Source[_RatedReader]):
         return True
 
     async def _read(self, due: float) -> None:
-        """Ask a query, and again as long as that is needed."""
+        """Send a query, and repeat as long as needed."""
         try:
             while self._readers and await self._read_once(due):
                 due = self._loop.time()
@@ -193,20 +193,20 @@ class ServoWatch(Source[_RatedReader]):
                 and self._has_read
                 and self._session.connection.lifecycle.outlasts_silence
             ):
-                self._loop.call_soon(self._fill)  # the hub has lost its board, which may come back
+                self._loop.call_soon(self._fill)  # the hub has lost the board, perhaps for a while
             else:
                 self._fail(error)
-        finally:  # at once, or whoever begins to read now would take it for a query under way
+        finally:  # at once, or a new reader would take it for a query under way
             self._queries.discard(cast("asyncio.Task[None]", asyncio.current_task()))
 
     async def _read_once(self, due: float) -> bool:
-        """Ask a query. Return whether it should be asked again at once."""
+        """Send a query. Return whether to send another at once."""
         if self._period is None:
-            self._loop.call_soon(self._fill)  # when this one is on its way, or waits
+            self._loop.call_soon(self._fill)  # when the present query is under way, or waits
         servos = await self._servos.servos()
         self._has_read = True
         reading = ServoReading(self._loop.time(), servos)
-        readers = tuple(self._readers)  # a copy: no reader that comes or goes meanwhile may swallow a stop
+        readers = tuple(self._readers)  # a copy: a change of readers meanwhile must not swallow a stop
         stopping = [reader for reader in readers if reader.offer(due, reading)]
         if stopping and self._stopping is None:
             self._stopping = self._loop.create_task(self._stop())
@@ -216,7 +216,7 @@ class ServoWatch(Source[_RatedReader]):
         return is_late
 
     async def _stop(self) -> None:
-        """Stop the servos, because of an alarm. End the readers that asked for that if it cannot be confirmed."""
+        """Stop the servos, because of an alarm. End the readers with the alarm if the stop cannot be confirmed."""
         try:
             await self._servos.stop()
         except ServolinkError as error:
@@ -231,7 +231,7 @@ class ServoWatch(Source[_RatedReader]):
             self._stopping = None
 
     def _resume_later(self) -> None:
-        """Read again once the connection is restored, if it will be."""
+        """Read again after the connection is restored."""
         if self._resuming is None and not self._ended:
             self._resuming = self._loop.create_task(self._resume())
 
