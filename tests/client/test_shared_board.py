@@ -83,7 +83,7 @@ def test_a_refused_movement_is_an_error_that_names_the_holder() -> None:
                 await other.release()
             assert (await other.servo(1)).angle == 60
             await other.stop()
-            await other.connection.hub.leases.take(force=True)  # type: ignore[union-attr]
+            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
             await other.set_servo("all", start=True, hold=True)
             await other.move({1: 0}, duration=0.05, wait=True)
             with pytest.raises(MotionRefused, match="moved by"):
@@ -122,7 +122,7 @@ def test_a_motion_whose_lease_is_taken_away_is_refused_with_the_reason(use: Call
             moving = asyncio.ensure_future(use(one))
             while (await other.servo(1)).angle < 5:
                 assert not moving.done()
-            await other.connection.hub.leases.take(force=True)  # type: ignore[union-attr]
+            await other.connection.hub.take_lease(force=True)  # type: ignore[union-attr]
             await other.move({1: 0}, duration=0.05)
             with pytest.raises(MotionRefused, match=r"interrupted: the servos of rex are moved by .* --take rex"):
                 await moving
