@@ -1,5 +1,6 @@
-// What a macro does when, as `MacroPlaying` of `servolink/protocol/records.py` plays it: all steps of an action start together, and
-// it takes as long as its longest step. A command takes its total interval, or longer if what it runs does.
+// Times of the steps of a macro, as `MacroPlaying` of `servolink/protocol/records.py` plays it: all steps of an action
+// start together, and it takes as long as its longest step. A command takes its total interval, or longer if its
+// record does.
 
 import { inOrder } from "./durations.js";
 
