@@ -43,7 +43,7 @@ class Reconnecting(AsyncIterator[T], Generic[T]):
     """
 
     def __init__(self, open_: Callable[[], Awaitable[T]], pauses: Pauses, retry: Callable[[Exception], bool]) -> None:
-        """Open each connection with `open_`, which closes what it has opened before it raises."""
+        """Open each connection with `open_`, which leaves nothing open when it raises."""
         self._open = open_
         self._pauses = pauses
         self._retry = retry

@@ -26,7 +26,7 @@ _logger = logging.getLogger(__name__)
 
 
 class Reply(Struct):
-    """What a hub answers: the result of a method, or an error as the reference has it; both as JSON."""
+    """Reply of a hub: the result of a method, or an error as in the reference; both as JSON."""
 
     result: Raw = Raw(b"")
     error: Raw | UnsetType = UNSET
@@ -84,7 +84,7 @@ class RpcChannel(asyncio.Protocol):
         return reply.result
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
-        """Return what the hub answers, be it an error; `on_progress` is called with each notification of progress.
+        """Return the reply of the hub, which may be an error; pass notifications of progress to `on_progress`.
 
         Raise ConnectionLost if the hub is gone.
         """
@@ -170,7 +170,7 @@ class RpcChannel(asyncio.Protocol):
 
 
 def error_of(kind: str, text: str) -> ServolinkError:
-    """Return the error of the library for one that a hub has sent."""
+    """Return the error of the library for an error of a hub."""
     if kind == "forbidden":
         return Rejected(text)
     declared = getattr(errors, kind, None)

@@ -1,4 +1,4 @@
-"""Errors of the control interface: one code for each kind of error, and how to go on after it."""
+"""Errors of the control interface: a code and a remedy for each kind of error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servolink.escaping import escape
 
 
 class Code(IntEnum):
-    """Codes of errors that are not errors of the library: those of JSON-RPC 2.0, and two of the hub."""
+    """Codes of errors from outside the library: those of JSON-RPC 2.0, and two of the hub."""
 
     PARSE_ERROR = -32700
     INVALID_REQUEST = -32600
@@ -89,7 +89,7 @@ class ErrorObject(Struct, frozen=True):
 
 
 class RpcError(Exception):
-    """A request that is answered with an error which is not one of the library."""
+    """Request answered with an error from outside the library."""
 
     def __init__(
         self, code: Code, text: str, *, path: str = "", remedy: str = "", request_id: int | str | None = None
@@ -103,7 +103,7 @@ class RpcError(Exception):
 
 
 def error_object(error: Exception) -> ErrorObject:
-    """Return what a program is told of `error`."""
+    """Return `error` as programs get it."""
     text = escape(str(error))
     if isinstance(error, RpcError):
         return ErrorObject(error.code, text, ErrorData(error.code.name.lower(), error.remedy, escape(error.path)))

@@ -28,9 +28,9 @@ class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
     angle_unit: Literal["degree", "adc"] = "degree"
     """The unit of the servos for which the session sets none."""
     dead_man: Annotated[float, Meta(ge=0.1, le=60)] | None = None
-    """Seconds without a beat after which the hub stops what this program moves; None for none. Only for RPC."""
+    """Seconds without a beat until the hub stops the motions of this program; None for no limit. Only for RPC."""
     session: str | None = None
-    """The session that an RPC connection belongs to; None for a new one."""
+    """Session of an RPC connection; None for a new session."""
     token: str = ""
     """The secret of the hub's private file; only where there are no Unix sockets."""
 
@@ -40,7 +40,7 @@ class Welcome(Struct, kw_only=True):
 
     servolink: int
     session: str
-    """Ties the connections of one program; `status` lists it, so all programs of this user know it."""
+    """Identifier that ties the connections of a program; not secret: `status` lists all sessions."""
     name: str
     url: str
     """The address of the board behind the hub."""

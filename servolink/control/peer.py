@@ -105,7 +105,7 @@ class Methods(dict[str, Method[C]]):
 
 
 class Request(NamedTuple):
-    """A request; its id is None if it wants no response."""
+    """Request; the id is None if no response is wanted."""
 
     method: str
     params: dict[str, Any]
@@ -141,7 +141,7 @@ def _wrong_id(value: Any) -> str:
 
 
 def _wrong_request(value: dict[str, Any]) -> str:
-    """Return why an object is not a request, empty if it is one."""
+    """Return the reason why an object is not a request; empty for a request."""
     if unknown := [key for key in value if key not in _FIELDS]:
         return f"{quote(unknown[0])} is not a field; the fields are {', '.join(_FIELDS)}"
     if value.get("jsonrpc") != "2.0":
@@ -250,7 +250,7 @@ class Peer(Generic[C]):
             await asyncio.wait(self._tasks)
 
     def _checked(self, request: Request) -> tuple[Method[C], Struct]:
-        """Return the method and its params. Raise RpcError if the program may not call it so."""
+        """Return method and params. Raise RpcError if the call is not allowed."""
         method = self._methods.get(request.method)
         if method is None:
             raise RpcError(Code.METHOD_NOT_FOUND, f"there is no method {quote(request.method)}")
@@ -325,7 +325,7 @@ class Peer(Generic[C]):
         return self._order if method.in_order else self._reading
 
     def _reporter(self, request: Request) -> Callable[[Struct], None]:
-        """Return what sends the progress of a request, with its id."""
+        """Return a function that sends the progress of a request."""
 
         def report(progress: Struct) -> None:
             self.notify("progress", {"id": request.request_id, **msgspec.to_builtins(progress)})

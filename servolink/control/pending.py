@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class PendingCalls(Generic[K, T]):
-    """Calls by id, each until its response comes, its caller is cancelled or the connection ends."""
+    """Pending calls by id, until response, cancellation or the end of the connection."""
 
     def __init__(self) -> None:
         """Start without any."""

@@ -50,7 +50,7 @@ _ROLES: dict[type[Packet], Role] = {
 
 
 def needed_role(packet: Packet) -> Role:
-    """Return the lowest role that may send `packet`. What is not known here needs the highest."""
+    """Return the lowest role that may send `packet`. Unknown packets need the highest role."""
     if isinstance(packet, Query) or packet.effect is Effect.STOPS:
         return Role.WATCH
     return _ROLES.get(type(packet), Role.EDIT)

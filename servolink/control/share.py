@@ -33,7 +33,7 @@ _FLAGS = {"-v", "-vv", "--verbose", "--json"}
 
 
 class ShareTransport(StreamTransport):
-    """One session with a hub, which repeats lost requests and keeps the answers of programs apart."""
+    """Session with a hub, which repeats lost requests and keeps the responses of programs apart."""
 
     is_shared = True
 
@@ -149,7 +149,7 @@ def _explain(name: str, error: Exception) -> str:
 
 
 def this_program() -> str:
-    """Return this program as a person reads it, such as `servolink watch (pid 1234)`."""
+    """Return a name of this program for people, such as `servolink watch (pid 1234)`."""
     path = Path(sys.argv[0] if sys.argv else "")
     name = path.parent.name if path.name == "__main__.py" else path.name or "python"
     if name == "servolink":

@@ -72,7 +72,7 @@ class HubStatus(Struct, frozen=True):
     noise: int
     """Bytes from the board that belong to no frame."""
     doors: tuple[str, ...] = ()
-    """The addresses at which programs reach it."""
+    """Addresses of the doors."""
     another: str = ""
     """Description of a different board that answers in place of the lost one; empty if none does."""
 
@@ -89,7 +89,7 @@ class BoardState(Struct, frozen=True):
 
 
 class ServoNow(Struct, frozen=True):
-    """Servo with the values that it reports."""
+    """Servo with its reported values."""
 
     servo_id: int
     angle: int

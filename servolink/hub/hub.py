@@ -37,7 +37,7 @@ Listener = Callable[[Struct, str], None]
 
 
 class Hub:
-    """One board shared by many programs, each of which uses the board as if it were the only one."""
+    """One board for many programs; each program uses the board like a board of its own."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         """Use `share`, which opens and closes the hub."""
@@ -112,7 +112,7 @@ class Hub:
         self._tasks.begin(self._follow_connection())
 
     async def close(self) -> None:
-        """End all sessions. The board stays open, and as it is; stopped if a program watched over its motion."""
+        """End all sessions. The board stays open and unchanged, but is stopped if a program watched over its motion."""
         lease = self.lease
         if lease is not None and lease.dead_man is not None:
             with suppress(ServolinkError):
@@ -161,7 +161,7 @@ class Hub:
             self.tell(ProgramNotice("renamed", session_id, who), session_id)
 
     def forget(self, program: Program) -> None:
-        """End what a program that leaves has here; see `Program.leave`."""
+        """Remove a program that leaves, with its lease and requests; see `Program.leave`."""
         if self.programs.get(program.session_id) is not program:
             return
         self.leases.left(program.session_id)  # which names it
@@ -182,7 +182,7 @@ class Hub:
         ticket: Ticket,
         seconds: float | None,
     ) -> None:
-        """Run a stored record for a program, before all that waits; it is not checked against limits of the program.
+        """Run a stored record for a program ahead of all waiting requests, unchecked against the program's limits.
 
         `seconds` is how long it lasts, if that is known. Raise MotionRefused if that must not be: without the lease, or
         after a stop since `ticket` was issued. Raise Rejected if the board refuses.
@@ -202,14 +202,14 @@ class Hub:
         await asyncio.shield(self.begin_stop(who))
 
     def begin_stop(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
-        """Begin a stop, and return the task that confirms it. Do not cancel the task: other programs may wait for it.
+        """Begin a stop, and return the task of its confirmation. Do not cancel the task: other programs may wait too.
 
         Programs of other sessions are told. A stop for which nothing was moved since another one began ends with that.
         """
         return self._stopping.begin(who, session_id)
 
     async def end_move(self, session_id: str, servo_ids: Sequence[int]) -> None:
-        """Stop servos where they are, and start them again, so that they hold and obey the next movement.
+        """Stop servos where they are, then start them, to hold and to obey the next movement.
 
         For a program that lets go of what it moves; one id of 255 means all servos. They stay stopped if somebody stops
         all servos meanwhile, or has, and nobody has started any since. Raise OutcomeUnknown if they do not report that
@@ -253,7 +253,7 @@ class Hub:
                 self.tell(ConnectionNow(state))
 
     def _found_another(self, text: str) -> None:
-        """Tell that another board answers in place of the one that is lost, or, without `text`, does no longer."""
+        """Notify that a different board answers in place of the lost one, or, without `text`, that none does."""
         self._another = text
         self.tell(ConnectionNow(self._state, text))
 
@@ -282,7 +282,7 @@ class Hub:
         return True
 
     def release_hold(self, session_id: str) -> None:
-        """End the exclusive use, if it is that of this session."""
+        """End the exclusive use of this session."""
         if self._hold is None or self._hold.session != session_id:
             return
         self._hold = None
@@ -305,7 +305,7 @@ class Hub:
     # --- notices and status -------------------------------------------------------------------------------------
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener` with each notice and the session that caused it; it must not raise. Return what ends that.
+        """Call `listener`, which must not raise, with each notice and its session. Return a function that ends this.
 
         Notices are the notifications of the control interface and `MotionsCancelled`. A session is empty for the hub.
         """
@@ -318,7 +318,7 @@ class Hub:
         return end
 
     def follow_requests(self, follow: RequestFollower) -> Callable[[], None]:
-        """Call `follow` with each request that is over, but not a query with a response. Return what ends that.
+        """Call `follow` with each finished request except answered queries. Return a function that ends this.
 
         It gets the packet, the response, True for one that boards do not answer, False or a reason for one that was
         not sent, or an error; when it was asked, who asked, and the session, empty for the hub itself. It must not
@@ -344,7 +344,7 @@ class Hub:
             listener(notice, session_id)
 
     def status(self) -> HubStatus:
-        """Return who uses the board, and what has passed."""
+        """Return programs, lease and traffic counts."""
         now = self._now()
         return HubStatus(
             self.name,

@@ -44,7 +44,7 @@ class LocalTransport(BaseTransport):
         return self._hub.url
 
     def join(self) -> Program:
-        """Begin the session, and return it. Raise OpenError if its id is in use."""
+        """Begin the session and return the program. Raise OpenError if the id is in use."""
         if self.program is None:
             try:
                 self.program = self._join()

@@ -188,7 +188,7 @@ class Messages:
 
 
 def _read_greeting(line: bytes, token: str) -> Greeting:
-    """Return the greeting of a program. Raise ValueError, which is for the program, if it may not come in."""
+    """Return the greeting of a program. Raise ValueError with the reason for a refusal."""
     if len(line) > MOST_GREETING:
         raise ValueError(f"a greeting has at most {MOST_GREETING} bytes")
     try:

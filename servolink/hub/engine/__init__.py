@@ -1,1 +1,1 @@
-"""The engine of a hub: requests of programs go to the board, one after the other, and stops before all of them."""
+"""Engine of a hub: requests of programs go to the board in turn, and stops before all requests."""

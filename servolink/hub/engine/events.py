@@ -15,7 +15,7 @@ from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeBu
 
 
 class Subscribers:
-    """Counts the programs with button events: the first one subscribes the board, the last one ends that (3.4.7).
+    """Programs with button events: the first subscribes the board, the last ends the subscription (3.4.7).
 
     Requests of 40070 must be sent one after the other, since a repeated one would undo a later one.
     """
@@ -41,7 +41,7 @@ class Subscribers:
         return self._is_on is not False and not self._programs - {session_id}
 
     def asking(self) -> None:
-        """Count the subscription of the board as unknown: it is asked to change it, or was connected again."""
+        """Count the subscription of the board as unknown: a change is under way, or the board was connected again."""
         self._is_on = None
 
     def answered(self, *, subscribe: bool) -> None:
@@ -49,14 +49,14 @@ class Subscribers:
         self._is_on = subscribe
 
     def change(self, session_id: str, *, subscribe: bool) -> None:
-        """Add or remove a program, once the board has carried out what `must_ask` wanted of it."""
+        """Add or remove a program, after the board has changed its subscription if `must_ask`."""
         if subscribe:
             self._programs.add(session_id)
         else:
             self._programs.discard(session_id)
 
     def left(self, session_id: str) -> bool:
-        """Remove a program that is gone. Return whether the board must be asked to end its subscription."""
+        """Remove a program. Return whether the subscription of the board must end too."""
         was_subscribed = session_id in self._programs
         self._programs.discard(session_id)
         return was_subscribed and not self._programs and self._is_on is not False
@@ -75,7 +75,7 @@ class ButtonRelay:
         self._changing = asyncio.Lock()
 
     async def set(self, program: Asker, packet: SubscribeButtonEventRequest) -> SubscribeButtonEventResponse:
-        """Subscribe a program or end that, and return the response for it."""
+        """Begin or end the subscription of a program, and return the response."""
         if not in_range(packet):
             return SubscribeButtonEventResponse(0)
         subscribe = bool(packet.subscribe)
@@ -99,13 +99,13 @@ class ButtonRelay:
                     await self._ask(subscribe=False)
 
     async def close(self) -> None:
-        """Pass no further events on. The board ends its subscription when it is closed."""
+        """End the relay. Closing the board ends its subscription."""
         if self._reading is not None:
             self._reading.cancel()
             await asyncio.wait((self._reading,))
 
     async def _ask(self, *, subscribe: bool) -> None:
-        """Ask the board, which raises Rejected if it refuses."""
+        """Change the subscription of the board. Raise Rejected if the board refuses."""
         self.subscribers.asking()
         if subscribe:
             events = self._events or self._board.button_events()

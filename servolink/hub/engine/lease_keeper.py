@@ -80,7 +80,7 @@ class LeaseKeeper:
         return self._gate.refuse(packet, ticket, self._loop.time())
 
     def moved(self, exchange: Exchange) -> None:
-        """Count a motion that was sent: the lease lasts until some time after its end."""
+        """Count a sent motion: the lease lasts until some time after the end of the motion."""
         packet, session, sent_at = exchange.packet, exchange.program.session_id, self._loop.time()
         self._motions_sent += 1
         if isinstance(packet, ExecuteActionRequest):
@@ -112,7 +112,7 @@ class LeaseKeeper:
         return self._lease.holder == session
 
     def reason(self, session: str) -> str:
-        """Return why `session` may not move the servos, and what to do; empty if it may."""
+        """Return the reason why `session` may not move the servos, with a remedy; empty if allowed."""
         return self._gate.reason(session, self._loop.time())
 
     def give(self, session: str) -> None:
@@ -128,7 +128,7 @@ class LeaseKeeper:
         self._report(self._lease.beat(session, self._loop.time()))
 
     def left(self, session: str) -> None:
-        """Free the lease if `session` holds it, which is gone."""
+        """Free the lease of a session that has ended."""
         self._report(self._lease.left(session, self._loop.time()))
 
     # --- what time does -----------------------------------------------------------------------------------------

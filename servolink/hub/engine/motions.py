@@ -1,4 +1,4 @@
-"""Motions: sends what moves servos, within the limits of the board, and finds out when it is over."""
+"""Motions: sending of motions within the limits of the board, and their end."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Motions:
         self._board = board
 
     async def send(self, packet: Packet, ticket: Ticket | None = None) -> Outcome:
-        """Send a motion, unless it exceeds the limits of the board or they cannot be compared with it.
+        """Send a motion within the limits of the board; refuse a motion that cannot be compared with limits.
 
         With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds.
         Whatever is sent has `ticket`, which the gates of the connection look at. Raise RequestTimeout or OutcomeUnknown
@@ -62,7 +62,7 @@ class Motions:
             if isinstance(packet, Request):
                 return Outcome(await board.request(packet, unchecked=True))
             assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-            # Without limits, the board decides about what the library would refuse: a servo that is there twice.
+            # Without limits, the board decides about packets such as one that names a servo twice.
             await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
             return Outcome(None)
         except (RequestTimeout, OutcomeUnknown):
@@ -71,7 +71,7 @@ class Motions:
             return Outcome(await self.refused(packet), str(error))
 
     async def refused(self, packet: Packet) -> Response | None:
-        """Return what a program gets for a packet that was not sent. The state of servos is read for it."""
+        """Return the response to a packet that was not sent; the state of servos is read for this."""
         if not isinstance(packet, SetServoParameterRequest):
             return refused_response(packet)
         try:
@@ -81,7 +81,7 @@ class Motions:
         return refused_response(packet, states.servos)
 
     async def seconds_of(self, packet: Packet) -> float | None:
-        """Return how long a motion takes that was just sent; None if that cannot be computed."""
+        """Return the duration of a motion that was just sent, in seconds; None if unknown."""
         match packet:
             case ExecuteActionRequest():
                 return self.seconds_of_steps(packet)
@@ -89,7 +89,7 @@ class Motions:
                 return await self._seconds_of(ACTION, packet.action_id)
             case ExecuteMacroRequest():
                 return await self._seconds_of(MACRO, packet.macro_id)
-            case _:  # a servo that is started may turn to an old target, one that is released falls
+            case _:  # a started servo may turn to an old target, a released one falls
                 return None
 
     def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
@@ -130,7 +130,7 @@ class Motions:
         return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))
 
     def _is_same(self, first: dict[int, int], here: dict[int, int]) -> bool:
-        """Return whether the same servos are where they were, up to what their sensors differ by at rest."""
+        """Return whether the same servos rest, within the noise of their sensors."""
         return first.keys() == here.keys() and all(
             abs(first[servo_id] - here[servo_id]) <= _JITTER[self._board.unit_of(servo_id)] for servo_id in first
         )

@@ -1,4 +1,4 @@
-"""Program: the session of one program at packet level, from its bytes to the bytes for it."""
+"""Program: session of one program at packet level, with bytes on both sides."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ class Exchanger(Protocol):
     """Stops of servos, which issues the tickets of motions."""
 
     def ask(self, exchange: Exchange) -> None:
-        """Take a request, and call `exchange.program.finish` when it is over."""
+        """Take a request, and call `exchange.program.finish` at the end."""
 
     def ask_stop(self, exchange: Exchange) -> None:
-        """Take a stop, which goes before everything, and call `exchange.program.finish` when it is over."""
+        """Take a stop, send it before everything else, and call `exchange.program.finish` at the end."""
 
     def forget(self, program: Program) -> None:
         """Drop all unsent requests of a program that has left."""
@@ -53,7 +53,7 @@ class Exchanger(Protocol):
 
 
 class Program:
-    """One program that uses the board. Its responses leave strictly in the order of its requests."""
+    """Session of a program. Responses leave strictly in the order of requests."""
 
     def __init__(
         self,
@@ -145,7 +145,7 @@ class Program:
             return
         now = self._now()
         if now - self._received_at >= _SILENCE:
-            # Half a frame and then silence: its sender has given up, but the length that it claims could swallow
+            # Half a frame and then silence: the sender has given up, but the claimed length could swallow
             # everything that follows.
             while self._parser.partial_frame is not None:
                 for frame in self._parser.abandon_frame():
@@ -202,7 +202,7 @@ class Program:
         self.finish(exchange, TransmissionModeSettingResponse(self.mode))
 
     def pause(self) -> None:
-        """Ask the board for nothing more, stops excepted: the program does not read the responses that it has."""
+        """Hold the program's requests back, except stops: its responses are not being read."""
         self.queue.is_unread = True
 
     def resume(self) -> None:

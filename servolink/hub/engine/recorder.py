@@ -32,7 +32,7 @@ _PRIVATE = 0o700
 
 
 class HubRecorder:
-    """At most one recording of a hub at a time. The file is in a folder of the user's, and its name is chosen here."""
+    """Recorder of a hub: at most one recording at a time, to a new file in the user's folder of recordings."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class HubRecorder:
         folder: Path | None = None,
         most: int = MOST_BYTES,
     ) -> None:
-        """Record `hub`; read the servos with what `open_board` returns, in common with whoever watches them."""
+        """Record `hub`; read the servos through `open_board`, with one poll for recorder and watchers."""
         self._hub = hub
         self._open_board = open_board
         self._folder = folder

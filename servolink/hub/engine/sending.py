@@ -1,4 +1,4 @@
-"""PacketSender: sends one packet of a program to the board, after all that must come first."""
+"""PacketSender: sends the packets of programs to the board, with gates and units first."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
 
 
 class PacketSender:
-    """Admits packets, sets units for them, and sends them; refuses those that must not be sent."""
+    """Sender of packets: opens the gates, sets units, and refuses forbidden packets."""
 
     def __init__(
         self,
@@ -140,12 +140,12 @@ class PacketSender:
                 self._units.leave()
 
     async def refused(self, exchange: Exchange, reason: str) -> Packet | None:
-        """Return what a program gets for a packet that is not sent."""
+        """Return the response to a packet that is not sent."""
         self._on_refused(exchange, reason)
         return await self._motions.refused(exchange.packet)
 
     async def _prepare(self, exchange: Exchange) -> ServolinkError | None:
-        """Look which board it is, and take the lease for a motion. Return why a packet must not be sent, if so."""
+        """Check the identity of the board and take the lease for a motion. Return the reason for a refusal, or ""."""
         packet, program, connection = exchange.packet, exchange.program, self._board.connection
         self._guard(connection)
         if program.has_left:  # and must not take the lease
@@ -202,7 +202,7 @@ class PacketSender:
         return outcome.response
 
     def _guard(self, connection: Connection) -> None:
-        """Close the gates of a new connection to the board for programs that may not move it."""
+        """Install the gates of programs on a new connection to the board."""
         if connection is self._guarded:
             return
         self._guarded, inner = connection, connection.gates.ticket

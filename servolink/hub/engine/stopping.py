@@ -104,7 +104,7 @@ class Stops:
         return stopping
 
     def begin_unwatched(self, reason: str) -> None:
-        """Stop all servos because nobody watches over them; without a connection, as soon as there is one again."""
+        """Stop all servos without a watching program; without a connection, as soon as the board is connected again."""
         self._tasks.begin(self._stop_unwatched(reason))
 
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:
@@ -116,7 +116,7 @@ class Stops:
         except ServolinkError as error:
             self.begin_unwatched(f"{program.who} has let go")
             raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
-        # A board may turn a servo that is started to its old target: only those are that have stopped (3.2.3).
+        # A board may turn a started servo to its old target: start only servos that have stopped (3.2.3).
         for servo_id in servo_ids:
             if self._sender.is_stopped or self._upstream.waiting.holder not in (None, program.queue):
                 return
@@ -152,7 +152,7 @@ class Stops:
         self._tell(MotionsCancelled(are_all), session_id)
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
-        """Send a stop at once and return its task; or that of an equal one, if nothing was moved since that began.
+        """Send a stop at once and return its task; or the task of an equal stop with no motion since.
 
         Others may wait for the task, too: do not cancel it.
         """
@@ -217,7 +217,7 @@ async def _stop(board: Board, packet: SetServoParameterRequest) -> SetServoParam
 
 
 async def _stop_each(board: Board, servo_ids: Iterable[int]) -> None:
-    """Stop and hold some servos: the stops leave together, and one reading confirms them.
+    """Stop and hold some servos, with all stops sent together and confirmed by one reading.
 
     Raise OutcomeUnknown if one of them does not report it, RequestTimeout or ConnectionLost if nothing is reported.
     """
@@ -235,7 +235,7 @@ async def _stop_each(board: Board, servo_ids: Iterable[int]) -> None:
 def _outcome_of(
     task: asyncio.Task[SetServoParameterResponse],
 ) -> SetServoParameterResponse | ServolinkError | Literal[False]:
-    """Return what came of a stop whose task is over; False if it was given up."""
+    """Return the outcome of the finished task of a stop; False after giving up."""
     if task.cancelled():
         return False
     try:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class HubTap(WireTap):
-    """Bytes of the line, what became of requests and who asked, and notices; until it is closed."""
+    """Tap of a hub: bytes of the line, outcomes of requests, and notices, until closed."""
 
     def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
         """Pass the messages of `hub` to `take`."""
@@ -49,7 +49,7 @@ class HubTap(WireTap):
 
 
 def message_of(notice: Struct) -> Message | None:
-    """Return a notice of the hub as a message; None for one that is in the recording otherwise."""
+    """Return a notice of the hub as a message; None if the recording has the fact in another form."""
     match notice:
         case ProgramNotice(event, session, who):
             return Event("program", event, who, session, text=f"{notice.door}, {notice.role}" if notice.door else "")

@@ -22,7 +22,7 @@ class UnitsKept(RequestError):
 
 
 class UnitSwitch:
-    """Keeps the units as one program means them while anything of it is under way that depends on them.
+    """Angle units of the board, kept as one program needs them while its requests depend on them.
 
     Angles are never converted. So the board is set to the units of a program before each packet that depends on them.
     """
@@ -36,7 +36,7 @@ class UnitSwitch:
         self._unused = asyncio.Event()
 
     async def enter(self, packet: Packet, units: ServoUnits) -> None:
-        """Set the units of a program that `packet` depends on, and keep them until `leave`.
+        """Set the units of a program for `packet`, and keep the units until `leave`.
 
         Raise UnitsKept, Rejected or RequestTimeout if that fails: then the packet must not be sent.
         """
@@ -52,7 +52,7 @@ class UnitSwitch:
         return not self._setting.locked() and not self._needed(packet, units)
 
     def enter_at_once(self, packet: Packet, units: ServoUnits) -> bool:
-        """Return whether the units that `packet` depends on are set; if so, they are kept until `leave`."""
+        """Return whether the units for `packet` are set, and if so keep the units until `leave`."""
         is_set = self.is_set_for(packet, units)
         self._users += is_set
         return is_set
@@ -64,7 +64,7 @@ class UnitSwitch:
             self._unused.set()
 
     async def set(self, packet: SetAngleUnitRequest, units: ServoUnits) -> SetAngleUnitResponse:
-        """Set a unit that a program asks for, and store it in its `units` if the board accepts it.
+        """Set a unit for a program, and note the unit in `units` if the board accepts.
 
         Raise UnitsKept if it must not be set now, unless the program has this unit already.
         """
@@ -108,7 +108,7 @@ class UnitSwitch:
         return all(self._reservation.allows(request, units, now) for request in requests)
 
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
-        # Not past the board's own methods: they check limits in the units that they know.
+        # Through the board's own methods, which check limits in the units known to them.
         response = await self._board.request(request, unchecked=True)
         if not is_accepted(request, response):
             self._board.units.forget(request.servo_id)  # on a bad line, the board may have set it all the same

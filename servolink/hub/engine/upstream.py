@@ -1,4 +1,4 @@
-"""Upstream: the requests of all programs go to the board through its one connection."""
+"""Upstream: requests of all programs on their way to the board, through one connection."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ class Upstream:
         await self._tasks.close()
 
     def ask(self, exchange: Exchange) -> None:
-        """Send a request when it is its turn, and finish it."""
+        """Queue a request, send it in turn, and finish it."""
         self.waiting.add(exchange)
         self.send_waiting()
 
     async def begin(self, exchange: Exchange) -> Packet | None:
-        """Send a motion before all that waits, and return the response. Raise what prevents that."""
+        """Send a motion ahead of all waiting requests, and return the response. Raise the reason for a failure."""
         outcome: object = False
         try:
             outcome = response = await self._sender.send(exchange, self.send_waiting)
@@ -77,7 +77,7 @@ class Upstream:
         return response
 
     def finish(self, exchange: Exchange, outcome: Packet | ServolinkError | Literal[False]) -> None:
-        """Finish a request that is over with its response, an error, or False if it was given up."""
+        """Finish a request with its response, an error, or False after giving up."""
         self._tell(exchange, outcome)
         _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
@@ -148,7 +148,7 @@ class Upstream:
             exchange.program.finish(exchange, response)
 
     def _tell(self, exchange: Exchange, outcome: object) -> None:
-        """Pass on what became of a request: a response, an error, None for a command that was sent, or False."""
+        """Report the outcome of a request: a response, an error, None for a sent command, or False."""
         if self.on_over is None:
             return
         if isinstance(exchange.packet, Query) and not isinstance(outcome, ServolinkError):
@@ -162,14 +162,14 @@ class Upstream:
 def _finish(
     exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
 ) -> None:
-    """Finish an exchange, and all that its response answers as well. `content` is how `codec` would write it."""
+    """Finish an exchange and all equal ones. `content` is the response as `codec` would write it."""
     for each in (exchange, *exchange.equal):
         program = each.program
         if response is None:
             program.counters.unanswered += isinstance(each.packet, Request)
             program.finish(each, None)
         elif content is not None and codec is not None and program.codec.byte_order == codec.byte_order:
-            # As it came: captions keep bytes that no encoding knows, and encoding it again takes longer.
+            # Content as received: captions keep undecodable bytes, and encoding again takes longer.
             program.finish_with(each, encode_frame(response.packet_id, content, codec.byte_order))
         else:
             program.finish(each, response)

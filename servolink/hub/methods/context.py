@@ -1,4 +1,4 @@
-"""What the methods of the control interface work with: the hub, and one program's session with it."""
+"""Context of the methods of the control interface: the hub, and the session of a program."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Bounds(NamedTuple):
 
 
 class PreparedRun(NamedTuple):
-    """A run that was checked, and for which the program has the lease."""
+    """Checked run of a program with the lease."""
 
     packet: ExecuteActionExRequest | ExecuteMacroRequest
     connection: Connection
@@ -57,11 +57,11 @@ class PreparedRun(NamedTuple):
     ticket: Ticket
     """Ticket from before the check."""
     seconds: float | None
-    """How long it lasts; None if that cannot be computed."""
+    """Duration in seconds; None if unknown."""
 
 
 class Readings:
-    """The board that a hub reads itself, for all programs together: who watches servos shares one poll."""
+    """Board that the hub reads for all programs, so that all watchers share one poll."""
 
     def __init__(self, hub: Hub) -> None:
         """Connect when it is first needed."""
@@ -93,9 +93,9 @@ class Control:
         self.who = greeting.who
         self.role = Role.parse(greeting.role)
         self.session = session
-        """The session id, by which the hub knows who holds the lease and the board."""
+        """Session id, for lease and exclusive use."""
         self.wants_programs = False
-        """Whether it is told which programs join and leave."""
+        """Whether the program is notified of programs that join and leave."""
         self.prepared: PreparedRun | None = None
         """What `run.start` begins."""
         self._readings = readings
@@ -111,7 +111,7 @@ class Control:
         self._moves_ended = 0
 
     async def close(self) -> None:
-        """Leave the hub, which ends the lease and the hold; with a board of its own, the hold alone."""
+        """Leave the hub, which ends lease and exclusive use; a program with its own frames ends only exclusive use."""
         self.hub.release_hold(self.session)
         if self._board is not None:
             await self._board.close()
@@ -119,7 +119,7 @@ class Control:
             await self._transport.close()
 
     def received(self) -> None:
-        """Count the stops before the next request: it moves nothing after a later one, however long it waits."""
+        """Note the ticket of the next request: a later stop cancels its motion, however long the request waits."""
         _stops_before.set(self._stops)
 
     @property
@@ -134,13 +134,13 @@ class Control:
             self._changed.set()
 
     async def board(self) -> Board:
-        """Return the board of this program, once no other program holds it alone."""
+        """Return the board of this program, once no other program has exclusive use."""
         self._own_transport()
         await self.until_free()
         return await self._own_board()
 
     async def board_to_stop(self, servo: int | str) -> Board:
-        """Return the board of this program to stop a servo, also while another program holds it alone.
+        """Return the board of this program to stop a servo, even during exclusive use by another program.
 
         With a caption in place of an id that waits, as nobody else may read captions then.
         """
@@ -156,7 +156,7 @@ class Control:
             return self._board
 
     async def board_to_move(self, until: float | None = None) -> Board:
-        """Return the board of this program for one motion, once no other program holds it alone.
+        """Return the board of this program for one motion, once no other program has exclusive use.
 
         Raise MotionRefused after `until`, by the clock of the event loop, and if a stop or `end_move` comes after the
         motion was asked for. Both hold until it is sent, too.
@@ -178,7 +178,7 @@ class Control:
         return await self.board()
 
     async def end_move(self, servo_ids: Sequence[int]) -> None:
-        """Stop what this program moves, also what it has asked for and was not sent yet (see `Hub.end_move`)."""
+        """Stop the motions of this program, including unsent ones (see `Hub.end_move`)."""
         self._moves_ended += 1
         self._changed.set()
         if self._board is not None:
@@ -193,7 +193,7 @@ class Control:
             raise _late()
 
     async def readings(self) -> Board:
-        """Return the board that the hub reads for all programs together, once no program holds it alone.
+        """Return the board that the hub reads for all programs, once no program has exclusive use.
 
         The program that holds it reads with its own board, if it can.
         """
@@ -203,7 +203,7 @@ class Control:
         return await self._readings.board()
 
     async def read(self, work: Callable[[Board], Awaitable[T]], open_board: OpenBoard | None = None) -> T:
-        """Return what `work` reads from this program's board, or from that of `open_board`.
+        """Return the result of `work` on the board of this program, or of `open_board`.
 
         If another program took the board alone meanwhile, and nothing was answered, read again when it is free.
         """
@@ -216,7 +216,7 @@ class Control:
                     raise
 
     def tighten(self, limits: MotionLimits) -> None:
-        """Allow what this program moves only what `limits` allow, too."""
+        """Add `limits` to the motions of this program."""
         self._own_transport()  # what moves by frames would not be limited
         if self._board is not None:
             raise RpcError(
@@ -227,7 +227,7 @@ class Control:
         self._limits = limits if self._limits is None else self._limits.tightened(limits)
 
     def _own_transport(self) -> LocalTransport:
-        """Return the transport of the board that this connection uses. Raise RpcError if it has none."""
+        """Return the transport of this connection's board. Raise RpcError without a board."""
         if self._transport is None:
             raise RpcError(
                 Code.FORBIDDEN,
@@ -241,7 +241,7 @@ class Control:
     def take_lease(
         self, *, force: bool = False, dead_man: float | None = None, is_beat: bool = False
     ) -> LeaseStatus | None:
-        """Take the lease. Raise LeaseRefused, which names the holder, if another program has it.
+        """Take the lease. Raise LeaseRefused with the name of the holder.
 
         `dead_man` is that of the greeting unless it is given.
         """
@@ -253,7 +253,7 @@ class Control:
 
     @property
     def holder(self) -> HoldStatus | None:
-        """The other program that holds the board alone, if there is one."""
+        """Other program with exclusive use of the board; None without one."""
         hold = self.hub.held_by
         return None if hold is None or hold.session == self.session else hold
 
@@ -265,7 +265,7 @@ class Control:
 
     @asynccontextmanager
     async def alone(self, reason: str) -> AsyncIterator[None]:
-        """Hold the board alone in this context, as soon as no other program does; unless it is held already."""
+        """Take exclusive use of the board in this context, once no other program has it; unless already held."""
         hold = self.hub.held_by
         if hold is not None and hold.session == self.session:
             yield
@@ -278,7 +278,7 @@ class Control:
 
     @contextmanager
     def moving(self) -> Iterator[None]:
-        """Hold the lease in this context. Raise LeaseRefused if another program has it."""
+        """Hold the lease in this context. Raise LeaseRefused if another program holds the lease."""
         lease = self.hub.lease
         self.take_lease()
         try:
@@ -300,7 +300,7 @@ class Control:
             raise ConnectionLost("the session has ended; connect again")
 
     def _guard(self, board: Board) -> None:
-        """Check each motion once more and take the lease before it, so that a refused one is an error with a reason."""
+        """Check each motion again and take the lease first: a refusal is then an error with a reason."""
 
         async def pass_packet(packet: Packet, ticket: Ticket) -> None:
             if not is_motion(packet):

@@ -38,14 +38,14 @@ class Feed(ABC):
     """Runs in the background until it is ended."""
 
     def __init__(self, open_board: OpenBoard, notify: Notify) -> None:
-        """Read the board that `open_board` returns, and call `notify` with what comes."""
+        """Read the board of `open_board`, and pass notifications to `notify`."""
         self._open_board = open_board
         self._notify = notify
         self._task: asyncio.Task[None] | None = None
         self._changing = asyncio.Lock()
 
     async def _begin(self) -> None:
-        """Start over, and return when it reads. Raise the error that prevents that."""
+        """Start again, and return when reading has begun. Raise the error that prevents reading."""
         async with self._changing:
             await self._end()
             loop = asyncio.get_running_loop()
@@ -90,7 +90,7 @@ class Feed(ABC):
 
 
 class ServosFeed(Feed):
-    """Sends the latest reading whenever the program has acknowledged what came before: it is never flooded."""
+    """Feed of the latest reading after each acknowledgement, so that no program is flooded."""
 
     def __init__(self, open_board: OpenBoard, notify: Notify, is_paused: Callable[[], bool]) -> None:
         """Send nothing while `is_paused()`."""
@@ -173,7 +173,7 @@ class ButtonsFeed(Feed):
     """Sends each button event."""
 
     async def subscribe(self) -> None:
-        """Send events from now on; return when the board sends them. Raise Rejected if it does not."""
+        """Begin to send events; return when the board sends them. Raise Rejected if the board refuses."""
         await self._begin()
 
     async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
@@ -184,7 +184,7 @@ class ButtonsFeed(Feed):
 
 
 class TapFeed:
-    """Sends notifications `tap`. A program that does not read loses some of them, and is told."""
+    """Feed of notifications `tap`. A program that reads too slowly loses some, and is notified."""
 
     def __init__(self, hub: Hub, notify: Notify, is_paused: Callable[[], bool]) -> None:
         """Send nothing while `is_paused()`, but keep some MiB."""

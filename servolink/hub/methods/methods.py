@@ -56,7 +56,7 @@ METHODS: Methods[Caller] = Methods()
 
 @METHODS.add("status", Role.WATCH)
 def status(caller: Caller, params: NoParams) -> HubStatus:
-    """Return who is connected, who holds the lease and the board, and what has passed.
+    """Return programs, lease, exclusive use and traffic counts of the hub.
 
     Notifications come from the first request of a program on: call this first, and you miss no change. Those of
     programs that join and leave come only after this was called.
@@ -75,7 +75,7 @@ def rename(caller: Caller, params: Rename) -> Done:
 
 @METHODS.add("board.state", Role.WATCH)
 def board_state(caller: Caller, params: NoParams) -> BoardState:
-    """Return who holds the lease and the board, and whether the board is connected."""
+    """Return lease, exclusive use, and the state of the connection to the board."""
     hub = caller.control.hub
     return BoardState(hub.state, hub.lease, hub.held_by, hub.another)
 
@@ -85,7 +85,7 @@ def board_state(caller: Caller, params: NoParams) -> BoardState:
 
 @METHODS.add("lease.take", Role.RUN)
 def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
-    """Take the lease, without which nothing moves; a motion takes a free one by itself.
+    """Take the lease, which every motion needs; a motion takes a free lease by itself.
 
     MotionRefused names the program that holds it. The lease ends when the program leaves, gives it back, or some
     seconds after the end of its last motion. With `dead_man`, here or in the greeting, the program must call
@@ -97,7 +97,7 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
 
 @METHODS.add("lease.give", Role.WATCH)
 def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
-    """Give the lease back; programs from which it was taken over may have it again. A motion ends by itself."""
+    """Give the lease back; programs that lost it to this one may take it again. A motion ends by itself."""
     caller.control.prepared = None
     caller.control.hub.leases.give(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
@@ -105,21 +105,21 @@ def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
 
 @METHODS.add("lease.beat", Role.WATCH)
 def lease_beat(caller: Caller, params: NoParams) -> Done:
-    """Say that the program still watches over the motion, if it took the lease with `dead_man`."""
+    """Confirm that the program still watches over the motion, after taking the lease with `dead_man`."""
     caller.control.hub.leases.beat(caller.control.session)
     return Done()
 
 
 @METHODS.add("lease.ask", Role.WATCH)
 def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
-    """Ask the holder for the lease: it gets a notification, and decides."""
+    """Ask the holder for the lease with a notification; the holder decides."""
     caller.control.hub.leases.ask(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
 
 
 @METHODS.add("board.hold", Role.EDIT, in_order=True)
 async def board_hold(caller: Caller, params: Hold) -> HoldNow:
-    """Hold the board alone: everybody else waits, but for stops. If another program holds it, wait for that.
+    """Take exclusive use of the board: other programs wait, except with stops. Waits while another program has it.
 
     It ends with `board.release`, or when the program leaves.
     """
@@ -136,7 +136,7 @@ async def board_release(caller: Caller, params: NoParams) -> HoldNow:
 
 @METHODS.add("limits.tighten", Role.WATCH)
 def limits_tighten(caller: Caller, params: Tighten) -> Done:
-    """Limit what this program moves, beside the limits of the board, until it leaves. Nothing can loosen them.
+    """Limit the motions of this program, in addition to the limits of the board, until the program leaves.
 
     Call it first: it is refused once the program has moved or changed something or read a record, and on a connection
     that belongs to the `session` of a program with frames.
@@ -202,7 +202,7 @@ async def servos_watch(caller: Caller, params: ServosWatch) -> Watching:
 
 @METHODS.add("servos.ack", Role.WATCH)
 def servos_ack(caller: Caller, params: ServosAck) -> Done:
-    """Acknowledge notifications `servos`. It needs no response: send it without `id`."""
+    """Acknowledge notifications `servos`; best sent without `id`, as no response is needed."""
     caller.servos.acknowledge(params.number)
     return Done()
 
@@ -244,7 +244,7 @@ async def move(caller: Caller, params: Move) -> Moved:
 
 @METHODS.add("move.end", Role.MOVE, is_urgent=True)
 async def move_end(caller: Caller, params: MoveEnd) -> Done:
-    """Stop servos where they are, at once: the program lets go of what it moves. They hold, and obey the next movement.
+    """Stop servos at once where they are, after press and hold. The servos hold, and obey the next movement.
 
     They are started again when they have stopped, but not after a `stop` of all servos. Movements of this program that
     are not sent yet are dropped. OutcomeUnknown says that servos did not report that they are stopped, so that all are
@@ -267,7 +267,7 @@ async def release(caller: Caller, params: Release) -> Done:
 
 @METHODS.add("servo.set", Role.MOVE, in_order=True)
 async def servo_set(caller: Caller, params: ServoSet) -> Done:
-    """Start a servo or stop it, hold its angle or release it: after a stop, start it before it moves again."""
+    """Start or stop a servo, and hold or release its angle. After a stop, a servo moves only when started again."""
     is_stop, control = params.hold and not params.start, caller.control
     board = await (control.board_to_stop(params.servo) if is_stop else control.board_to_move(params.until))
     await board.set_servo(params.servo, start=params.start, hold=params.hold)
@@ -276,7 +276,7 @@ async def servo_set(caller: Caller, params: ServoSet) -> Done:
 
 @METHODS.add("run", Role.RUN, in_order=True)
 async def run(caller: Caller, params: Run) -> Ran:
-    """Run a stored action or macro. With `wait`, motions of this program that come after it wait too; a stop does not.
+    """Run a stored action or macro. With `wait`, later motions of this program wait too; a stop does not.
 
     MotionRefused is as for `move`; NotFound says that there is no such record.
     """

@@ -17,7 +17,7 @@ _LONGEST_LEAD = 1.0
 
 @METHODS.add("run.prepare", Role.RUN, in_order=True)
 async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
-    """Check a stored action or macro and all that it runs, and take the lease, so that `run.start` begins it at once.
+    """Check a stored action or macro with all its parts, and take the lease, so that `run.start` begins at once.
 
     Only the latest one is kept, and `lease.give` forgets it. Errors are those of `run` with `dry_run`, and of
     `lease.take`.

@@ -54,7 +54,7 @@ async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
 
 @METHODS.add("recorder.stop", Role.RUN)
 async def recorder_stop(caller: Caller, params: NoParams) -> RecordingNow:
-    """End the recording, and return what it was. RecordingError if nothing is being recorded."""
+    """End the recording and return its final state. RecordingError if nothing is being recorded."""
     await caller.recorder.stop(caller.control.who)
     return caller.recorder.now()
 

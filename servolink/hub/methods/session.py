@@ -1,4 +1,4 @@
-"""ControlSession: the control interface for one program, whatever carries its messages."""
+"""ControlSession: control interface for one program, over any carrier of messages."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ControlInterface:
 
 
 class ControlSession:
-    """Takes the messages of one program and sends it responses and notifications."""
+    """Control interface for one program: messages in, responses and notifications out."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class ControlSession:
         self._told_dropped = 0
 
     def receive(self, message: bytes | str) -> None:
-        """Take one message; never raises. An empty one is ignored."""
+        """Handle one message; never raises. Empty messages are ignored."""
         if not message.strip():
             return
         if self._end_listening is None:
@@ -103,7 +103,7 @@ class ControlSession:
         self._peer.notify(NAMES[type(notification)], notification)
 
     def _hear(self, notice: Struct, session: str) -> None:
-        """Send a notice of the hub that concerns this program."""
+        """Pass on a notice of the hub, if meant for this program."""
         self.control.heard(notice)
         is_own = session == self.control.session
         match notice:

@@ -111,7 +111,7 @@ Edit = Callable[[Project, str], Project]
 
 
 async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> tuple[Project, Project, ApplyResult]:
-    """Make the board hold what `edit` makes of its content; return what it held, what it holds and what was done."""
+    """Replace the content of the board by the result of `edit`; return both contents and the outcome."""
     board = await caller.control.board()
     async with caller.control.alone("a record is being changed"):
         if await board.has_unfinished_import():
@@ -143,7 +143,7 @@ def _wanted_id(marker: int, url: str) -> int:
 
 @METHODS.add("project.plan", Role.EDIT, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
-    """Return what `project.apply` would change, and what that costs. Nothing is changed, and others wait meanwhile."""
+    """Return the changes of `project.apply` and their cost. Nothing is changed, and other programs wait meanwhile."""
     project, unchecked, _ = project_from_form(params.project)
 
     async def read(board: Board) -> Plan:
@@ -182,7 +182,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
 
 @METHODS.add("project.rollback", Role.EDIT, in_order=True)
 async def project_rollback(caller: Caller, params: ProjectRollback, on_progress: ProgressCallback) -> Applied:
-    """Make the board hold what it held before the last import, or what a backup holds; alone, as `project.apply`."""
+    """Restore the content from before the last import, or of a backup; with exclusive use, as `project.apply`."""
     board = await caller.control.board()
     backup = None
     if params.backup is not None:

@@ -35,7 +35,7 @@ class ProgramCounters(Struct):
 
 
 class Asker(Protocol):
-    """The program that asks, as far as those who answer it need it."""
+    """Program that sends requests, as seen by the parts that answer requests."""
 
     session_id: str
     who: str
@@ -74,7 +74,7 @@ class Exchange(Struct, eq=False):
     frame: bytes | None = None
     """Frame of the response; None without one."""
     has_begun: bool = False
-    """A soft start before it was sent, so that the units of its program are kept until it is over."""
+    """Whether a soft start has begun, during which the units of the program are kept."""
     is_silent: bool = False
     """Whether the response is withheld from the program."""
     is_over: bool = False

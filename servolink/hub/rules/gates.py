@@ -44,7 +44,7 @@ def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float
 
 
 class LeaseGate:
-    """Gate that refuses the motions of a program while another one holds the lease."""
+    """Gate that refuses motions while another program holds the lease."""
 
     def __init__(self, lease: MotionLease, name: str, who_of: Callable[[str], str]) -> None:
         """Name the board `name` in reasons, and each program as `who_of` its session says."""
@@ -59,7 +59,7 @@ class LeaseGate:
         return LeaseRefused(reason)
 
     def reason(self, session: str, now: float) -> str:
-        """Return why `session` may not move the servos, and what to do; empty if it may."""
+        """Return the reason why `session` may not move the servos, with a remedy; empty if allowed."""
         holder = self._lease.holder
         if holder == session:
             return ""

@@ -1,4 +1,4 @@
-"""MotionLease: the one program that may move the robot, and how long it may."""
+"""MotionLease: the right of one program to move the robot, and its end."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class LeaseChange(NamedTuple):
 
 
 class MotionLease:
-    """Says who may move the robot: one program at a time. A stop needs no lease and does not change the holder.
+    """Right to move the robot, for one program at a time. A stop needs no lease and does not change the holder.
 
     `now` is in seconds of any clock that does not jump. Each method that is passed `now` first does what was due by
     then (see `advance`), and returns what has changed.
@@ -85,7 +85,7 @@ class MotionLease:
         return changes
 
     def give(self, session: str, now: float) -> list[LeaseChange]:
-        """Free the lease if `session` holds it, and let those take it again from whom it was taken over.
+        """Free the lease if `session` holds it; sessions that lost it to another program may take it again.
 
         But nobody does the latter for themselves while another session holds it. A motion ends by itself.
         """
@@ -97,14 +97,14 @@ class MotionLease:
         return changes
 
     def asked(self, session: str, now: float) -> list[LeaseChange]:
-        """Return that `session` asks the holder for the lease, unless it holds it itself or it is free."""
+        """Return the request of `session` for the lease; nothing if the lease is free or its own."""
         changes = self.advance(now)
         if self.holder not in {None, session}:
             changes.append(LeaseChange("asked for", self.holder, self.holder, session))
         return changes
 
     def moved(self, session: str, ends_at: float | None, now: float) -> list[LeaseChange]:
-        """Count a motion of the holder that ends at `ends_at`, None if that cannot be computed.
+        """Count a motion of the holder that ends at `ends_at`; None for an unknown end.
 
         Motions of others do not count: they were sent before the lease was taken over.
         """
@@ -116,7 +116,7 @@ class MotionLease:
         return changes
 
     def beat(self, session: str, now: float) -> list[LeaseChange]:
-        """Count a sign of life of the holder. One that comes too late does not count."""
+        """Count a sign of life of the holder, unless too late."""
         changes = self.advance(now)
         if self.holder == session:
             self._beat = now
@@ -137,7 +137,7 @@ class MotionLease:
         return changes
 
     def left(self, session: str, now: float) -> list[LeaseChange]:
-        """Free the lease if `session` holds it, which is gone. With a dead-man time the board must be stopped."""
+        """Free the lease of a session that has ended. With a dead-man time the board must be stopped."""
         changes = self.advance(now)
         self._barred.discard(session)
         if self.holder == session:

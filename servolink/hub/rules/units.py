@@ -12,7 +12,7 @@ from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, QuerySer
 
 
 def servos_concerned(packet: Packet) -> AbstractSet[int] | None:
-    """Return the servos whose unit the meaning of `packet` or of its response depends on, None for all of them."""
+    """Return the servos whose units matter for `packet` or its response; None for all servos."""
     if not carries_angles(packet):
         return set()
     if isinstance(packet, ExecuteActionRequest):
