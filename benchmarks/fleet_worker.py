@@ -33,7 +33,7 @@ _PAGE = resource.getpagesize()
 async def _boards(url: str, first: int, count: int, hz: float) -> None:
     from servolink.client.connect import connect
     from servolink.fleet.access import broker_access
-    from servolink.fleet.join import Fleet, Here
+    from servolink.fleet.join import LocalBoard, LocalFleet
     from servolink.fleet.policy import BoardPolicy, FleetFile
     from servolink.fleet.topics import Topics
     from servolink.hub.serving import serve_board
@@ -50,9 +50,9 @@ async def _boards(url: str, first: int, count: int, hz: float) -> None:
             async with connect(f"share://{name}") as board:
                 await board.add_action(bow)
                 await board.add_macro(wave)
-            here.append(Here(name, name))
+            here.append(LocalBoard(name, name))
         policies = FleetFile(BoardPolicy(allow="edit"))
-        fleet = Fleet(broker_access(url), Topics(), policies, hz=hz)
+        fleet = LocalFleet(broker_access(url), Topics(), policies, hz=hz)
 
         def ready() -> None:
             gc.freeze()  # as `servolink fleet join` does

@@ -59,7 +59,7 @@ def _command(*arguments: str) -> None:
 async def _through_hub(url: str) -> None:
     from servolink.fleet import client
     from servolink.fleet.access import broker_access
-    from servolink.fleet.join import Fleet, Here
+    from servolink.fleet.join import LocalBoard, LocalFleet
     from servolink.fleet.policy import BoardPolicy, FleetFile
     from servolink.fleet.topics import Topics
     from servolink.hub.serving import serve_board
@@ -80,8 +80,8 @@ async def _through_hub(url: str) -> None:
             await ask("result", jsonrpc="2.0", id=2, method="move", params=_MOVE)
         await ask("result", jsonrpc="2.0", id=3, method="lease.give")
         ready = asyncio.Event()
-        joined = Fleet(broker_access(url), Topics(), FleetFile(BoardPolicy(allow="move")), hz=0)
-        joining = asyncio.create_task(joined.join([Here("walk", "walk")], ready.set))
+        joined = LocalFleet(broker_access(url), Topics(), FleetFile(BoardPolicy(allow="move")), hz=0)
+        joining = asyncio.create_task(joined.join([LocalBoard("walk", "walk")], ready.set))
         await ready.wait()
         async with client.connect(broker_access(url)) as fleet:
             await fleet.list()

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 from servolink.control.faults import error_object
 from servolink.control.peer import encode
+from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubError
-from servolink.fleet.journal import Journal
 from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.topics import Topics
@@ -26,12 +26,12 @@ class Sender(NamedTuple):
 class Answers:
     """Answers for one board."""
 
-    def __init__(self, board: str, topics: Topics, outbox: Outbox, journal: Journal | None = None) -> None:
-        """Answer through `outbox`; what is noted in `journal` is over when the broker has its answer."""
+    def __init__(self, board: str, topics: Topics, outbox: Outbox, command_log: CommandLog | None = None) -> None:
+        """Answer through `outbox`; what is noted in `command_log` is over when the broker has its answer."""
         self._board = board
         self._topics = topics
         self._outbox = outbox
-        self._journal = journal
+        self._command_log = command_log
 
     def succeed(self, command_id: str, sender: Sender, result: Any) -> None:
         """Send the result of a command."""
@@ -62,12 +62,12 @@ class Answers:
 
     def _finish(self, command_id: str, sender: Sender, answer: dict[str, Any]) -> None:
         text = self._text(command_id, answer)
-        noted = self._journal and self._journal.find(command_id)
-        if not noted or noted.is_over or not self._journal:
+        noted = self._command_log and self._command_log.find(command_id)
+        if not noted or noted.is_over or not self._command_log:
             self._put(sender, text)
             return
         if len(text) <= _LONGEST_NOTED:
-            self._journal.answered(noted.id, text)
+            self._command_log.answered(noted.id, text)
         self._put(sender, text, self._over(noted.id))
 
     def _text(self, command_id: str | None, answer: dict[str, Any]) -> str:
@@ -75,8 +75,8 @@ class Answers:
 
     def _over(self, noted: str) -> Callable[[], None] | None:
         """Return what to call when the broker has the answer to a command that was noted."""
-        journal = self._journal
-        return None if journal is None else lambda: journal.over(noted)
+        command_log = self._command_log
+        return None if command_log is None else lambda: command_log.over(noted)
 
     def _put(self, sender: Sender, text: str, on_sent: Callable[[], None] | None = None) -> None:
         topic = sender.response_topic

@@ -10,19 +10,18 @@ from functools import partial
 from msgspec import Raw
 
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.announcer import Announcer
 from servolink.fleet.answers import Answers
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.commands import CommandDesk, Level
-from servolink.fleet.home_assistant import HomeAssistant
+from servolink.fleet.command_log import CommandLog
+from servolink.fleet.commands import CommandHandler, Level
+from servolink.fleet.home_assistant import Announcer, HomeAssistant
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.journal import Journal
 from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.pulse import Fence, Pulse, PulseLink
-from servolink.fleet.stop_desk import StopDesk
+from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
+from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, Topics
 
@@ -40,7 +39,7 @@ class Bridge:
         access: BrokerAccess,
         topics: Topics,
         policy: BoardPolicy,
-        journal: Journal,
+        command_log: CommandLog,
         *,
         hz: float,
     ) -> None:
@@ -70,12 +69,12 @@ class Bridge:
         self._available = will
         self.pulse = Pulse(self._send_pulse)
         self._link = PulseLink(self.pulse)
-        self.fence = Fence(self.pulse)
+        self.barrier = StopBarrier(self.pulse)
         """Put up for each stop."""
-        self.stops = StopDesk(self.hub, self.prepared, self.fence)
-        self._answers = Answers(board, topics, self.outbox, journal)
-        self.commands = CommandDesk(
-            board, policy, self.hub, journal, self._answers, self.prepared, self.stops, self.fence, self._log
+        self.stops = StopHandler(self.hub, self.prepared, self.barrier)
+        self._answers = Answers(board, topics, self.outbox, command_log)
+        self.commands = CommandHandler(
+            board, policy, self.hub, command_log, self._answers, self.prepared, self.stops, self.barrier, self._log
         )
         self.commands.on_change = self.telemetry.look_again
 
@@ -110,9 +109,9 @@ class Bridge:
     async def _begin(self) -> None:
         """Say that the board is there, on a new connection."""
         self._link.begin()
-        if self.fence.is_up:
-            self.fence.put_up()
-            self.fence.send_word()
+        if self.barrier.is_up:
+            self.barrier.put_up()
+            self.barrier.send_word()
         with suppress(Denied):  # reported by the connection; an access list can be corrected while this goes on
             await self.broker.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()
@@ -124,7 +123,7 @@ class Bridge:
     def _receive(self, message: Received) -> None:
         if message.topic == self._topics.board(self.board, "pulse"):
             self._link.heard(message.payload)
-            self.fence.heard(message.payload)
+            self.barrier.heard(message.payload)
             if self.pulse.shows_another(message.payload):
                 self.telemetry.problem(
                     f"another program has joined as {self.board}, too, and each takes the other's place: give one of "

@@ -53,11 +53,11 @@ async def examine_fleet(controller: Controller) -> tuple[Check, ...]:
 async def _round_trips(controller: Controller, patience: float) -> dict[str, float]:
     """Return the seconds of a message to each board and back."""
     loop, echo = asyncio.get_running_loop(), Echo(new_id())
-    with controller.exchange(echo.id) as exchange:
+    with controller.pending_command(echo.id) as pending:
         sent = loop.time()
         await controller.send_to_all("echo", echo, echo.id, expires=patience)
-        await exchange.until(controller.roster.online, sent + patience)
-        return {board: came - sent for board, came in exchange.seconds.items()}
+        await pending.until(controller.roster.online, sent + patience)
+        return {board: came - sent for board, came in pending.seconds.items()}
 
 
 def _of_the_fleet(controller: Controller) -> Iterator[Check]:

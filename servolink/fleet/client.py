@@ -8,23 +8,28 @@ from pathlib import Path
 from typing import Any, Self
 
 from servolink.control.messages import Applied
-from servolink.errors import ServolinkError
+from servolink.errors import NotFound, ServolinkError
+from servolink.escaping import quote
 from servolink.files import ALL
-from servolink.fleet import forgetting, stopping, together
+from servolink.fleet import stopping, together
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes
 from servolink.fleet.groups import Groups, chosen_boards, load_groups
+from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stopping import Stopped
 from servolink.fleet.together import Kind, RanTogether
-from servolink.fleet.topics import PREFIX, Topics
+from servolink.fleet.topics import PREFIX, BoardTopic, Topics
 from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
 from servolink.project.model import Project
 
 On = str | Iterable[str]
 """Which boards: `all`, and names of boards and groups, in one text with commas or in several."""
+
+
+_KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by the last, others forget the board, too
 
 
 class Fleet:
@@ -139,7 +144,16 @@ class Fleet:
         Raise NotFound for a board that is unknown, ServolinkError for one that is connected: then none is removed.
         Raise OpenError if the broker does not allow it.
         """
-        await forgetting.forget_all(self.controller, boards)
+        names = tuple(dict.fromkeys(boards))
+        controller = self.controller
+        await controller.settle()
+        for name in names:
+            _check_away(controller, name)
+        for name in names:
+            for topic in _KEPT:
+                if controller.roster.get(name) is not None:
+                    _check_away(controller, name)  # it may have joined meanwhile
+                await controller.broker.send(Publication(controller.topics.board(name, topic), b"", 1, retain=True))
 
     async def doctor(self) -> tuple[Check, ...]:
         """Return what is wrong with the broker, the network and the boards; empty if nothing is."""
@@ -165,3 +179,14 @@ def connect(
     if groups is None or isinstance(groups, (str, Path)):
         groups = load_groups(None if groups is None else Path(groups))
     return Fleet(access, prefix, groups, with_servos=servos)
+
+
+def _check_away(controller: Controller, name: str) -> None:
+    """Raise NotFound for a board that is unknown, ServolinkError for one that is connected."""
+    seen = controller.roster.get(name)
+    if seen is None:
+        raise NotFound(f"{quote(name)} is not known to the broker, so there is nothing to forget")
+    if seen.is_online:
+        raise ServolinkError(
+            f"{name} is connected, and cannot be forgotten: end `servolink fleet join` on its machine first"
+        )

@@ -24,13 +24,13 @@ from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
+from servolink.fleet.command_log import MOST_KEPT, CommandLog, Entry
 from servolink.fleet.hub_session import HubSession, result_of
-from servolink.fleet.journal import MOST_KEPT, Entry, Journal
 from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.pulse import Fence, PulseLink
-from servolink.fleet.stop_desk import StopDesk
+from servolink.fleet.pulse import PulseLink, StopBarrier
+from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
 from servolink.hub import METHODS
@@ -69,7 +69,7 @@ class _Refused(NamedTuple):
     answer: str
 
 
-class CommandDesk:
+class CommandHandler:
     """Takes the commands of one board."""
 
     def __init__(
@@ -77,24 +77,24 @@ class CommandDesk:
         board: str,
         policy: BoardPolicy,
         hub: HubSession,
-        journal: Journal,
+        command_log: CommandLog,
         answers: Answers,
         prepared: PreparedRun,
-        stops: StopDesk,
-        fence: Fence,
+        stops: StopHandler,
+        barrier: StopBarrier,
         log: Log,
     ) -> None:
-        """Take commands as `policy` allows, and note them in `journal`."""
+        """Take commands as `policy` allows, and note them in `command_log`."""
         self.on_change: Callable[[], None] = lambda: None
         """Called when a command may have changed what is stored on the board."""
         self._board = board
         self._role = Role.parse(policy.allow)
         self._hub = hub
-        self._journal = journal
+        self._command_log = command_log
         self._answers = answers
         self._prepared = prepared
         self._stops = stops
-        self._fence = fence
+        self._barrier = barrier
         self._log = log
         self._tasks = Tasks()
         self._order = asyncio.Lock()
@@ -103,7 +103,7 @@ class CommandDesk:
 
     def finish_interrupted(self) -> None:
         """Answer what an earlier program was carrying out when it was killed."""
-        for entry in self._journal.unfinished():
+        for entry in self._command_log.unfinished():
             sender = Sender(entry.response_topic, entry.correlation)
             if entry.answer is None:
                 self._answers.fail(entry.id, sender, OutcomeUnknown(_INTERRUPTED))
@@ -149,7 +149,7 @@ class CommandDesk:
     async def close(self) -> None:
         """End what is under way; what was begun is answered as interrupted."""
         await self._tasks.close()
-        for entry in self._journal.unfinished():
+        for entry in self._command_log.unfinished():
             if entry.answer is None:
                 sender = Sender(entry.response_topic, entry.correlation)
                 self._answers.fail(entry.id, sender, OutcomeUnknown(_INTERRUPTED))
@@ -169,7 +169,7 @@ class CommandDesk:
                 "retained commands are not carried out: they would come again with every connection",
                 remedy="remove it, by an empty retained message, and send commands that are not retained",
             )
-        before = self._journal.find(command.id) or self._refused.get(command.id)
+        before = self._command_log.find(command.id) or self._refused.get(command.id)
         if before is None:
             return False
         if before.digest != digest:
@@ -183,7 +183,7 @@ class CommandDesk:
     def _checked(self, message: Received, command: Command, link: PulseLink) -> float:
         """Return until when a command may be begun. Raise RpcError if it may not be carried out."""
         self._check_method(command.method)
-        if command.method in _IN_ORDER and self._fence.keeps_out(command.pulse):
+        if command.method in _IN_ORDER and self._barrier.rejects(command.pulse):
             raise _stopped()
         now = asyncio.get_running_loop().time()
         expiry: float | None = message.expiry
@@ -238,7 +238,7 @@ class CommandDesk:
         """Make a command known, and return what ends when it is noted."""
         entry = Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
         try:
-            return self._journal.note(entry, only_reads=_role(command.method) is Role.WATCH)
+            return self._command_log.note(entry, only_reads=_role(command.method) is Role.WATCH)
         except OSError as error:
             raise _not_noted(error) from error
 

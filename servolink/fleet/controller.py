@@ -18,8 +18,8 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, Ser
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.exchange import Exchange, OnStep, failure_of
 from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.pending_command import OnStep, PendingCommand, failure_of
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
@@ -71,7 +71,7 @@ class Controller:
         self.broker.subscriptions = [(self._reply_to, 1), *boards]
         self.broker.on_message = self._receive
         self.broker.on_connect = self._connected_again
-        self._exchanges: dict[str, Exchange] = {}
+        self._pending: dict[str, PendingCommand] = {}
         self._heard = 0.0  # when the latest message of a board came, but for its servos
         self._task: asyncio.Task[None] | None = None
 
@@ -124,35 +124,35 @@ class Controller:
             raise ServolinkError(f"{board}: {method} is longer than {MOST_BYTES >> 20} MiB, the most that is sent")
         loop = asyncio.get_running_loop()
         begun = loop.time()
-        with self.exchange(message_id, board=board, on_step=on_step) as exchange:
+        with self.pending_command(message_id, board=board, on_step=on_step) as pending:
             sent = 0
-            while not exchange.results:
+            while not pending.results:
                 left = expires - (loop.time() - begun) if method in MOTION else float(expires)
                 if sent != self.connections and left > 0:
                     # Also after a reconnection: the command, or its result, may have been lost with the connection.
                     # The board knows its id and does not carry it out twice.
                     try:
-                        await self.publish(topic, payload, message_id, expires=left, deadline=exchange.heard + patience)
+                        await self.publish(topic, payload, message_id, expires=left, deadline=pending.heard + patience)
                     except ConnectionLost as error:
                         raise _unsent(board, method, error) from error
                     sent = self.connections
-                if not await exchange.wait(exchange.heard + patience):
+                if not await pending.wait(pending.heard + patience):
                     raise _silence(board, method, patience)
-            result = exchange.results[board]
+            result = pending.results[board]
         if (failure := failure_of(result)) is not None:
             raise failure
         return result.result
 
     @contextmanager
-    def exchange(
+    def pending_command(
         self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None
-    ) -> Iterator[Exchange]:
+    ) -> Iterator[PendingCommand]:
         """Yield what collects the results with the id `message_id`, of one `board` or of any."""
-        exchange = self._exchanges[message_id] = Exchange(message_id, board=board, on_step=on_step)
+        pending = self._pending[message_id] = PendingCommand(message_id, board=board, on_step=on_step)
         try:
-            yield exchange
+            yield pending
         finally:
-            del self._exchanges[message_id]
+            del self._pending[message_id]
 
     async def send_to_all(self, topic: FleetTopic, payload: Struct, message_id: str, *, expires: float) -> None:
         """Send one message to all boards at once. Raise ConnectionLost if the broker does not take it."""
@@ -198,7 +198,7 @@ class Controller:
         Raise ConnectionLost if the broker is gone for `patience` seconds.
         """
         loop, message_id = asyncio.get_running_loop(), new_id()
-        with self.exchange(message_id) as marker:
+        with self.pending_command(message_id) as marker:
             # Sent to this program itself: it comes behind what the subscriptions have brought. A broker that sends
             # in another order is given some quiet time.
             result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
@@ -212,8 +212,8 @@ class Controller:
 
     def wake(self) -> None:
         """Wake all who wait for results, to look again at the connection and the time."""
-        for exchange in self._exchanges.values():
-            exchange.wake()
+        for pending in self._pending.values():
+            pending.wake()
 
     # --- called by the connection -------------------------------------------------------------------------------
 
@@ -237,13 +237,13 @@ class Controller:
         except UNREADABLE as error:
             _logger.warning("a result cannot be read: %s", escape(str(error))[:200])
             return
-        exchange = self._exchanges.get(result.id or "")
-        if exchange is None:
+        pending = self._pending.get(result.id or "")
+        if pending is None:
             return
         if isinstance(result.result, dict) and isinstance(word := result.result.get("pulse"), str):
             # Of a stop, which may have come before the word itself: what is sent with an older one is refused.
             self.roster.hear_pulse(result.board, word)
-        exchange.take(result)
+        pending.take(result)
 
 
 def _plain(params: Mapping[str, Any] | Struct | None) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""From the boards of this machine to a broker: finds their hubs, or shares them here, and bridges each."""
+"""Boards of this machine at a broker: find or begin the hub of each, and bridge it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from servolink.errors import OpenError, ServolinkError
 from servolink.files import is_name
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.bridge import Bridge
+from servolink.fleet.broker import retained
+from servolink.fleet.command_log import opened_command_log
 from servolink.fleet.commands import Level
 from servolink.fleet.home_assistant import HomeAssistant
-from servolink.fleet.journal import opened_journal
-from servolink.fleet.kept import retained
 from servolink.fleet.policy import FleetFile
 from servolink.fleet.pulse import INTERVAL, SLACK
 from servolink.fleet.topics import ONLINE, UNREADABLE, BoardNow, Topics
@@ -33,7 +33,7 @@ _SHARED = "share://"
 _FAREWELL = 1.0  # seconds for the last answers
 
 
-class Here(NamedTuple):
+class LocalBoard(NamedTuple):
     """A board of this machine."""
 
     hub: str
@@ -43,11 +43,13 @@ class Here(NamedTuple):
 
 
 @asynccontextmanager
-async def boards_here(names: Sequence[str], name: str | None = None, **options: Any) -> AsyncIterator[list[Here]]:
-    """Yield the boards with these names or addresses, or all that are here; share those that no hub shares.
+async def local_boards(
+    names: Sequence[str], name: str | None = None, **options: Any
+) -> AsyncIterator[list[LocalBoard]]:
+    """Yield the boards with these names or addresses, or all of this machine; share those that no hub shares.
 
-    `name` is what the fleet calls the only one, in place of the name of its hub, and what a hub is called that begins
-    here for a board that was given by its address. `options` are those of `connect`. Raise OpenError if there is none,
+    `name` is what the fleet calls the only one, in place of the name of its hub, and the name of a hub that begins
+    for a board that was given by its address. `options` are those of `connect`. Raise OpenError if there is none,
     or one cannot be used.
     """
     addresses = await _named(names) if names else await _found()
@@ -56,15 +58,15 @@ async def boards_here(names: Sequence[str], name: str | None = None, **options: 
             f"--name is for one board, and {len(addresses)} are to join: name one of {', '.join(addresses)}"
         )
     async with AsyncExitStack() as stack:
-        here = []
+        found = []
         for address, given in addresses.items():
             if address.startswith(_SHARED):
                 hub = address.removeprefix(_SHARED).partition("?")[0]
             else:  # under the name by which it was given, if it is one
                 hub_name = None if is_name(given) else name
                 hub = (await stack.enter_async_context(serve_board(given, name=hub_name, **options)))[0].name
-            here.append(Here(hub, name or hub))
-        yield here
+            found.append(LocalBoard(hub, name or hub))
+        yield found
 
 
 async def _named(names: Sequence[str]) -> dict[str, str]:
@@ -81,7 +83,7 @@ async def _found() -> dict[str, str]:
     return dict(zip(usable, usable, strict=True))
 
 
-class Fleet:
+class LocalFleet:
     """The boards of this machine that take part in a fleet."""
 
     def __init__(
@@ -107,15 +109,15 @@ class Fleet:
         self._home_assistant = home_assistant
         self._was_lost = False
 
-    async def join(self, here: Sequence[Here], on_ready: Callable[[], None]) -> None:
+    async def join(self, members: Sequence[LocalBoard], on_ready: Callable[[], None]) -> None:
         """Serve boards until this is cancelled; call `on_ready` when all have joined. Raise OpenError if one cannot."""
         async with AsyncExitStack() as stack:
-            journals = [stack.enter_context(opened_journal(board.name)) for board in here]
-            kept = await retained(self._access, [*self._kept_topics(here)])
-            await self._check(here, kept)
-            for board, journal in zip(here, journals, strict=True):
+            command_logs = [stack.enter_context(opened_command_log(board.name)) for board in members]
+            kept = await retained(self._access, [*self._kept_topics(members)])
+            await self._check(members, kept)
+            for board, command_log in zip(members, command_logs, strict=True):
                 policy = self._policies.policy_of(board.name)
-                bridge = Bridge(board.hub, board.name, self._access, self._topics, policy, journal, hz=self._hz)
+                bridge = Bridge(board.hub, board.name, self._access, self._topics, policy, command_log, hz=self._hz)
                 bridge.telemetry.on_line = partial(self._tell, f"{board.name}: ")
                 if self._home_assistant is not None:
                     bridge.announce(self._home_assistant, kept)
@@ -135,18 +137,18 @@ class Fleet:
             self.on_line("error", f"{text}; trying again")
         self._was_lost = not is_connected
 
-    def _kept_topics(self, here: Sequence[Here]) -> Iterator[str]:
-        for _, name in here:
+    def _kept_topics(self, members: Sequence[LocalBoard]) -> Iterator[str]:
+        for _, name in members:
             yield self._topics.board(name, "available")
             yield self._topics.board(name, "state")
             yield self._topics.board(name, "pulse")
             if self._home_assistant is not None:
                 yield self._home_assistant.topic(self._topics, name)
 
-    async def _check(self, here: Sequence[Here], kept: Mapping[str, bytes]) -> None:
+    async def _check(self, members: Sequence[LocalBoard], kept: Mapping[str, bytes]) -> None:
         """Raise OpenError for a board whose name another machine has given to a board that is there."""
         pulses = []
-        for _, name in here:
+        for _, name in members:
             if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
                 continue
             try:
@@ -158,7 +160,7 @@ class Fleet:
             pulses.append(self._topics.board(name, "pulse"))
         if not pulses:
             return
-        # Of this machine, and killed, so that the broker does not know yet; or of another one that is called alike.
+        # Either a bridge of this machine that was killed and not yet missed, or another machine of the same name.
         await asyncio.sleep(INTERVAL + SLACK)
         for topic, word in (await retained(self._access, pulses)).items():
             if word != kept.get(topic):

@@ -93,7 +93,7 @@ class PulseLink:
         return begun + expiry + SLACK
 
 
-class Fence:
+class StopBarrier:
     """Keeps out what was sent before a stop and comes after it.
 
     A stop has a connection of its own, and overtakes: a word is sent on the connection of the commands, and what comes
@@ -116,12 +116,12 @@ class Fence:
         self.word, self.is_up = self._pulse.new_word(), True
         self._put_up_at = self._pulse.time_of(self.word)
 
-    def keeps_out(self, word: str | None) -> bool:
+    def rejects(self, word: str | None) -> bool:
         """Return whether a command that comes now, with `word` in it, may have been sent before the stop."""
         return self.is_up or (word is not None and self._pulse.time_of(word) < self._put_up_at)
 
     def send_word(self) -> None:
-        """Send the word, if the fence is up: when the stop is over, which is more urgent, and on a new connection."""
+        """Send the word, if the barrier is up: when the stop is over, which is more urgent, and on a new connection."""
         if self.is_up:
             self._task = asyncio.get_running_loop().create_task(self._send(self.word))
 

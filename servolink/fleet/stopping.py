@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from servolink.errors import ConnectionLost
 from servolink.fleet.controller import Controller, new_id
-from servolink.fleet.exchange import Exchange, failure_of
+from servolink.fleet.pending_command import PendingCommand, failure_of
 from servolink.fleet.topics import Stop
 
 PATIENCE = 5.0
@@ -42,35 +42,35 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
     """
     loop = asyncio.get_running_loop()
     begun, stop = loop.time(), Stop(new_id(), controller.who)
-    with controller.exchange(stop.id) as exchange:
+    with controller.pending_command(stop.id) as pending:
         # A board that was there and is lost meanwhile may still move.
         seen = dict.fromkeys(controller.roster.online)
-        sending = asyncio.create_task(_send(controller, exchange, stop, begun + patience))
+        sending = asyncio.create_task(_send(controller, pending, stop, begun + patience))
         try:
             try:
                 await controller.settle(patience)  # meanwhile the stop is under way
             except ConnectionLost:  # not for a moment only: there may be boards that nobody here knows of
-                if not exchange.missing(seen):
+                if not pending.missing(seen):
                     raise
             while True:
                 seen |= dict.fromkeys(controller.roster.online)
-                missing = exchange.missing(seen)
-                if not missing or not await exchange.wait(begun + patience):
+                missing = pending.missing(seen)
+                if not missing or not await pending.wait(begun + patience):
                     break
         finally:
             sending.cancel()
             await asyncio.wait((sending,))
-        failures = {board: failure_of(result) for board, result in exchange.results.items()}
+        failures = {board: failure_of(result) for board, result in pending.results.items()}
         offline = tuple(board.name for board in controller.roster if not board.is_online)
         return Stopped(
-            {board: exchange.seconds[board] - begun for board, failure in failures.items() if failure is None},
+            {board: pending.seconds[board] - begun for board, failure in failures.items() if failure is None},
             {board: str(failure) for board, failure in failures.items() if failure is not None},
             tuple(missing),
             tuple(board for board in offline if board not in failures and board not in missing),
         )
 
 
-async def _send(controller: Controller, exchange: Exchange, stop: Stop, deadline: float) -> None:
+async def _send(controller: Controller, pending: PendingCommand, stop: Stop, deadline: float) -> None:
     """Send the stop to all, and again to each board that has not answered."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
     topic = controller.topics.fleet("stop")
@@ -80,5 +80,5 @@ async def _send(controller: Controller, exchange: Exchange, stop: Stop, deadline
         again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
         await asyncio.gather(*again, return_exceptions=True)  # a broker that is gone shows in who is silent
         await asyncio.sleep(_AGAIN)
-        missing = exchange.missing(controller.roster.online)
+        missing = pending.missing(controller.roster.online)
         topics = [controller.topics.board(board, "stop") for board in missing]

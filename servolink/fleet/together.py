@@ -16,7 +16,7 @@ from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnk
 from servolink.escaping import quote
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
-from servolink.fleet.exchange import Exchange, failure_of, result_as
+from servolink.fleet.pending_command import PendingCommand, failure_of, result_as
 from servolink.fleet.roster import Roster
 from servolink.fleet.topics import Cancel, Echo, Prepare, Start, Started, Stored
 
@@ -94,12 +94,12 @@ async def run_together(
         texts = {board: str(error) for board, error in problems.items()}
         return RanTogether((), tuple(sorted(prepared.done)), texts, (), None, None, None)
     delays = await _delays(controller, prepared.done)
-    with controller.exchange(start) as exchange:
+    with controller.pending_command(start) as pending:
         loop = asyncio.get_running_loop()
         with suppress(ConnectionLost):  # the broker may have it all the same: who has started shows in the answers
             await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
-        await exchange.until(prepared.done, loop.time() + patience)
-        return _result(exchange, prepared.done, problems, delays)
+        await pending.until(prepared.done, loop.time() + patience)
+        return _result(pending, prepared.done, problems, delays)
 
 
 async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> None:
@@ -113,20 +113,20 @@ async def _delays(controller: Controller, boards: Iterable[str]) -> dict[str, fl
     delays = dict.fromkeys(there, math.inf)
     for _ in range(_ECHOES):
         echo = Echo(new_id())
-        with controller.exchange(echo.id) as exchange:
+        with controller.pending_command(echo.id) as pending:
             sent = loop.time()
             await controller.send_to_all("echo", echo, echo.id, expires=_ECHO_LIMIT)
-            await exchange.until(there, sent + _ECHO_LIMIT)
-            for board, came in exchange.seconds.items():
+            await pending.until(there, sent + _ECHO_LIMIT)
+            for board, came in pending.seconds.items():
                 if board in delays:
                     delays[board] = min(delays[board], (came - sent) / 2)
-            if exchange.missing(there):
+            if pending.missing(there):
                 break
     return delays
 
 
 def _result(
-    exchange: Exchange,
+    pending: PendingCommand,
     prepared: Mapping[str, Ran],
     problems: Mapping[str, ServolinkError],
     delays: Mapping[str, float],
@@ -134,7 +134,7 @@ def _result(
     started: dict[str, Started] = {}
     failed = dict(problems)
     for board in prepared:
-        result = exchange.results.get(board)
+        result = pending.results.get(board)
         if result is None:
             failed[board] = OutcomeUnknown(f"{board} was prepared, and has not said whether it started: look at it")
         elif (failure := failure_of(result)) is not None:
@@ -143,7 +143,7 @@ def _result(
             failed[board] = OutcomeUnknown(f"{board} has started, and what it says of that cannot be read")
         else:
             started[board] = moment
-    spread, measured_by = _spread(started, exchange, delays)
+    spread, measured_by = _spread(started, pending, delays)
     durations = [one.seconds for board, one in prepared.items() if board in started and one.seconds is not None]
     texts = {board: str(error) for board, error in failed.items()}
     unknown = tuple(sorted(board for board in prepared if isinstance(failed.get(board), OutcomeUnknown)))
@@ -158,7 +158,7 @@ def _started(value: object) -> Started | None:
 
 
 def _spread(
-    started: Mapping[str, Started], exchange: Exchange, delays: Mapping[str, float]
+    started: Mapping[str, Started], pending: PendingCommand, delays: Mapping[str, float]
 ) -> tuple[float | None, Literal["clock", "echo"] | None]:
     """Return the seconds between the first and the last start, and how that is known."""
     if len(started) < 2:
@@ -167,6 +167,6 @@ def _spread(
         moments = [one.monotonic for one in started.values()]
         return max(moments) - min(moments), "clock"
     # A result takes as long as half an echo to come here, so the board had started that much before.
-    moments = [exchange.seconds[board] - delays[board] for board in started]
+    moments = [pending.seconds[board] - delays[board] for board in started]
     spread = max(moments) - min(moments)
     return (spread, "echo") if math.isfinite(spread) else (None, None)

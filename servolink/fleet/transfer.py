@@ -13,7 +13,7 @@ from servolink.control.messages import Applied
 from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes, Work, for_each
-from servolink.fleet.exchange import result_as
+from servolink.fleet.pending_command import result_as
 from servolink.fleet.topics import Step
 from servolink.project.model import Project
 from servolink.project.project_file import file_type, project_from_form, project_to_form, save_project

@@ -22,7 +22,7 @@ from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.mqtt_client import ConnectionOptions, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
-from servolink.fleet.stop_desk import read_stop
+from servolink.fleet.stop_handler import read_stop
 from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, Press, Start, Started, Topics
 from servolink.tasks import Tasks
 

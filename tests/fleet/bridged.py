@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from servolink.fleet import kept
+from servolink.fleet import broker as broker_module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.join import Fleet, Here
+from servolink.fleet.join import LocalBoard, LocalFleet
 from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.fleet.topics import Topics
@@ -123,11 +123,11 @@ async def far_away(broker: Broker, name: str = "far") -> AsyncIterator[Far]:
 
 
 @asynccontextmanager
-async def joined(broker: Broker, policy: BoardPolicy, *, hub: str = "rex", **options: Any) -> AsyncIterator[Fleet]:
+async def joined(broker: Broker, policy: BoardPolicy, *, hub: str = "rex", **options: Any) -> AsyncIterator[LocalFleet]:
     """Yield a fleet of the board that `hub` shares, when it has joined."""
-    fleet = Fleet(broker_access(broker.url), TOPICS, FleetFile(policy), **{"hz": 0.0, **options})
+    fleet = LocalFleet(broker_access(broker.url), TOPICS, FleetFile(policy), **{"hz": 0.0, **options})
     ready = asyncio.Event()
-    async with running(fleet.join([Here(hub, hub)], ready.set)) as joining:
+    async with running(fleet.join([LocalBoard(hub, hub)], ready.set)) as joining:
         waiting = asyncio.ensure_future(ready.wait())
         await asyncio.wait((joining, waiting), return_when=asyncio.FIRST_COMPLETED)
         waiting.cancel()
@@ -153,7 +153,7 @@ def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         folder = tmp_path / name
         folder.mkdir(mode=0o700)
         monkeypatch.setenv(name, str(folder))
-    monkeypatch.setattr(kept, "_QUIET", 0.05)
+    monkeypatch.setattr(broker_module, "_QUIET", 0.05)
     return tmp_path
 
 

@@ -7,27 +7,27 @@ from collections.abc import Callable
 
 import pytest
 
-from servolink.fleet.exchange import Exchange
+from servolink.fleet.pending_command import PendingCommand
 
 _AGAIN = 0.05  # seconds
 LIMIT = 120.0
 """Seconds of patience that is not waited out, however busy the machine is."""
 
 
-def patience_ends(monkeypatch: pytest.MonkeyPatch, is_over: Callable[[Exchange], bool]) -> None:
-    """Have whoever waits for the results of an exchange find its deadline passed as soon as `is_over` of it."""
-    wait = Exchange.wait
+def patience_ends(monkeypatch: pytest.MonkeyPatch, is_over: Callable[[PendingCommand], bool]) -> None:
+    """Have whoever waits for the results to a message find its deadline passed as soon as `is_over` of it."""
+    wait = PendingCommand.wait
 
-    async def until_over(exchange: Exchange, deadline: float) -> bool:
+    async def until_over(pending: PendingCommand, deadline: float) -> bool:
         loop = asyncio.get_running_loop()
-        while not is_over(exchange) and loop.time() < deadline:  # what decides may change without a result
-            if await wait(exchange, min(deadline, loop.time() + _AGAIN)):
+        while not is_over(pending) and loop.time() < deadline:  # what decides may change without a result
+            if await wait(pending, min(deadline, loop.time() + _AGAIN)):
                 return True
         return False
 
-    monkeypatch.setattr(Exchange, "wait", until_over)
+    monkeypatch.setattr(PendingCommand, "wait", until_over)
 
 
-def have_answered(*boards: str) -> Callable[[Exchange], bool]:
+def have_answered(*boards: str) -> Callable[[PendingCommand], bool]:
     """Return whether these boards have answered: those that are silent are not going to."""
-    return lambda exchange: exchange.results.keys() >= set(boards)
+    return lambda pending: pending.results.keys() >= set(boards)

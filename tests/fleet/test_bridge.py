@@ -15,7 +15,7 @@ from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
 from servolink.fleet import join
 from servolink.fleet.home_assistant import HomeAssistant
-from servolink.fleet.join import Here, boards_here
+from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.serving import serve_board
@@ -214,20 +214,20 @@ def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
     async def main() -> None:
         save_alias("rex", Alias("virtual://?servos=1"))
         async with serve_board("virtual://?servos=2", name="fido"):
-            async with boards_here(["rex", "fido"]) as here:
-                assert here == [Here("rex", "rex"), Here("fido", "fido")]
-            async with boards_here(["rex"], "max") as here:
-                assert here == [Here("rex", "max")]
+            async with local_boards(["rex", "fido"]) as here:
+                assert here == [LocalBoard("rex", "rex"), LocalBoard("fido", "fido")]
+            async with local_boards(["rex"], "max") as here:
+                assert here == [LocalBoard("rex", "max")]
 
     run(main())
 
 
 def test_two_new_boards_join_under_the_names_that_they_are_given() -> None:
     async def main() -> None:
-        async with boards_here(["virtual://"], "fido") as fido, boards_here(["virtual://?seed=2"], "bob") as bob:
-            assert (fido, bob) == ([Here("fido", "fido")], [Here("bob", "bob")])
-            async with boards_here(["fido"], "max") as here:
-                assert here == [Here("fido", "max")]
+        async with local_boards(["virtual://"], "fido") as fido, local_boards(["virtual://?seed=2"], "bob") as bob:
+            assert (fido, bob) == ([LocalBoard("fido", "fido")], [LocalBoard("bob", "bob")])
+            async with local_boards(["fido"], "max") as here:
+                assert here == [LocalBoard("fido", "max")]
 
     run(main())
 

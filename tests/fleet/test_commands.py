@@ -17,8 +17,8 @@ from servolink.control.greeting import Greeting
 from servolink.control.messages import Runnable
 from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
+from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.journal import Journal
 from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
@@ -118,7 +118,7 @@ def test_a_command_that_was_refused_is_refused_again_when_it_could_be_done(
                 full.setattr(commands, "MOST_WAITING", 0)
                 give("busy", "move", **MOVE)
             with monkeypatch.context() as full:
-                full.setattr(Journal, "_write", _full)
+                full.setattr(CommandLog, "_write", _full)
                 give("unnoted", "move", **MOVE)
                 await far.result("unnoted")
             give("endless", "move", None, **MOVE)  # as a broker delivers it that has lost the expiry
@@ -138,7 +138,7 @@ def test_a_command_that_was_refused_is_refused_again_when_it_could_be_done(
     run(main())
 
 
-def _full(journal: Journal, lines: list[bytes]) -> None:
+def _full(command_log: CommandLog, lines: list[bytes]) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
@@ -336,7 +336,7 @@ def test_nothing_is_done_that_cannot_be_noted(broker: Broker, monkeypatch: pytes
     async def main() -> None:
         async with bridged(broker) as (far, _):
             calls = Calls(monkeypatch)
-            monkeypatch.setattr(Journal, "_write", _full)
+            monkeypatch.setattr(CommandLog, "_write", _full)
             error = await far.failure("move", params=MOVE)
             assert error["message"] == (
                 "the command cannot be noted, so it is not carried out: No space left on device"

@@ -70,7 +70,7 @@ def test_an_error_of_a_board_is_raised_with_its_name(broker: Broker) -> None:
 
 
 def test_silence_says_whether_something_may_have_been_done(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    patience_ends(monkeypatch, lambda exchange: exchange.board == "rex")
+    patience_ends(monkeypatch, lambda pending: pending.board == "rex")
 
     async def main() -> None:
         async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:

@@ -21,9 +21,8 @@ from servolink.fleet import connect as connect_fleet
 from servolink.fleet import mqtt_client, roster
 from servolink.fleet.access import broker_access
 from servolink.fleet.client import Fleet
-from servolink.fleet.exchange import Exchange
-from servolink.fleet.join import Fleet as Joining
-from servolink.fleet.join import Here
+from servolink.fleet.join import LocalBoard, LocalFleet
+from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.hub.serving import serve_board
 from tests.fleet.bridged import LIMIT, TOPICS, Far, bridged, far_away, run, running
@@ -48,9 +47,9 @@ def _soon_again(monkeypatch: pytest.MonkeyPatch) -> None:
 async def board_and_fleet(url: str, far_url: str, name: str = "rex") -> AsyncIterator[tuple[Fleet, Board]]:
     """Yield a fleet through `far_url` whose board, joined through `url`, is read beside it."""
     async with serve_board("virtual://?servos=4", name=name), connect(f"share://{name}") as board:
-        joining = Joining(broker_access(url), TOPICS, FleetFile(BoardPolicy("edit")), hz=0.0)
+        joining = LocalFleet(broker_access(url), TOPICS, FleetFile(BoardPolicy("edit")), hz=0.0)
         ready = asyncio.Event()
-        async with running(joining.join([Here(name, name)], ready.set)):
+        async with running(joining.join([LocalBoard(name, name)], ready.set)):
             await ready.wait()
             async with connect_fleet(far_url, groups={}) as fleet:
                 fleet.controller.patience = LIMIT
@@ -124,8 +123,8 @@ def test_a_full_broker_loses_nothing_silently(tmp_path: Path, monkeypatch: pytes
         async with board_and_fleet(broker.url, broker.url) as (fleet, _):
             asked = [asyncio.create_task(fleet.call("rex", "board.state")) for _ in range(200)]
 
-            def is_over(exchange: Exchange) -> bool:
-                return exchange.board == "rex" and any(each.done() and not each.exception() for each in asked)
+            def is_over(pending: PendingCommand) -> bool:
+                return pending.board == "rex" and any(each.done() and not each.exception() for each in asked)
 
             patience_ends(monkeypatch, is_over)
             for each in asked:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.control.peer import encode
-from servolink.fleet import announcer
+from servolink.fleet import home_assistant
 from servolink.fleet.home_assistant import HomeAssistant, discovery, without
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, Stored, Topics, Vitals
@@ -150,7 +150,7 @@ class TestWithABroker:
     pytestmark = needs_broker
 
     def test_a_button_runs_what_is_stored(self, broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(announcer, "VITALS_SECONDS", 0.02)
+        monkeypatch.setattr(home_assistant, "VITALS_SECONDS", 0.02)
 
         async def main() -> None:
             async with bridged(broker, home_assistant=HomeAssistant(numbers=True)) as (far, hub):

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import ConnectionLost
 from servolink.fleet.controller import Controller
-from servolink.fleet.exchange import Exchange
+from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.roster import Roster
 from servolink.fleet.stopping import stop_all
 from servolink.fleet.topics import Result, Topics
@@ -38,8 +38,8 @@ class Network:
         self._exchange.take(Result(id=self._exchange.id, board=board, ok=True))
 
     @contextmanager
-    def exchange(self, message_id: str) -> Iterator[Exchange]:
-        self._exchange = Exchange(message_id)
+    def pending_command(self, message_id: str) -> Iterator[PendingCommand]:
+        self._exchange = PendingCommand(message_id)
         yield self._exchange
 
     async def settle(self, patience: float) -> None:

@@ -12,7 +12,7 @@ import pytest
 from servolink.errors import ConnectionLost, NotFound
 from servolink.fleet import checks, stopping, together
 from servolink.fleet.client import Fleet, connect
-from servolink.fleet.exchange import Exchange
+from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.topics import Stored
 from servolink.project.project_file import load_project, project_to_form
 from tests.fleet.mosquitto import Broker, needs_broker
@@ -62,7 +62,7 @@ def test_a_stop_names_who_is_silent_and_waits_for_nobody_else(broker: Broker, mo
             fido.is_silent = True
             rex.answers["stop"] = refuse("OutcomeUnknown", "servo 3 still moves")
             answered = have_answered("rex", "bob")
-            patience_ends(monkeypatch, lambda exchange: answered(exchange) and fido.stops > 1)
+            patience_ends(monkeypatch, lambda pending: answered(pending) and fido.stops > 1)
             stopped = await fleet.stop(patience=LIMIT)
             assert list(stopped.stopped) == ["bob"]
             assert stopped.failed == {"rex": "rex: servo 3 still moves"}
@@ -141,7 +141,7 @@ def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker, monkey
             ready_to_run(rex, 5.0)
             ready_to_run(fido, 5.0)
             del fido.answers["start"]
-            patience_ends(monkeypatch, lambda exchange: _said(exchange, "rex", "after"))
+            patience_ends(monkeypatch, lambda pending: _said(pending, "rex", "after"))
             ran = await fleet.run("Wave")
             assert ran.started == ("rex",)
             assert "fido was prepared, and has not said whether it started" in ran.failed["fido"]
@@ -150,9 +150,9 @@ def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker, monkey
     asyncio.run(main())
 
 
-def _said(exchange: Exchange, board: str, what: str) -> bool:
+def _said(pending: PendingCommand, board: str, what: str) -> bool:
     """Return whether a board has answered with a result that has the field `what`."""
-    result = exchange.results.get(board)
+    result = pending.results.get(board)
     return result is not None and what in result.result
 
 
@@ -166,7 +166,7 @@ def test_a_start_that_the_broker_has_not_confirmed_may_have_been_one(
 
             async def send_or_lose(topic: Any, *rest: Any, **options: Any) -> None:
                 if topic == "start":
-                    patience_ends(monkeypatch, lambda exchange: True)
+                    patience_ends(monkeypatch, lambda pending: True)
                     raise ConnectionLost("the broker is gone")
                 await send(topic, *rest, **options)
 
@@ -266,7 +266,7 @@ def test_the_doctor_finds_what_is_wrong(broker: Broker, monkeypatch: pytest.Monk
     monkeypatch.setattr(checks, "_PATIENCE", LIMIT)
     monkeypatch.setattr(checks, "_SLOW", LIMIT)
     answered = have_answered("rex", "bob")
-    patience_ends(monkeypatch, lambda exchange: exchange.board == "fido" or answered(exchange))
+    patience_ends(monkeypatch, lambda pending: pending.board == "fido" or answered(pending))
 
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, bob):

@@ -21,7 +21,7 @@ from servolink.escaping import escape
 from servolink.script import OK
 
 if TYPE_CHECKING:
-    from servolink.fleet.join import Fleet, Here
+    from servolink.fleet.join import LocalBoard, LocalFleet
 
 _MOST_HZ = 100.0
 
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
 async def _join(args: argparse.Namespace, broker: str, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
     try:
-        from servolink.fleet.join import Fleet, boards_here
+        from servolink.fleet.join import LocalFleet, local_boards
     except ModuleNotFoundError as error:
         raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     from servolink.fleet import home_assistant
@@ -101,9 +101,9 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     access = await asyncio.to_thread(access_of, args, broker)
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
-        here = await stack.enter_async_context(boards_here(args.boards, args.name, **options))
+        members = await stack.enter_async_context(local_boards(args.boards, args.name, **options))
         interruption.state, interruption.code = "the boards were left as they are", OK
-        fleet = Fleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
+        fleet = LocalFleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():
             address = str(access.address)
             show = await stack.enter_async_context(staying_line(lambda width: _status_line(fleet, address, width)))
@@ -112,15 +112,15 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
             fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
 
         def joined() -> None:
-            _print_joined(fleet, here, str(access.address), topics.prefix, as_json=args.json)
+            _print_joined(fleet, members, str(access.address), topics.prefix, as_json=args.json)
             gc.freeze()  # what is there stays: to look through it takes longer than to start the boards of a machine
 
-        await fleet.join(here, joined)
+        await fleet.join(members, joined)
     return OK
 
 
-def _print_joined(fleet: Fleet, here: list[Here], broker: str, prefix: str, *, as_json: bool) -> None:
-    for (hub, name), bridge in zip(here, fleet.bridges, strict=True):
+def _print_joined(fleet: LocalFleet, members: list[LocalBoard], broker: str, prefix: str, *, as_json: bool) -> None:
+    for (hub, name), bridge in zip(members, fleet.bridges, strict=True):
         allow = bridge.telemetry.now.allow
         if as_json:
             print_json(
@@ -138,7 +138,7 @@ _ALLOWED = {
 }
 
 
-def _status_line(fleet: Fleet, broker: str, width: int) -> tuple[bool, str]:
+def _status_line(fleet: LocalFleet, broker: str, width: int) -> tuple[bool, str]:
     """Return whether all is fine, and the line that stays, cut to `width` columns."""
     nows = [bridge.telemetry.now for bridge in fleet.bridges]
     away = [now.board for now in nows if now.connection != "connected"]

@@ -1,4 +1,4 @@
-"""StopDesk: stops the board whenever anybody asks, however many do."""
+"""StopHandler: stops the board whenever anybody asks, however many do."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import msgspec
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.prepared import PreparedRun
-from servolink.fleet.pulse import Fence
+from servolink.fleet.pulse import StopBarrier
 from servolink.fleet.topics import UNREADABLE, Stop, StopOver
 
 _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 
 
-class StopDesk:
+class StopHandler:
     """Takes stops of one board. Those that come while one is under way share the next."""
 
-    def __init__(self, hub: HubSession, prepared: PreparedRun, fence: Fence) -> None:
-        """Stop the board of `hub`, forget what is `prepared`, and keep out by `fence` what was sent before."""
+    def __init__(self, hub: HubSession, prepared: PreparedRun, barrier: StopBarrier) -> None:
+        """Stop the board of `hub`, forget what is `prepared`, and keep out by `barrier` what was sent before."""
         self.count = 0
         """Stops so far: what was asked for before the latest must not begin any more."""
         self._hub = hub
         self._prepared = prepared
-        self._fence = fence
+        self._barrier = barrier
         self._waiting: deque[tuple[str, Sender, Answers]] = deque(maxlen=_MOST_ANSWERED)
         self._task: asyncio.Task[None] | None = None
         self._stopped = asyncio.Event()
@@ -40,7 +40,7 @@ class StopDesk:
     def stopped_here(self) -> None:
         """Count a stop by another program of the hub."""
         self._count_stop()
-        self._fence.send_word()
+        self._barrier.send_word()
 
     async def until_after(self, count: int) -> None:
         """Return when there have been more stops than `count`."""
@@ -55,7 +55,7 @@ class StopDesk:
 
     def _count_stop(self) -> None:
         """Let nothing begin that was asked for before now."""
-        self._fence.put_up()
+        self._barrier.put_up()
         self.count += 1
         self._stopped.set()
         self._stopped = asyncio.Event()
@@ -67,13 +67,13 @@ class StopDesk:
             try:
                 result_of(await self._hub.ask("stop", {}))
             except Exception as error:  # noqa: BLE001 - whatever prevents a stop is an answer
-                self._fence.send_word()
+                self._barrier.send_word()
                 for command_id, sender, answers in asked:
                     answers.fail(command_id, sender, error)
             else:
-                self._fence.send_word()
+                self._barrier.send_word()
                 for command_id, sender, answers in asked:
-                    answers.succeed(command_id, sender, StopOver(self._fence.word))
+                    answers.succeed(command_id, sender, StopOver(self._barrier.word))
 
 
 def read_stop(payload: bytes) -> Stop:

@@ -1,4 +1,4 @@
-"""Exchange: the results of boards to one message, of which each board sends one."""
+"""PendingCommand: the results of boards to one message, of which each board sends one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OnStep = Callable[[Step], None]
 """Called with each step of a long command."""
 
 
-class Exchange:
+class PendingCommand:
     """Collects the results to one message. A second result of a board is ignored: it was delivered twice."""
 
     def __init__(self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None) -> None:

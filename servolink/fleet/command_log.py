@@ -1,6 +1,6 @@
-"""Journal: which commands a board has taken on, so that none is carried out twice, even after a crash.
+"""CommandLog: which commands a board has taken on, so that none is carried out twice, even after a crash.
 
-A command is on the disk before it is carried out. What is found unfinished when the journal is opened was interrupted:
+A command is on the disk before it is carried out. What is found unfinished when the log is opened was interrupted:
 nobody knows whether it was done, so it is not repeated, and its sender is told.
 """
 
@@ -25,7 +25,7 @@ from servolink.platforms.locks import lock
 MOST_KEPT = 4096
 """Commands that are remembered; the oldest are forgotten first."""
 LONGEST_KEPT = 24 * 3600.0
-"""Seconds after which a command is forgotten when the journal is opened, but for the latest."""
+"""Seconds after which a command is forgotten when the log is opened, but for the latest."""
 
 _ALWAYS_KEPT = 256  # even if the clock was set
 _PRIVATE = 0o700
@@ -47,11 +47,11 @@ class Entry(Struct, omit_defaults=True):
     """Whether the broker has the result."""
 
 
-class Journal:
-    """The commands of one board."""
+class CommandLog:
+    """Commands of one board, in a file."""
 
     def __init__(self, path: Path) -> None:
-        """Use `opened_journal`."""
+        """Use `opened_command_log`."""
         self._path = path
         self._entries: dict[str, Entry] = {}
         self._buffer: list[tuple[str, bytes]] = []
@@ -206,8 +206,8 @@ def _update(entry: Entry, news: Entry) -> None:
 
 
 @contextmanager
-def opened_journal(board: str) -> Iterator[Journal]:
-    """Open the journal of a board, for this program alone. Raise OpenError if that cannot be."""
+def opened_command_log(board: str) -> Iterator[CommandLog]:
+    """Open the log of a board, for the exclusive use of this program. Raise OpenError if that cannot be."""
     try:
         folder = user_folder("data") / "fleet"
         folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
@@ -219,12 +219,12 @@ def opened_journal(board: str) -> Iterator[Journal]:
             raise OpenError(
                 f"another program of this machine connects {board} with a broker already; end that one first"
             )
-        journal = Journal(folder / f"{board}.journal")
+        command_log = CommandLog(folder / f"{board}.journal")
         try:
-            journal.open()
+            command_log.open()
         except OSError as error:
             raise OpenError(f"the commands of {board} cannot be noted: {reason(error)}") from error
         try:
-            yield journal
+            yield command_log
         finally:
-            journal.close()
+            command_log.close()
