@@ -94,7 +94,7 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
 
 def timeout(help: str) -> Option:  # noqa: A002 - as argparse calls it
     """Return the option `--timeout`."""
-    return option("--timeout", type=number(0.001, 3600, "seconds"), metavar="SECONDS", help=help)
+    return option("--timeout", "SECONDS", help, number(0.001, 3600, "seconds"))
 
 
 def or_caption(read_id: Callable[[str], int]) -> Callable[[str], int | str]:

@@ -26,24 +26,21 @@ Run: TypeAlias = Callable[[argparse.Namespace], int]
 
 
 class Settings(TypedDict, total=False):
-    """Settings of an option, as `ArgumentParser.add_argument` takes them."""
+    """Other settings of an option, as `ArgumentParser.add_argument` takes them."""
 
     action: str | type[argparse.Action]
     choices: Iterable[str]
     const: Any
     default: Any
     dest: str
-    help: str
-    metavar: str | tuple[str, ...]
     nargs: int | str
-    type: Callable[[str], Any]
 
 
 class Option(NamedTuple):
     """One option or argument."""
 
-    names: tuple[str, ...]
-    settings: Settings
+    names: list[str]
+    settings: dict[str, Any]
 
     def add_to(self, parser: Any) -> None:
         """Add it to a parser or a group of one."""
@@ -76,9 +73,26 @@ def late(place: str) -> Run:
     return run
 
 
-def option(*names: str, **settings: Unpack[Settings]) -> Option:
-    """Return an option, declared as `ArgumentParser.add_argument` takes it."""
-    return Option(names, settings)
+def option(
+    names: str,
+    metavar: str | tuple[str, ...],
+    help: str,  # noqa: A002 - as argparse calls it
+    read: Callable[[str], Any] | None = None,
+    **settings: Unpack[Settings],
+) -> Option:
+    """Return an option with a value, or an argument; `names` as in `-o --output`.
+
+    `read` takes the text of the value, and raises ArgumentTypeError for a wrong one. Without it, a `metavar` such as
+    `degree|adc` lists the values that are allowed.
+    """
+    if read is None and isinstance(metavar, str) and "|" in metavar:
+        settings.setdefault("choices", metavar.split("|"))
+    return Option(names.split(), {"metavar": metavar, "help": help, "type": read, **settings})
+
+
+def flag(names: str, help: str, **settings: Unpack[Settings]) -> Option:  # noqa: A002 - as argparse calls it
+    """Return an option without a value."""
+    return Option(names.split(), {"action": "store_true", "help": help, **settings})
 
 
 def group(title: str, *options: Option | Group) -> Group:

@@ -10,7 +10,7 @@ from textwrap import fill
 from typing import Any, NoReturn
 
 from servolink.cli.arguments import caption_encoding, not_empty, timeout
-from servolink.cli.command import TOPICS, Command, Group, group, option
+from servolink.cli.command import TOPICS, Command, Group, flag, group, option
 from servolink.cli.index import Entry, below, load
 from servolink.cli.usage import usage_error
 from servolink.escaping import escape
@@ -36,19 +36,19 @@ class _Version(argparse.Action):
 
 
 COMMON = (
-    option("-h", "--help", action="help", help="show this help and exit"),
-    option("--json", action="store_true", help="print JSON for programs"),
-    option("-v", "--verbose", action="count", default=0, help="log to standard error; -vv logs each frame"),
-    option("--byte-order", choices=("little", "big"), help="of numbers in packets (little)"),
-    option("--caption-encoding", type=caption_encoding, metavar="NAME", help="of captions, such as big5 (utf-8)"),
+    flag("-h --help", "show this help and exit", action="help"),
+    flag("--json", "print JSON for programs"),
+    flag("-v --verbose", "log to standard error; -vv logs each frame", action="count", default=0),
+    option("--byte-order", "little|big", "of numbers in packets (little)"),
+    option("--caption-encoding", "NAME", "of captions, such as big5 (utf-8)", caption_encoding),
 )
 """Options of all commands, which may stand before the command and after it."""
 BOARD = option(
-    *("-b", "--board", "--url"),
+    "-b --board --url",
+    "BOARD",
+    "address or name of the board (SERVOLINK_BOARD; the only one here)",
+    not_empty,
     dest="url",
-    type=not_empty,
-    metavar="BOARD",
-    help="address or name of the board (SERVOLINK_BOARD; the only one here)",
 )
 
 
@@ -62,7 +62,7 @@ def _common(command: Command) -> Group:
 WHOLE = Command(
     "",
     help="drive a servo control board",
-    options=(option("--version", action=_Version, nargs=0, help="print the version and exit"),),
+    options=(flag("--version", "print the version and exit", action=_Version, nargs=0),),
 )
 """Declaration of `servolink` itself."""
 

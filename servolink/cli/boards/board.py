@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.command import STORED, Command, option
+from servolink.cli.command import STORED, Command, flag, option
 from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.session import Interruption, agreed, refuse_unasked, run_interruptible
 from servolink.script import FAILED, OK
@@ -82,7 +82,7 @@ def _row(described: dict[str, Any]) -> tuple[object, ...]:
 # --- show -------------------------------------------------------------------------------------------------------------
 
 
-NAME = (option("name", metavar="NAME", help="as given with `servolink use`"),)
+NAME = (option("name", "NAME", "as given with `servolink use`"),)
 
 
 def print_board(args: argparse.Namespace) -> int:
@@ -175,7 +175,7 @@ def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
     "board forget",
     help="forget what is known of a board, with its limits",
     examples=("board forget rex --yes",),
-    options=(*NAME, option("--yes", action="store_true", help="do not ask")),
+    options=(*NAME, flag("--yes", "do not ask")),
     takes_board=False,
 )
 def run_forget(args: argparse.Namespace) -> int:

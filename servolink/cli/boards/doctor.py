@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from servolink.cli.arguments import SERVO_NAME, not_empty
-from servolink.cli.command import FIRST_STEPS, Command, group, option
+from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
@@ -27,23 +27,12 @@ _FOR_LEARNING = ("write", "clear", "servo", "power_cycled", "yes")
 _LEARNING = (
     group(
         "learning a board that has a name (see `servolink use`)",
-        option(
-            "--learn",
-            action="store_true",
-            help="measure what boards do differently, and keep it under the board's name",
-        ),
-        option(
-            "--power-cycled", action="store_true", help="the board was just switched off and on, so do not ask for that"
-        ),
-        option("--write", action="store_true", help="also store records on the board; a backup is made, and restored"),
-        option("--clear", action="store_true", help="with --write: also delete everything on it once; it is restored"),
-        option(
-            "--servo",
-            type=SERVO_NAME,
-            metavar="SERVO",
-            help="also move this servo (id or caption) a little, and time it",
-        ),
-        option("--yes", action="store_true", help="do not ask"),
+        flag("--learn", "measure what boards do differently, and keep it under the board's name"),
+        flag("--power-cycled", "the board was just switched off and on, so do not ask for that"),
+        flag("--write", "also store records on the board; a backup is made, and restored"),
+        flag("--clear", "with --write: also delete everything on it once; it is restored"),
+        option("--servo", "SERVO", "also move this servo (id or caption) a little, and time it", SERVO_NAME),
+        flag("--yes", "do not ask"),
     ),
 )
 
@@ -54,14 +43,8 @@ _LEARNING = (
     help="find out why a board does not work, and learn what it does",
     examples=("doctor", "doctor virtual://"),
     options=(
-        option(
-            "board", nargs="?", type=not_empty, metavar="BOARD", help="address or name of the board (the only one here)"
-        ),
-        option(
-            "--print-udev",
-            action="store_true",
-            help="print udev rules that allow you to use the board on Linux, and exit",
-        ),
+        option("board", "BOARD", "address or name of the board (the only one here)", not_empty, nargs="?"),
+        flag("--print-udev", "print udev rules that allow you to use the board on Linux, and exit"),
         *_LEARNING,
     ),
     patience="about 0.5",

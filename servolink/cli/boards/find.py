@@ -9,7 +9,7 @@ from dataclasses import asdict
 from itertools import zip_longest
 
 from servolink.cli.arguments import timeout
-from servolink.cli.command import FIRST_STEPS, STORED, Command, one_of, option
+from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
 from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.session import Interruption, agreed, on_board, refuse_unasked, run_interruptible
 from servolink.cli.usage import usage_error
@@ -42,7 +42,7 @@ from servolink.transports.registry import create
     help="list the boards that are connected to this computer",
     examples=("list", "list --probe"),
     options=(
-        option("--probe", action="store_true", help="open each and ask whether it is a board"),
+        flag("--probe", "open each and ask whether it is a board"),
         timeout("with --probe: how long to wait for each response, 0.4 unless given"),
     ),
     takes_board=False,
@@ -120,13 +120,10 @@ def _response(result: ProbeResult) -> str:
     help="give a board a name, for --board and for programs",
     examples=("use left-arm virtual://", "use --list", "use --remove left-arm"),
     options=(
-        option("name", nargs="?", metavar="NAME", help="of letters, digits, - and _"),
-        option("address", nargs="?", metavar="BOARD", help="the address, as `servolink list` prints it"),
-        option("--yes", action="store_true", help="give the name of another board without asking"),
-        one_of(
-            option("--list", action="store_true", help="print all names"),
-            option("--remove", metavar="NAME", help="forget a name"),
-        ),
+        option("name", "NAME", "of letters, digits, - and _", nargs="?"),
+        option("address", "BOARD", "the address, as `servolink list` prints it", nargs="?"),
+        flag("--yes", "give the name of another board without asking"),
+        one_of(flag("--list", "print all names"), option("--remove", "NAME", "forget a name")),
     ),
     takes_board=False,
 )

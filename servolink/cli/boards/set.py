@@ -71,7 +71,7 @@ def _setting(name: str, about: About) -> Option:
 
     metavar = "NAME,..." if name == "unsupported" else "VALUE"
     help_text = in_shell(f"{about.meaning} ({about.wanted})")
-    return option(f"--{name.replace('_', '-')}", type=read, metavar=metavar, help=help_text)
+    return option(f"--{name.replace('_', '-')}", metavar, help_text, read)
 
 
 @Command(
@@ -88,39 +88,27 @@ def _setting(name: str, about: About) -> Option:
             "limits, which programs can only tighten",
             option(
                 "--angle",
+                "SERVO=LOW..HIGH",
+                "allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in "
+                "place of an id is looked up on the board, and the id is kept",
+                _angle,
                 action="append",
                 default=[],
-                type=_angle,
-                metavar="SERVO=LOW..HIGH",
-                help="allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in "
-                "place of an id is looked up on the board, and the id is kept",
             ),
             option(
                 "--speed",
+                "SERVO=N",
+                "most degrees per second of a servo, or of all=N; 3=unset and all=unset remove it",
+                _speed,
                 action="append",
                 default=[],
-                type=_speed,
-                metavar="SERVO=N",
-                help="most degrees per second of a servo, or of all=N; 3=unset and all=unset remove it",
             ),
-            option(
-                "--soft-start",
-                type=SPEED,
-                metavar="N",
-                help="most degrees per second of the first movement from an unknown pose",
-            ),
+            option("--soft-start", "N", "most degrees per second of the first movement from an unknown pose", SPEED),
         ),
         group(
             "settings (and --byte-order, --caption-encoding)",
             *(_setting(name, about) for name, (_, about) in fields_of(BoardSettings).items() if name not in _COMMON),
-            option(
-                "--unset",
-                action="append",
-                default=[],
-                type=_unsettable,
-                metavar="NAME",
-                help="forget a setting, or soft-start",
-            ),
+            option("--unset", "NAME", "forget a setting, or soft-start", _unsettable, action="append", default=[]),
         ),
     ),
     takes_board=False,

@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import whole_number
-from servolink.cli.command import Command, option
+from servolink.cli.command import Command, flag, option
 from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
 from servolink.cli.session import (
     UNFINISHED_IMPORT,
@@ -31,7 +31,7 @@ _DUMMY = bytes(range(16))
     "board project-id",
     help="show or write the project id",
     examples=("board project-id", "board project-id 7"),
-    options=(option("id", nargs="?", type=whole_number(0, 2**31 - 1), metavar="ID", help="write this one; 0: none"),),
+    options=(option("id", "ID", "write this one; 0: none", whole_number(0, 2**31 - 1), nargs="?"),),
 )
 @on_board(state=UNTOUCHED)
 async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
@@ -73,9 +73,9 @@ async def refuse_marker(board: Board, project_id: int) -> None:
     options=(
         option(
             "mode",
-            type=whole_number(0, 1),
-            metavar="0|1",
-            help="1: the protocol of servolink; 0: an older one, until a command sets 1 again",
+            "0|1",
+            "1: the protocol of servolink; 0: an older one, until a command sets 1 again",
+            whole_number(0, 1),
         ),
     ),
 )
@@ -114,10 +114,7 @@ async def run_battery(args: argparse.Namespace, board: Board, interruption: Inte
     "board clear",
     help="delete everything stored on the board, after a backup",
     examples=("board clear --yes",),
-    options=(
-        option("--no-backup", action="store_true", help="save no backup; what is deleted is lost"),
-        option("--yes", action="store_true", help="do not ask"),
-    ),
+    options=(flag("--no-backup", "save no backup; what is deleted is lost"), flag("--yes", "do not ask")),
 )
 def run_clear(args: argparse.Namespace) -> int:
     """Delete everything, after a backup, and read back that nothing is left."""
@@ -151,7 +148,7 @@ def _question(plan: Plan) -> str:
     "board dummy",
     help="send bytes that the board ignores",
     examples=("board dummy", "board dummy 00ff00ff"),
-    options=(option("data", nargs="?", metavar="HEX", help=f"which bytes, at most 65,535 ({_DUMMY.hex()})"),),
+    options=(option("data", "HEX", f"which bytes, at most 65,535 ({_DUMMY.hex()})", nargs="?"),),
 )
 def run_dummy(args: argparse.Namespace) -> int:
     """Send bytes, and return when the board answers another request."""

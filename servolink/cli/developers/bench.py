@@ -32,11 +32,7 @@ _PERCENTILES = (50, 90, 99)
     DEVELOPERS,
     help="measure round trips to the board",
     examples=("bench", "bench --requests 20 --json"),
-    options=(
-        option(
-            "--requests", type=whole_number(1, 100_000), default=200, metavar="N", help="how many of each kind (200)"
-        ),
-    ),
+    options=(option("--requests", "N", "how many of each kind (200)", whole_number(1, 100_000), default=200),),
 )
 @on_board()
 async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:

@@ -32,11 +32,9 @@ _SHOWN_BYTES = 32  # of what is not a frame, in text for people
     examples=("decode 134c051d344e0100070b",),
     options=(
         one_of(
-            option("frames", nargs="*", default=[], metavar="HEX", help="frames in hex, or the bytes of one frame"),
-            option(
-                "--hex", type=not_empty, metavar="FILE", help="read a frame in hex from each line (-: standard input)"
-            ),
-            option("--file", type=not_empty, metavar="FILE", help="read a raw byte stream (-: standard input)"),
+            option("frames", "HEX", "frames in hex, or the bytes of one frame", nargs="*", default=[]),
+            option("--hex", "FILE", "read a frame in hex from each line (-: standard input)", not_empty),
+            option("--file", "FILE", "read a raw byte stream (-: standard input)", not_empty),
             required=True,
         ),
     ),
@@ -70,10 +68,10 @@ def _codec(args: argparse.Namespace) -> Codec:
     options=(
         option(
             "objects",
+            "OBJECT",
+            "a packet as a JSON object; if there is none, one is read from each line of standard input",
             nargs="*",
             default=[],
-            metavar="OBJECT",
-            help="a packet as a JSON object; if there is none, one is read from each line of standard input",
         ),
     ),
     takes_board=False,

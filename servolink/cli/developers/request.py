@@ -7,7 +7,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.boards.state import refuse_marker
-from servolink.cli.command import DEVELOPERS, Command, option
+from servolink.cli.command import DEVELOPERS, Command, flag, option
 from servolink.cli.developers.packets import lines_for, parse_object
 from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.screen.live import shown_progress
@@ -47,11 +47,11 @@ _OVERWRITES: tuple[type[Packet], ...] = (
     options=(
         option(
             "object",
-            metavar="OBJECT",
-            help='a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
+            "OBJECT",
+            'a packet as a JSON object: {"NAME": {FIELDS}}, or in the form of `servolink decode --json`',
         ),
-        option("--no-backup", action="store_true", help="save no backup before something is written or deleted"),
-        option("--yes", action="store_true", help="do not ask"),
+        flag("--no-backup", "save no backup before something is written or deleted"),
+        flag("--yes", "do not ask"),
         *LIMITS,
     ),
     needs_records=True,

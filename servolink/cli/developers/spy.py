@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import listening, new_file, not_empty, whole_number
-from servolink.cli.command import DEVELOPERS, Command, one_of, option
+from servolink.cli.command import DEVELOPERS, Command, flag, one_of, option
 from servolink.cli.developers.packets import lines_for
 from servolink.cli.screen.output import (
     Table,
@@ -53,25 +53,25 @@ _SWITCH = 0.0002  # seconds for which the thread that looks on may keep the rela
     "Ctrl-C is its normal end, with exit code 0.",
     examples=("spy /dev/ttyACM0 --pty /tmp/board", "spy COM3 --tcp 127.0.0.1:7878 --record out.mcap"),
     options=(
-        option("port", type=not_empty, metavar="PORT", help="serial port or TCP address of the board"),
+        option("port", "PORT", "serial port or TCP address of the board", not_empty),
         one_of(
             option(
                 "--pty",
+                "LINK",
+                "make a serial port for the program, and link to it at LINK (the default)",
                 nargs="?",
                 const="",
-                metavar="LINK",
-                help="make a serial port for the program, and link to it at LINK (the default)",
             ),
-            option("--tcp", type=listening, metavar="HOST:PORT", help="serve the program over TCP instead"),
+            option("--tcp", "HOST:PORT", "serve the program over TCP instead", listening),
         ),
         option(
             "--baudrate",
-            type=whole_number(50, 12_000_000),
-            metavar="N",
-            help="of the board's port (with --pty the one that the program sets, 115200 at first)",
+            "N",
+            "of the board's port (with --pty the one that the program sets, 115200 at first)",
+            whole_number(50, 12_000_000),
         ),
-        option("--record", type=new_file, metavar="FILE", help="record to a new file, such as out.mcap"),
-        option("--quiet", action="store_true", help="show no packets, only what was learnt"),
+        option("--record", "FILE", "record to a new file, such as out.mcap", new_file),
+        flag("--quiet", "show no packets, only what was learnt"),
     ),
     takes_board=False,
 )

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import listening, whole_number
-from servolink.cli.command import DEVELOPERS, Command, Option, group, option
+from servolink.cli.command import DEVELOPERS, Command, Option, flag, group, option
 from servolink.cli.screen.live import can_draw
 from servolink.cli.screen.output import print_error
 from servolink.cli.screen.terminal import single_keys
@@ -46,11 +46,11 @@ def _kind(kind: KindOption) -> Option:
         except ValueError as error:
             raise argparse.ArgumentTypeError(str(error)) from None
 
-    flag = "--" + kind.name.replace("_", "-")
+    name = "--" + kind.name.replace("_", "-")
     if kind.is_flag:
-        return option(flag, action="store_true", help=kind.meaning)
+        return flag(name, kind.meaning)
     help_text = f"{kind.meaning} ({kind.default_text})"
-    return option(flag, type=read, default=kind.default, metavar=kind.unit, help=help_text)
+    return option(name, kind.unit, help_text, read, default=kind.default)
 
 
 def _faults(text: str) -> Faults:
@@ -85,36 +85,20 @@ def _script(text: str) -> list[Event]:
     details="Ctrl-C is its normal end, with exit code 0.",
     examples=("virtual", "virtual --tcp 127.0.0.1:7878 --servos 4", "virtual --state arm.state --faults drop=0.01"),
     options=(
-        option("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp and --usbip)"),
-        option("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one"),
-        option(
-            "--usbip",
-            metavar="HOST:PORT",
-            type=listening,
-            help="export a USB device over USB/IP; its usual port is 3240",
-        ),
-        option("--servos", type=whole_number(0, MAX_SERVOS), default=16, metavar="N", help="number of servos (16)"),
+        flag("--pty", "serve a pseudo-terminal (the default without --tcp and --usbip)"),
+        option("--tcp", "HOST:PORT", "serve TCP; port 0 takes a free one", listening),
+        option("--usbip", "HOST:PORT", "export a USB device over USB/IP; its usual port is 3240", listening),
+        option("--servos", "N", "number of servos (16)", whole_number(0, MAX_SERVOS), default=16),
         option(
             "--seed",
-            type=whole_number(-(2**63), 2**63 - 1),
+            "N",
+            "boards with the same number differ in nothing (0)",
+            whole_number(-(2**63), 2**63 - 1),
             default=0,
-            metavar="N",
-            help="boards with the same number differ in nothing (0)",
         ),
-        option(
-            "--faults",
-            type=_faults,
-            metavar="NAME=VALUE,...",
-            help="a bad line, but for --usbip: drop=0.01,delay=0.1 and more",
-        ),
-        option("--state", type=_state, metavar="FILE", help="load what is stored from it, and save every change to it"),
-        option(
-            "--script",
-            type=_script,
-            default=[],
-            metavar="FILE",
-            help="what people do to the board, such as: 1.5 press 3",
-        ),
+        option("--faults", "NAME=VALUE,...", "a bad line, but for --usbip: drop=0.01,delay=0.1 and more", _faults),
+        option("--state", "FILE", "load what is stored from it, and save every change to it", _state),
+        option("--script", "FILE", "what people do to the board, such as: 1.5 press 3", _script, default=[]),
         group("kind of board", *map(_kind, OPTIONS)),
     ),
     takes_board=False,

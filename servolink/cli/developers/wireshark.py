@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from servolink.cli.command import DEVELOPERS, Command, option
+from servolink.cli.command import DEVELOPERS, Command, flag
 from servolink.cli.screen.output import print_error, print_json, print_text
 from servolink.cli.usage import usage_error
 from servolink.script import OK
@@ -18,7 +18,7 @@ from servolink.script import OK
     "--byte-order and --caption-encoding set what its preferences are at first; without --byte-order it finds the "
     "order of each frame.",
     examples=("wireshark --install", "wireshark --byte-order big --caption-encoding big5"),
-    options=(option("--install", action="store_true", help="write it into the folder of personal plugins instead"),),
+    options=(flag("--install", "write it into the folder of personal plugins instead"),),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

@@ -34,8 +34,8 @@ _PLAIN = re.compile(r"[^\w@%+=:,./-]")
     help="print how the last word of a command line may go on",
     examples=("complete bash -- 'servolink mo'", "complete zsh -- move --du"),
     options=(
-        option("shell", choices=("bash", "zsh", "fish"), metavar="bash|zsh|fish", help="which one asks"),
-        option("words", nargs="*", default=[], metavar="WORD", help="after servolink; for bash the whole line"),
+        option("shell", "bash|zsh|fish", "which one asks"),
+        option("words", "WORD", "after servolink; for bash the whole line", nargs="*", default=[]),
     ),
     takes_board=False,
 )

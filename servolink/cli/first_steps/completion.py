@@ -66,7 +66,7 @@ _SCRIPTS = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
     "  zsh   _servolink, in a folder of $fpath\n"
     "  fish  ~/.config/fish/completions/servolink.fish",
     examples=("completion bash", "completion fish"),
-    options=(option("shell", choices=tuple(_SCRIPTS), metavar="bash|zsh|fish", help="for which shell"),),
+    options=(option("shell", "bash|zsh|fish", "for which shell"),),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 
-from servolink.cli.command import FIRST_STEPS, Command, option
+from servolink.cli.command import FIRST_STEPS, Command, flag
 from servolink.cli.first_steps.demo_stage import FaultyLine, Outcome, Scene, Stage
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table
@@ -281,7 +281,7 @@ def _targets(action: Action) -> dict[int, int]:
     FIRST_STEPS,
     help="show all of it on a virtual board, in about 10 seconds",
     examples=("demo", "demo --json"),
-    options=(option("--fast", action="store_true", help="do the same with quick movements and no time to read"),),
+    options=(flag("--fast", "do the same with quick movements and no time to read"),),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from servolink.cli.parser import parser_of
     FIRST_STEPS,
     help="explain a command, as --help does",
     examples=("help", "help move", "help project play"),
-    options=(option("words", nargs="*", metavar="COMMAND", help="which command (all, by topic)"),),
+    options=(option("words", "COMMAND", "which command (all, by topic)", nargs="*"),),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import file_path, whole_number
-from servolink.cli.command import Command, option
+from servolink.cli.command import Command, flag, option
 from servolink.cli.fleet.broker import BROKER, GROUPS, boards_of
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
@@ -30,7 +30,7 @@ _UNCHANGED = "nothing was changed on any board"
 
 
 _CHOICE = (
-    option("--parallel", type=whole_number(1, _MOST_PARALLEL), default=8, metavar="N", help="boards at a time (8)"),
+    option("--parallel", "N", "boards at a time (8)", whole_number(1, _MOST_PARALLEL), default=8),
     *GROUPS,
     *BROKER,
 )
@@ -44,11 +44,11 @@ _CHOICE = (
     help="make many boards hold what a project file holds, after a backup of each",
     examples=("fleet apply robot.servolink.json --yes", "fleet apply robot.servolink.json --on rex --parallel 1 --yes"),
     options=(
-        option("file", type=file_path, metavar="FILE", help="a project file"),
-        option("--replace", action="store_true", help="delete everything first, instead of what differs only"),
-        option("--no-backup", action="store_true", help="keep no backups"),
-        option("--fail-fast", action="store_true", help="begin no further board after a failure"),
-        option("--yes", action="store_true", help="do not ask"),
+        option("file", "FILE", "a project file", file_path),
+        flag("--replace", "delete everything first, instead of what differs only"),
+        flag("--no-backup", "keep no backups"),
+        flag("--fail-fast", "begin no further board after a failure"),
+        flag("--yes", "do not ask"),
         *_CHOICE,
     ),
     takes_board=False,
@@ -192,8 +192,8 @@ def _question(plans: dict[str, BoardPlan]) -> str:
     help="write the content of each board into a project file",
     examples=("fleet export boards --yes",),
     options=(
-        option("folder", type=file_path, metavar="FOLDER", help="for a file BOARD.servolink.json of each board"),
-        option("--yes", action="store_true", help="replace project files without asking"),
+        option("folder", "FOLDER", "for a file BOARD.servolink.json of each board", file_path),
+        flag("--yes", "replace project files without asking"),
         *_CHOICE,
     ),
     takes_board=False,

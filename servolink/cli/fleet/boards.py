@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.command import Command, option
+from servolink.cli.command import Command, flag, option
 from servolink.cli.fleet.broker import BROKER, NOBODY, fleet_of
 from servolink.cli.screen.output import Table, counted, fail, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
@@ -131,8 +131,8 @@ _UNCHANGED = "nothing was forgotten"
     help="remove boards that have left for good from the list",
     examples=("fleet forget rex --yes",),
     options=(
-        option("boards", nargs="+", type=not_empty, metavar="BOARD", help="name of a board that is offline"),
-        option("--yes", action="store_true", help="do not ask"),
+        option("boards", "BOARD", "name of a board that is offline", not_empty, nargs="+"),
+        flag("--yes", "do not ask"),
         *BROKER,
     ),
     takes_board=False,

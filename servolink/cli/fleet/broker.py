@@ -24,17 +24,17 @@ NOBODY = "no board has joined this broker under this prefix: run `servolink flee
 ACCESS = (
     group(
         "the broker",
-        option("--prefix", type=not_empty, metavar="TEXT", help="of the topics (servolink)"),
-        option("--user", type=not_empty, metavar="NAME", help="in place of the one in URL"),
+        option("--prefix", "TEXT", "of the topics (servolink)", not_empty),
+        option("--user", "NAME", "in place of the one in URL", not_empty),
         option(
             "--password-file",
-            type=file_path,
-            metavar="FILE",
-            help="with the password in its first line (SERVOLINK_MQTT_PASSWORD; the keyring of the system)",
+            "FILE",
+            "with the password in its first line (SERVOLINK_MQTT_PASSWORD; the keyring of the system)",
+            file_path,
         ),
-        option("--ca", type=file_path, metavar="FILE", help="certificates that the broker's is checked against"),
-        option("--certificate", type=file_path, metavar="FILE", help="of this program, if the broker wants one"),
-        option("--key", type=file_path, metavar="FILE", help="that belongs to it"),
+        option("--ca", "FILE", "certificates that the broker's is checked against", file_path),
+        option("--certificate", "FILE", "of this program, if the broker wants one", file_path),
+        option("--key", "FILE", "that belongs to it", file_path),
     ),
 )
 
@@ -42,9 +42,9 @@ ACCESS = (
 BROKER = (
     option(
         "--broker",
-        type=not_empty,
-        metavar="URL",
-        help=f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE}; {_BROKER})",
+        "URL",
+        f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE}; {_BROKER})",
+        not_empty,
     ),
     *ACCESS,
 )
@@ -60,19 +60,8 @@ def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
 
 
 GROUPS = (
-    option(
-        "--on",
-        action="append",
-        type=not_empty,
-        metavar="BOARDS",
-        help="names of boards and groups, with commas between them (all)",
-    ),
-    option(
-        "--groups",
-        type=file_path,
-        metavar="FILE",
-        help="where groups are named (fleet.toml in the user's config folder)",
-    ),
+    option("--on", "BOARDS", "names of boards and groups, with commas between them (all)", not_empty, action="append"),
+    option("--groups", "FILE", "where groups are named (fleet.toml in the user's config folder)", file_path),
 )
 
 

@@ -10,7 +10,7 @@ from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import board_name, file_path, not_empty, number, timeout
-from servolink.cli.command import Command, group, option
+from servolink.cli.command import Command, flag, group, option
 from servolink.cli.fleet.broker import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
 from servolink.cli.screen.output import counted, cut, print_error, print_json, print_text
@@ -34,33 +34,26 @@ _MOST_HZ = 100.0
     options=(
         option(
             "broker",
+            "URL",
+            f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE})",
+            not_empty,
             nargs="?",
-            type=not_empty,
-            metavar="URL",
-            help=f"such as mqtt://teacher.local or mqtts://USER@HOST:8883 ({BROKER_VARIABLE})",
         ),
-        option("boards", nargs="*", type=not_empty, metavar="BOARD", help="names or addresses (all that are here)"),
-        option("--name", type=board_name, metavar="NAME", help="what the fleet calls the board (the name of its hub)"),
-        option(
-            "--policy",
-            type=file_path,
-            metavar="FILE",
-            help="what may be done from afar (fleet.toml in the user's config folder)",
-        ),
+        option("boards", "BOARD", "names or addresses (all that are here)", not_empty, nargs="*"),
+        option("--name", "NAME", "what the fleet calls the board (the name of its hub)", board_name),
+        option("--policy", "FILE", "what may be done from afar (fleet.toml in the user's config folder)", file_path),
         option(
             "--hz",
-            type=number(0.0, _MOST_HZ, "times a second"),
+            "N",
+            "how often the servos are sent; 0 for never (10)",
+            number(0.0, _MOST_HZ, "times a second"),
             default=10.0,
-            metavar="N",
-            help="how often the servos are sent; 0 for never (10)",
         ),
         group(
             "Home Assistant",
-            option("--home-assistant", action="store_true", help="have Home Assistant find the boards"),
-            option("--numbers", action="store_true", help="let it set the angle of each servo, too"),
-            option(
-                "--discovery-prefix", type=not_empty, metavar="TEXT", help="where it looks for devices (homeassistant)"
-            ),
+            flag("--home-assistant", "have Home Assistant find the boards"),
+            flag("--numbers", "let it set the angle of each servo, too"),
+            option("--discovery-prefix", "TEXT", "where it looks for devices (homeassistant)", not_empty),
         ),
         *ACCESS,
         timeout("how long to wait for each response of a board, 3 unless given"),

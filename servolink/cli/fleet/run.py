@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME, number
-from servolink.cli.command import Command, option
+from servolink.cli.command import Command, flag, option
 from servolink.cli.fleet.broker import BROKER, GROUPS, NOBODY, boards_of, fleet_of
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
@@ -22,14 +22,9 @@ if TYPE_CHECKING:
     help="start an action or a macro on many boards at the same moment",
     examples=("fleet run Wave", "fleet run Wave --on rex,fido --anyway"),
     options=(
-        option("name", type=RECORD_NAME, metavar="NAME", help="caption or id of an action or a macro"),
-        option(
-            "--type",
-            dest="kind",
-            choices=("action", "macro"),
-            help="which of them, where boards have both of that name",
-        ),
-        option("--anyway", action="store_true", help="start the others if some boards cannot"),
+        option("name", "NAME", "caption or id of an action or a macro", RECORD_NAME),
+        option("--type", "action|macro", "which of them, where boards have both of that name", dest="kind"),
+        flag("--anyway", "start the others if some boards cannot"),
         *GROUPS,
         *BROKER,
     ),
@@ -90,10 +85,10 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     options=(
         option(
             "--within",
-            type=number(0.1, 3600, "seconds"),
+            "SECONDS",
+            "when a board that does not answer counts as silent (5)",
+            number(0.1, 3600, "seconds"),
             default=5.0,
-            metavar="SECONDS",
-            help="when a board that does not answer counts as silent (5)",
         ),
         *BROKER,
     ),

@@ -32,10 +32,7 @@ _LOW = 20.0  # percent
     help="show all boards live, in one table",
     details=f"{ENDLESS}",
     examples=("fleet watch --seconds 2",),
-    options=(
-        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
-        *BROKER,
-    ),
+    options=(option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")), *BROKER),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

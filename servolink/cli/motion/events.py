@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     details=f"{ENDLESS}",
     examples=("events --seconds 2", "events --seconds 1 --json"),
     options=(
-        option("--count", type=whole_number(1, 10**9), metavar="N", help="end after N events"),
-        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+        option("--count", "N", "end after N events", whole_number(1, 10**9)),
+        option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")),
     ),
 )
 @on_board(reconnect=True)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
-from servolink.cli.command import MOVE, Command, group, one_of, option
+from servolink.cli.command import MOVE, Command, flag, group, one_of, option
 from servolink.cli.motion.servos import are, listed, print_servos, reported
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
@@ -37,15 +37,13 @@ LIMITS = (
         "limits, besides those of `servolink board show`",
         option(
             "--limit",
+            ("LOW", "HIGH"),
+            "refuse angles outside LOW to HIGH degrees; without it any angle is sent",
+            float,
             nargs=2,
-            type=float,
-            metavar=("LOW", "HIGH"),
-            help="refuse angles outside LOW to HIGH degrees; without it any angle is sent",
         ),
-        option("--speed-cap", type=SPEED, metavar="N", help="refuse more than N degrees per second"),
-        option(
-            "--soft-start", type=SPEED, metavar="N", help="begin with N degrees per second at most, wherever servos are"
-        ),
+        option("--speed-cap", "N", "refuse more than N degrees per second", SPEED),
+        option("--soft-start", "N", "begin with N degrees per second at most, wherever servos are", SPEED),
     ),
 )
 
@@ -81,26 +79,14 @@ def servo_angle(text: str) -> tuple[int | str, int]:
     help="move servos to angles",
     examples=("move 1=90 2=-45", "move 1=30 --speed 20 --no-wait", "move 1=80 --limit -90 90 --duration 0.5"),
     options=(
-        option("targets", nargs="+", type=servo_angle, metavar="SERVO=ANGLE", help="such as 1=90 hip=-45 or all=0"),
+        option("targets", "SERVO=ANGLE", "such as 1=90 hip=-45 or all=0", servo_angle, nargs="+"),
         one_of(
-            option(
-                "--duration",
-                type=number(0.01, 327.67, "seconds"),
-                metavar="SECONDS",
-                help="how long it takes, 0.01 to 327.67",
-            ),
-            option(
-                "--speed",
-                type=SPEED,
-                metavar="N",
-                help=f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)",
-            ),
+            option("--duration", "SECONDS", "how long it takes, 0.01 to 327.67", number(0.01, 327.67, "seconds")),
+            option("--speed", "N", f"degrees per second ({DEFAULT_SPEED:g}, or what the servo's cap allows)", SPEED),
         ),
-        option(
-            "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait until all have arrived (default)"
-        ),
-        option("--start", action="store_true", help="start and hold servos that are stopped or released"),
-        option("--adc", action="store_true", help="angles are raw ADC readings; needs --duration"),
+        flag("--wait", "wait until all have arrived (default)", action=argparse.BooleanOptionalAction, default=True),
+        flag("--start", "start and hold servos that are stopped or released"),
+        flag("--adc", "angles are raw ADC readings; needs --duration"),
         *LIMITS,
     ),
 )
@@ -238,15 +224,8 @@ def run_stop(args: argparse.Namespace) -> int:
     help="let servos go limp",
     examples=("release --yes", "release 1 2 --yes --json"),
     options=(
-        option(
-            "servos",
-            nargs="*",
-            default=[],
-            type=SERVO_NAME,
-            metavar="SERVO",
-            help="which servos, by id or caption (all)",
-        ),
-        option("--yes", action="store_true", help=f"do not ask: {_WARNING}"),
+        option("servos", "SERVO", "which servos, by id or caption (all)", SERVO_NAME, nargs="*", default=[]),
+        flag("--yes", f"do not ask: {_WARNING}"),
     ),
 )
 def run_release(args: argparse.Namespace) -> int:

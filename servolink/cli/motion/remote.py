@@ -39,9 +39,7 @@ _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` star
     "one for up. Ctrl-C stops all servos and ends.",
     examples=("remote", "remote --table 1 --speed-cap 90"),
     options=(
-        option(
-            "--table", type=RECORD_NAME, metavar="NAME", help="which joystick table, by caption or id (the active one)"
-        ),
+        option("--table", "NAME", "which joystick table, by caption or id (the active one)", RECORD_NAME),
         *LIMITS,
     ),
     needs_records=True,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_NAME
-from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.motion.move import LIMITS, limits_of, make_ready
 from servolink.cli.motion.servos import are, listed, warn_of_missing
 from servolink.cli.screen.live import follow, live_bars
@@ -37,9 +37,9 @@ class _Servos(NamedTuple):
 
 
 _OPTIONS = (
-    option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in `servolink actions`"),
-    option("--wait", action="store_true", help="wait until it is over and the servos rest; Ctrl-C then stops them"),
-    option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+    option("record", "NAME", "its caption or id, as in `servolink actions`", RECORD_NAME),
+    flag("--wait", "wait until it is over and the servos rest; Ctrl-C then stops them"),
+    flag("--start", "start and hold servos that are stopped or released"),
     *LIMITS,
 )
 
@@ -49,7 +49,7 @@ _OPTIONS = (
     MOVE,
     help="run an action or a macro stored on the board",
     examples=("run action 1", "run macro 1 --start --wait"),
-    options=(option("kind", choices=("action", "macro"), metavar="action|macro", help="what to run"), *_OPTIONS),
+    options=(option("kind", "action|macro", "what to run"), *_OPTIONS),
     needs_records=True,
 )
 def run(args: argparse.Namespace) -> int:

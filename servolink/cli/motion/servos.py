@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command import MOVE, Command, flag
 from servolink.cli.screen.output import Table, print_error, print_json, print_table
 from servolink.cli.session import Interruption, is_answered, run_with_board
 from servolink.errors import NotFound, Rejected, RequestTimeout
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     MOVE,
     help="show angle, current and temperature of each servo",
     examples=("servos", "servos --adc", "servos --json"),
-    options=(option("--adc", action="store_true", help="angles as raw ADC readings instead of degrees"),),
+    options=(flag("--adc", "angles as raw ADC readings instead of degrees"),),
 )
 def run(args: argparse.Namespace) -> int:
     """Print the servos."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from servolink.cli.arguments import SERVO_NAME, file_path, number, or_caption, whole_number
-from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.motion.move import check_can_release, chosen_servos, may_release
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
 from servolink.cli.motion.servos import are, listed, reported
@@ -49,41 +49,31 @@ _SPEED_CAP = 120.0
     help="record poses of limbs that are moved by hand",
     examples=("teach Wave 1 2", "teach Nod --file robot.servolink.json --interval 0.5"),
     options=(
-        option("name", metavar="NAME", help="caption of the action, or of the macro if there are several poses"),
-        option(
-            "servos",
-            nargs="*",
-            default=[],
-            type=SERVO_NAME,
-            metavar="SERVO",
-            help="the servos to release, by id or caption (all)",
-        ),
-        option("--file", type=file_path, metavar="FILE", help="write into this project file, not to the board"),
+        option("name", "NAME", "caption of the action, or of the macro if there are several poses"),
+        option("servos", "SERVO", "the servos to release, by id or caption (all)", SERVO_NAME, nargs="*", default=[]),
+        option("--file", "FILE", "write into this project file, not to the board", file_path),
         option(
             "--button",
-            type=or_caption(whole_number(0, 2**32 - 1)),
-            metavar="BUTTON",
-            help="the button that records poses (any): its id, or its caption in the active joystick table",
+            "BUTTON",
+            "the button that records poses (any): its id, or its caption in the active joystick table",
+            or_caption(whole_number(0, 2**32 - 1)),
         ),
         option(
-            "--interval",
-            type=number(SHORTEST, LONGEST, "seconds"),
-            metavar="S",
-            help="time to each pose, in place of the time it took",
+            "--interval", "S", "time to each pose, in place of the time it took", number(SHORTEST, LONGEST, "seconds")
         ),
         option(
             "--speed-cap",
-            type=number(1, 10_000, "degrees per second"),
+            "D",
+            f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
+            number(1, 10_000, "degrees per second"),
             default=_SPEED_CAP,
-            metavar="D",
-            help=f"play no faster than this many degrees per second ({_SPEED_CAP:g})",
         ),
-        option(
+        flag(
             "--play",
+            "play from the board what was taught, starting its servos one by one (asks, but not with --yes)",
             action=argparse.BooleanOptionalAction,
-            help="play from the board what was taught, starting its servos one by one (asks, but not with --yes)",
         ),
-        option("--yes", action="store_true", help="do not ask whether the servos may go limp"),
+        flag("--yes", "do not ask whether the servos may go limp"),
     ),
 )
 def run(args: argparse.Namespace) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
-from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.motion.move import chosen_servos, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, reported
@@ -67,24 +67,17 @@ def nudge_argument(text: str) -> tuple[int | str, int]:
     "the servos afterwards. `servolink rollback` brings the old corrections back.",
     examples=("trim --set 3=+4", "trim --set 1=-2 --set 2=+1 --json"),
     options=(
-        option(
-            "servos",
-            nargs="*",
-            default=[],
-            type=SERVO_NAME,
-            metavar="SERVO",
-            help="which servos, by id or caption (all)",
-        ),
+        option("servos", "SERVO", "which servos, by id or caption (all)", SERVO_NAME, nargs="*", default=[]),
         option(
             "--set",
+            "SERVO=+N",
+            "nudge a servo by N degrees and store, without keys; may be given again",
+            nudge_argument,
             action="append",
             default=[],
-            type=nudge_argument,
-            metavar="SERVO=+N",
             dest="nudges",
-            help="nudge a servo by N degrees and store, without keys; may be given again",
         ),
-        option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+        flag("--start", "start and hold servos that are stopped or released"),
     ),
     defaults={"yes": True},
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
-from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.motion.move import chosen_servos
 from servolink.cli.motion.servos import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
@@ -45,43 +45,24 @@ _BATTERY_EVERY = 10.0  # seconds
         "watch --alarm 'current_raw>800 for 0.5s' --seconds 1",
     ),
     options=(
-        option(
-            "servos",
-            nargs="*",
-            default=[],
-            type=SERVO_NAME,
-            metavar="SERVO",
-            help="which servos to show, by id or caption (all)",
-        ),
-        option(
-            "--hz",
-            type=number(0.1, _MOST_HZ, "readings a second"),
-            default=10.0,
-            metavar="N",
-            help="readings a second (10)",
-        ),
-        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
-        option(
-            "--csv",
-            type=new_file,
-            metavar="FILE",
-            help="also write a row for each servo and reading, for a spreadsheet",
-        ),
-        option("--yes", action="store_true", help="replace FILE without asking"),
+        option("servos", "SERVO", "which servos to show, by id or caption (all)", SERVO_NAME, nargs="*", default=[]),
+        option("--hz", "N", "readings a second (10)", number(0.1, _MOST_HZ, "readings a second"), default=10.0),
+        option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")),
+        option("--csv", "FILE", "also write a row for each servo and reading, for a spreadsheet", new_file),
+        flag("--yes", "replace FILE without asking"),
         option(
             "--alarm",
-            type=alarm,
+            "RULE",
+            "such as 'temperature_raw>300' or 'current_raw>800 for 0.5s', about any servo; may be repeated",
+            alarm,
             action="append",
             default=[],
-            metavar="RULE",
-            help="such as 'temperature_raw>300' or 'current_raw>800 for 0.5s', about any servo; may be repeated",
         ),
         option(
             "--on-alarm",
-            choices=("warn", "stop", "exit"),
+            "warn|stop|exit",
+            "say so (warn), stop and hold all servos too, or exit with code 1",
             default="warn",
-            metavar="warn|stop|exit",
-            help="say so (warn), stop and hold all servos too, or exit with code 1",
         ),
     ),
 )

@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
 from servolink.cli.arguments import file_path, not_empty
-from servolink.cli.command import PROJECTS, Command, option
+from servolink.cli.command import PROJECTS, Command, flag, option
 from servolink.cli.projects.export import backup_named
 from servolink.cli.projects.plan import plan_to_json, print_plan
 from servolink.cli.screen.live import PHASES, shown_progress
@@ -36,10 +36,10 @@ _NAMED = 5  # records that the question names
     "anything changes, the content of the board is saved in a backup, which `servolink rollback` restores.",
     examples=("apply robot.servolink.json --yes", "apply robot.servolink.json --replace --yes"),
     options=(
-        option("file", type=file_path, metavar="FILE", help="a project file"),
-        option("--replace", action="store_true", help="if anything differs, delete and write everything"),
-        option("--no-backup", action="store_true", help="save no backup; what is replaced is lost"),
-        option("--yes", action="store_true", help="do not ask"),
+        option("file", "FILE", "a project file", file_path),
+        flag("--replace", "if anything differs, delete and write everything"),
+        flag("--no-backup", "save no backup; what is replaced is lost"),
+        flag("--yes", "do not ask"),
     ),
 )
 def _apply(args: argparse.Namespace) -> int:
@@ -71,14 +71,8 @@ def _apply(args: argparse.Namespace) -> int:
     help="bring back what was on the board before the last import",
     examples=("rollback --yes",),
     options=(
-        option(
-            "backup",
-            nargs="?",
-            type=not_empty,
-            metavar="BACKUP",
-            help="a number of `servolink backups`, or a file (the last)",
-        ),
-        option("--yes", action="store_true", help="do not ask"),
+        option("backup", "BACKUP", "a number of `servolink backups`, or a file (the last)", not_empty, nargs="?"),
+        flag("--yes", "do not ask"),
     ),
     needs_records=True,
 )

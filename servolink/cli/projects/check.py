@@ -6,7 +6,7 @@ import argparse
 import re
 
 from servolink.cli.arguments import SERVO_NAME, whole_number
-from servolink.cli.command import Command, option
+from servolink.cli.command import Command, flag, option
 from servolink.cli.projects.source import SOURCE, is_address, with_project
 from servolink.cli.screen.output import counted, print_json, print_text
 from servolink.cli.usage import usage_error
@@ -43,10 +43,10 @@ def _servo_ids(text: str) -> frozenset[int]:
     examples=("project check robot.servolink.json", "project check robot.servolink.json --fix"),
     options=(
         *SOURCE,
-        option("--fix", action="store_true", help="repair in the file what has one right solution"),
-        option("--servos", type=_servo_ids, metavar="N", help="servos of the board: 16, or ids as in 1-8,11"),
-        option("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed"),
-        option("--memory", type=whole_number(0, 2**31 - 1), metavar="BYTES", help="memory of the board"),
+        flag("--fix", "repair in the file what has one right solution"),
+        option("--servos", "N", "servos of the board: 16, or ids as in 1-8,11", _servo_ids),
+        option("--speed-cap", "N", "degrees per second that no servo may exceed", float),
+        option("--memory", "BYTES", "memory of the board", whole_number(0, 2**31 - 1)),
     ),
     takes_board=False,
 )
@@ -110,21 +110,19 @@ def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     examples=("project preflight robot.servolink.json --speed-cap 120",),
     options=(
         *SOURCE,
-        option("record", nargs="?", metavar="NAME", help="only this action or macro, and what it runs"),
-        option("--speed-cap", type=float, metavar="N", help="degrees per second that no servo may exceed"),
-        option("--limit", nargs=2, type=float, metavar=("LOW", "HIGH"), help="angles of all servos, in degrees"),
+        option("record", "NAME", "only this action or macro, and what it runs", nargs="?"),
+        option("--speed-cap", "N", "degrees per second that no servo may exceed", float),
+        option("--limit", ("LOW", "HIGH"), "angles of all servos, in degrees", float, nargs=2),
         option(
             "--servo-limit",
+            "SERVO=LOW:HIGH",
+            "angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
+            _servo_limit,
             action="append",
             default=[],
-            type=_servo_limit,
-            metavar="SERVO=LOW:HIGH",
-            help="angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
         ),
-        option("--profile", metavar="NAME", help="the limits kept for this board, as in `servolink board show`"),
-        option(
-            "--from", dest="start", metavar="ACTION", help="the action whose pose the servos start from, such as Rest"
-        ),
+        option("--profile", "NAME", "the limits kept for this board, as in `servolink board show`"),
+        option("--from", "ACTION", "the action whose pose the servos start from, such as Rest", dest="start"),
     ),
     takes_board=False,
 )

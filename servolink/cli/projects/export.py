@@ -8,7 +8,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from servolink.cli.arguments import new_file
-from servolink.cli.command import PROJECTS, Command, option
+from servolink.cli.command import PROJECTS, Command, flag, option
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.session import Interruption, agreed, refuse_unasked, run_with_board
@@ -29,8 +29,8 @@ from servolink.script import FAILED, OK
     help="write everything on the board into a project file",
     examples=("export robot.servolink.json", "export robot.servolink.json --yes"),
     options=(
-        option("file", type=new_file, metavar="FILE", help="such as robot.servolink.json"),
-        option("--yes", action="store_true", help="replace a project file without asking"),
+        option("file", "FILE", "such as robot.servolink.json", new_file),
+        flag("--yes", "replace a project file without asking"),
     ),
 )
 def run_export(args: argparse.Namespace) -> int:

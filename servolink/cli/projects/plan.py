@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from servolink.cli.arguments import file_path
-from servolink.cli.command import PROJECTS, Command, option
+from servolink.cli.command import PROJECTS, Command, flag, option
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
@@ -24,8 +24,8 @@ from servolink.script import FAILED, OK
     help="show what a project file would change on the board",
     examples=("plan robot.servolink.json", "plan robot.servolink.json --replace --json"),
     options=(
-        option("file", type=file_path, metavar="FILE", help="a project file"),
-        option("--replace", action="store_true", help="as for `servolink apply --replace`"),
+        option("file", "FILE", "a project file", file_path),
+        flag("--replace", "as for `servolink apply --replace`"),
     ),
 )
 def run(args: argparse.Namespace) -> int:

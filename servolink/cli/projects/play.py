@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from servolink.cli.command import Command, group, option
+from servolink.cli.command import Command, flag, group, option
 from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, listed
@@ -57,18 +57,18 @@ _PAUSE = 0.04  # seconds between two drawings
     ),
     options=(
         *SOURCE,
-        option("record", metavar="NAME", help="an action or a macro: caption, id, or as in macro:3"),
-        option("--fast", action="store_true", help="print the chart at once, without the bars that move in real time"),
+        option("record", "NAME", "an action or a macro: caption, id, or as in macro:3"),
+        flag("--fast", "print the chart at once, without the bars that move in real time"),
         group(
             "on a real robot",
             option(
-                *("-b", "--board", "--url"),
+                "-b --board --url",
+                "BOARD",
+                "play on this board, step by step, and store nothing there; a virtual one is played on without it",
+                not_empty,
                 dest="on_board",
-                type=not_empty,
-                metavar="BOARD",
-                help="play on this board, step by step, and store nothing there; a virtual one is played on without it",
             ),
-            option("--start", action="store_true", help="start and hold servos that are stopped or released"),
+            flag("--start", "start and hold servos that are stopped or released"),
         ),
         *LIMITS,
     ),

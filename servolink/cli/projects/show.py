@@ -24,13 +24,7 @@ from servolink.script import OK
     examples=("project show robot.servolink.json", "project show robot.servolink.json Bow"),
     options=(
         *SOURCE,
-        option(
-            "records",
-            nargs="*",
-            default=[],
-            metavar="NAME",
-            help="show these in full: captions, ids, or as in action:3",
-        ),
+        option("records", "NAME", "show these in full: captions, ids, or as in action:3", nargs="*", default=[]),
     ),
     takes_board=False,
 )

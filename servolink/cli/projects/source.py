@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from servolink.cli.arguments import new_file, not_empty
-from servolink.cli.command import one_of, option
+from servolink.cli.command import flag, one_of, option
 from servolink.cli.screen.output import print_json, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
@@ -18,11 +18,7 @@ from servolink.project.project_file import ProjectFile, load_project, read_proje
 from servolink.project.validate import validate_project
 from servolink.script import OK
 
-SOURCE = (
-    option(
-        "source", type=not_empty, metavar="FILE", help="a project file, or the address of a board, which is only read"
-    ),
-)
+SOURCE = (option("source", "FILE", "a project file, or the address of a board, which is only read", not_empty),)
 
 
 def is_address(source: str) -> bool:
@@ -54,13 +50,13 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     return then(*read) if ended == OK else ended
 
 
-FORCE = (option("--force", action="store_true", help="replace an existing file"),)
+FORCE = (flag("--force", "replace an existing file"),)
 
 
 OUTPUT = (
     one_of(
-        option("-o", "--output", type=new_file, metavar="OUT", help="write the result to this file"),
-        option("--in-place", action="store_true", help="write the result to FILE itself"),
+        option("-o --output", "OUT", "write the result to this file", new_file),
+        flag("--in-place", "write the result to FILE itself"),
         required=True,
     ),
     *FORCE,

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.command import RECORDINGS, Command, one_of, option
+from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
 from servolink.cli.recordings.show import SELECTION, selection
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.usage import refuse_input, usage_error
@@ -27,20 +27,19 @@ from servolink.script import OK
         "convert out.mcap --pcap",
     ),
     options=(
-        option("file", type=not_empty, metavar="FILE", help="a recording"),
+        option("file", "FILE", "a recording", not_empty),
         one_of(
-            option("--csv", action="store_true", help="write a table for each channel, for spreadsheets"),
-            option("--pcap", action="store_true", help="write a capture of the line, for Wireshark"),
+            flag("--csv", "write a table for each channel, for spreadsheets"),
+            flag("--pcap", "write a capture of the line, for Wireshark"),
             required=True,
         ),
         option(
-            "-o",
-            "--output",
-            type=not_empty,
-            metavar="OUT",
-            help="name of the new file, to which several tables add the names of their channels (FILE's, beside it)",
+            "-o --output",
+            "OUT",
+            "name of the new file, to which several tables add the names of their channels (FILE's, beside it)",
+            not_empty,
         ),
-        option("--force", action="store_true", help="replace an existing file"),
+        flag("--force", "replace an existing file"),
         *SELECTION,
     ),
     takes_board=False,

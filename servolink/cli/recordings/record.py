@@ -7,7 +7,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
-from servolink.cli.command import RECORDINGS, Command, option
+from servolink.cli.command import RECORDINGS, Command, flag, option
 from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
@@ -42,35 +42,31 @@ def _duration(text: str) -> float:
         "record out.mcap --seconds 1 --wire",
     ),
     options=(
-        option("file", type=new_file, metavar="FILE", help="a new file, such as out.mcap"),
-        option("--seconds", type=number(0.001, 10**9, "seconds"), metavar="N", help="end after N seconds"),
+        option("file", "FILE", "a new file, such as out.mcap", new_file),
+        option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")),
         option(
             "--hz",
-            type=number(0.0, _MOST_HZ, "readings a second"),
+            "N",
+            "read the servos N times a second (20); 0 sends nothing to the board",
+            number(0.0, _MOST_HZ, "readings a second"),
             default=20.0,
-            metavar="N",
-            help="read the servos N times a second (20); 0 sends nothing to the board",
         ),
         option(
             "--ring",
-            type=_duration,
-            metavar="TIME",
-            help="keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
+            "TIME",
+            "keep only the last TIME, such as 5m, in memory; write it when something fails, for SIGUSR1 or key w",
+            _duration,
         ),
-        option("--wire", action="store_true", help="record only the bytes on the line, and send nothing"),
+        flag("--wire", "record only the bytes on the line, and send nothing"),
         option(
             "--alarm",
-            type=alarm,
+            "RULE",
+            "note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
+            alarm,
             action="append",
             default=[],
-            metavar="RULE",
-            help="note when a servo has such a value, as 'temperature_raw>300'; may be repeated",
         ),
-        option(
-            "--repair",
-            action="store_true",
-            help="record nothing, but mend FILE if its end is missing, as after a crash",
-        ),
+        flag("--repair", "record nothing, but mend FILE if its end is missing, as after a crash"),
     ),
 )
 def run(args: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from servolink.cli.arguments import listening, not_empty, number
-from servolink.cli.command import RECORDINGS, Command, option
+from servolink.cli.command import RECORDINGS, Command, flag, option
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
@@ -50,17 +50,12 @@ _VIRTUAL = "virtual"
     "It answers as it did, as long as a program sends the same commands.",
     examples=("replay out.mcap --to virtual --speed 2", "replay out.mcap", "replay out.mcap --tcp 127.0.0.1:7878"),
     options=(
-        option("file", type=not_empty, metavar="FILE", help="a recording"),
-        option("--to", type=not_empty, metavar=_VIRTUAL, help="play the commands on a virtual board"),
-        option("--speed", type=number(0.01, 1000, "times"), default=1.0, metavar="N", help="play N times as fast (1)"),
-        option(
-            "--state",
-            type=not_empty,
-            metavar="FILE",
-            help="with --to: what the virtual board stores (see `virtual --state`)",
-        ),
-        option("--pty", action="store_true", help="serve a pseudo-terminal (the default without --tcp)"),
-        option("--tcp", metavar="HOST:PORT", type=listening, help="serve TCP; port 0 takes a free one"),
+        option("file", "FILE", "a recording", not_empty),
+        option("--to", _VIRTUAL, "play the commands on a virtual board", not_empty),
+        option("--speed", "N", "play N times as fast (1)", number(0.01, 1000, "times"), default=1.0),
+        option("--state", "FILE", "with --to: what the virtual board stores (see `virtual --state`)", not_empty),
+        flag("--pty", "serve a pseudo-terminal (the default without --tcp)"),
+        option("--tcp", "HOST:PORT", "serve TCP; port 0 takes a free one", listening),
     ),
     takes_board=False,
 )

@@ -19,7 +19,7 @@ import msgspec
 
 from servolink.cli.arguments import not_empty, number
 from servolink.cli.boards.doctor import described
-from servolink.cli.command import RECORDINGS, Command, one_of, option
+from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
@@ -49,27 +49,14 @@ _HZ = 20.0
     "shown before it is written, and nothing is sent to anybody.",
     examples=("report --yes --seconds 1", "report --recording out.mcap --yes -o bug.zip"),
     options=(
-        option(
-            "-o",
-            "--output",
-            type=not_empty,
-            default="report.zip",
-            metavar="OUT",
-            help="name of the new file (report.zip)",
-        ),
+        option("-o --output", "OUT", "name of the new file (report.zip)", not_empty, default="report.zip"),
         one_of(
-            option("--recording", type=not_empty, metavar="FILE", help="the last 5 minutes of this recording"),
-            option(
-                "--seconds",
-                type=number(0, 300, "seconds"),
-                default=10.0,
-                metavar="N",
-                help="record for N seconds (10); 0: not",
-            ),
+            option("--recording", "FILE", "the last 5 minutes of this recording", not_empty),
+            option("--seconds", "N", "record for N seconds (10); 0: not", number(0, 300, "seconds"), default=10.0),
         ),
-        option("--with-project", action="store_true", help="add all that is stored on the board, with its captions"),
-        option("--force", action="store_true", help="replace an existing file"),
-        option("--yes", action="store_true", help="do not ask"),
+        flag("--with-project", "add all that is stored on the board, with its captions"),
+        flag("--force", "replace an existing file"),
+        flag("--yes", "do not ask"),
     ),
 )
 def run(args: argparse.Namespace) -> int:

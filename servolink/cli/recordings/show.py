@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import msgspec
 
 from servolink.cli.arguments import SERVO_ID, not_empty, number
-from servolink.cli.command import RECORDINGS, Command, group, option
+from servolink.cli.command import RECORDINGS, Command, flag, group, option
 from servolink.cli.screen.output import (
     Table,
     console,
@@ -55,19 +55,19 @@ def _packet(text: str) -> str:
 SELECTION = (
     group(
         "part of the recording",
-        option("--from", dest="since", type=SECONDS, metavar="SECONDS", help="from this second on"),
-        option("--to", dest="until", type=SECONDS, metavar="SECONDS", help="up to this second"),
+        option("--from", "SECONDS", "from this second on", SECONDS, dest="since"),
+        option("--to", "SECONDS", "up to this second", SECONDS, dest="until"),
         option(
             "--channel",
+            "NAME",
+            f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
             action="append",
             choices=CHANNEL_NAMES,
             default=[],
-            metavar="NAME",
-            help=f"only this channel, which may be given several times: {', '.join(CHANNEL_NAMES)}",
         ),
-        option("--packet", type=_packet, metavar="NAME", help="only packets of this name"),
-        option("--servo", type=SERVO_ID, metavar="ID", help="only what is about this servo"),
-        option("--problems", action="store_true", help="only what went wrong"),
+        option("--packet", "NAME", "only packets of this name", _packet),
+        option("--servo", "ID", "only what is about this servo", SERVO_ID),
+        flag("--problems", "only what went wrong"),
     ),
 )
 
@@ -85,7 +85,7 @@ def selection(args: argparse.Namespace) -> Selection:
     RECORDINGS,
     help="tell what happened in a recording, and what went wrong",
     examples=("show out.mcap", "show out.mcap --problems", "show out.mcap --from 2 --to 5 --servo 3 --json"),
-    options=(option("file", type=not_empty, metavar="FILE", help="a recording, or a report"), *SELECTION),
+    options=(option("file", "FILE", "a recording, or a report", not_empty), *SELECTION),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _ANY = "id or caption, or all"
 
 
-_SERVOS = (option("servos", nargs="+", type=SERVO_NAME, metavar="SERVO", help=_ANY),)
+_SERVOS = (option("servos", "SERVO", _ANY, SERVO_NAME, nargs="+"),)
 
 
 @on_board(state="no servo was changed")
@@ -51,7 +51,7 @@ SERVO_HOLD = Command(
 )(run_state)
 
 
-_SERVO = (option("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption"),)
+_SERVO = (option("servo", "SERVO", "id or caption", SERVO_NAME),)
 
 
 @Command(
@@ -59,10 +59,7 @@ _SERVO = (option("servo", type=SERVO_NAME, metavar="SERVO", help="id or caption"
     help="set the unit of angles",
     details="Commands that read or move servos set the unit that they need themselves.",
     examples=("servo unit 1 adc", "servo unit all degree"),
-    options=(
-        *_SERVOS,
-        option("unit", choices=("degree", "adc"), metavar="degree|adc", help="degrees or raw ADC readings"),
-    ),
+    options=(*_SERVOS, option("unit", "degree|adc", "degrees or raw ADC readings")),
 )
 @on_board(state="no unit was set", angle_unit=None)
 async def run_unit(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
@@ -105,7 +102,7 @@ async def _find_servos(
     "servo rename",
     help="give a servo a caption",
     examples=("servo rename 3 hip",),
-    options=(*_SERVO, option("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")),
+    options=(*_SERVO, option("caption", "CAPTION", "the new caption, at most 32 bytes")),
     defaults={"yes": True},
 )
 def run_rename(args: argparse.Namespace) -> int:
@@ -121,9 +118,9 @@ def run_rename(args: argparse.Namespace) -> int:
         *_SERVO,
         option(
             "degrees",
-            type=whole_number(-MOST_TRIM, MOST_TRIM),
-            metavar="DEGREES",
-            help="the new correction, -180 to 180; 0 for none. It replaces the old one",
+            "DEGREES",
+            "the new correction, -180 to 180; 0 for none. It replaces the old one",
+            whole_number(-MOST_TRIM, MOST_TRIM),
         ),
     ),
     defaults={"yes": True},

@@ -36,8 +36,8 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk)
 
 
-NAME = option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
-_ANY_NAME = option("record", nargs="?", type=RECORD_NAME, metavar="NAME", help="show this one in full; caption or id")
+NAME = option("record", "NAME", "its caption or id, as in the list", RECORD_NAME)
+_ANY_NAME = option("record", "NAME", "show this one in full; caption or id", RECORD_NAME, nargs="?")
 COMMANDS = tuple(
     command(run)
     for noun, several in NOUNS.items()

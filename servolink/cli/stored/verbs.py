@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, or_caption, whole_number
-from servolink.cli.command import Command, Option, late, option
+from servolink.cli.command import Command, Option, flag, late, option
 from servolink.cli.motion.move import servo_angle
 from servolink.cli.stored import NOUNS, a
 
@@ -66,39 +66,31 @@ def _action(seconds: str) -> tuple[Option, ...]:
     """Return the options that describe an action; it takes `seconds` unless another duration is given."""
     return (
         option(
-            "--pose",
-            type=partial(_each, servo_angle),
-            metavar="SERVO=ANGLE,...",
-            help="where servos go, as in 1=30,hip=-10 or all=0",
+            "--pose", "SERVO=ANGLE,...", "where servos go, as in 1=30,hip=-10 or all=0", partial(_each, servo_angle)
         ),
-        option(
-            "--seconds",
-            type=number(0, 327.67, "seconds"),
-            metavar="N",
-            help=f"duration in steps of 0.01 s ({seconds})",
-        ),
+        option("--seconds", "N", f"duration in steps of 0.01 s ({seconds})", number(0, 327.67, "seconds")),
     )
 
 
 _MACRO = (
     option(
         "--play",
-        type=partial(_each, _part),
-        metavar="PART,...",
-        help="one after the other: CAPTION, action:NAME, macro:NAME or wait:SECONDS; x3 repeats, @50 is half the speed",
+        "PART,...",
+        "one after the other: CAPTION, action:NAME, macro:NAME or wait:SECONDS; x3 repeats, @50 is half the speed",
+        partial(_each, _part),
     ),
 )
 _TABLE = tuple(
     option(
         name,
+        "BUTTON=MACRO",
+        f"start a macro, by caption or id, when a button {when}; 0: none",
+        _assigned,
         action="append",
-        type=_assigned,
-        metavar="BUTTON=MACRO",
-        help=f"start a macro, by caption or id, when a button {when}; 0: none",
     )
     for name, when in (("--press", "is pressed"), ("--long-press", "is held down"), ("--up", "is released"))
 )
-_NAME = option("record", type=RECORD_NAME, metavar="NAME", help="its caption or id, as in the list")
+_NAME = option("record", "NAME", "its caption or id, as in the list", RECORD_NAME)
 
 
 class _About(NamedTuple):
@@ -129,7 +121,7 @@ _JSON = "a record as JSON, which begins with {, or @FILE or - (standard input) w
 
 
 def _source(what: str) -> Option:
-    return option("--from", dest="source", type=file_path, metavar="FILE", help=f"take {what}, of this project file")
+    return option("--from", "FILE", f"take {what}, of this project file", file_path, dest="source")
 
 
 def _commands(noun: str, about: _About) -> Iterator[Command]:
@@ -140,9 +132,9 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         help=f"store {a(noun)}",
         examples=(f"{noun} add {about.new}", f"{noun} add --from robot.servolink.json {about.in_file}"),
         options=(
-            option("what", metavar="CAPTION", help=f"its caption, at most 32 bytes; or {_JSON}"),
+            option("what", "CAPTION", f"its caption, at most 32 bytes; or {_JSON}"),
             *(_action(f"{DEFAULT_SECONDS:g}") if noun == "action" else about.options),
-            option("--id", type=RECORD_ID, metavar="ID", help="its id (the lowest free one)"),
+            option("--id", "ID", "its id (the lowest free one)", RECORD_ID),
             _source("the record CAPTION, with all that it runs"),
         ),
         defaults=defaults,
@@ -155,7 +147,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         examples=(f"{noun} set 1 {about.change}",),
         options=(
             _NAME,
-            option("what", nargs="?", metavar="RECORD", help=f"{_JSON}; what it leaves out stays"),
+            option("what", "RECORD", f"{_JSON}; what it leaves out stays", nargs="?"),
             *about.options,
             _source("the record RECORD, by caption or id"),
         ),
@@ -167,7 +159,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         f"{noun} rename",
         help=f"give {a(noun)} another caption",
         examples=(f"{noun} rename 1 Hello",),
-        options=(_NAME, option("caption", metavar="CAPTION", help="the new caption, at most 32 bytes")),
+        options=(_NAME, option("caption", "CAPTION", "the new caption, at most 32 bytes")),
         defaults=defaults,
         needs_records=True,
         run=late("stored.edit:run_rename"),
@@ -177,8 +169,8 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         help=f"delete {NOUNS[noun]}, after a backup",
         examples=(f"{noun} delete {about.unused} --yes",),
         options=(
-            option("record", nargs="+", type=RECORD_NAME, metavar="NAME", help="captions or ids, as in the list"),
-            option("--yes", action="store_true", help="do not ask"),
+            option("record", "NAME", "captions or ids, as in the list", RECORD_NAME, nargs="+"),
+            flag("--yes", "do not ask"),
         ),
         needs_records=True,
         run=late("stored.edit:run_delete"),

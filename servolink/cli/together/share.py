@@ -7,7 +7,7 @@ import asyncio
 from contextlib import AsyncExitStack
 
 from servolink.cli.arguments import board_name, listening, number
-from servolink.cli.command import TOGETHER, Command, group, one_of, option
+from servolink.cli.command import TOGETHER, Command, flag, group, one_of, option
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.session import Interruption, choose_board, run_interruptible
 from servolink.cli.usage import usage_error
@@ -22,46 +22,29 @@ _MOST_SECONDS = 3600.0
     help="share one board among programs that use it at the same time",
     examples=("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
     options=(
+        option("--name", "NAME", "programs call the board share://NAME (the name of the board)", board_name),
         option(
-            "--name",
-            type=board_name,
-            metavar="NAME",
-            help="programs call the board share://NAME (the name of the board)",
+            "--tcp", "HOST:PORT", "also serve TCP, for programs in any language; port 0 takes a free one", listening
         ),
-        option(
-            "--tcp",
-            metavar="HOST:PORT",
-            type=listening,
-            help="also serve TCP, for programs in any language; port 0 takes a free one",
-        ),
-        option("--watch-tcp", metavar="HOST:PORT", type=listening, help="the same for programs that may only read"),
-        option("--pty", nargs="?", const="", metavar="LINK", help="also serve a serial port, and link to it at LINK"),
-        option(
-            "--unit", choices=("degree", "adc"), default="degree", help="angle unit of programs that set none (degree)"
-        ),
-        option(
-            "--door-byte-order",
-            choices=("little", "big"),
-            help="byte order of programs behind --tcp and --pty (that of the board)",
-        ),
+        option("--watch-tcp", "HOST:PORT", "the same for programs that may only read", listening),
+        option("--pty", "LINK", "also serve a serial port, and link to it at LINK", nargs="?", const=""),
+        option("--unit", "degree|adc", "angle unit of programs that set none (degree)", default="degree"),
+        option("--door-byte-order", "little|big", "byte order of programs behind --tcp and --pty (that of the board)"),
         option(
             "--lease-seconds",
-            type=number(0.0, _MOST_SECONDS, "seconds"),
+            "N",
+            "how long after its last movement a program alone may move the servos (10)",
+            number(0.0, _MOST_SECONDS, "seconds"),
             default=10.0,
-            metavar="N",
-            help="how long after its last movement a program alone may move the servos (10)",
         ),
         group(
             "to a hub that runs",
             one_of(
-                option("--status", action="store_true", help="show its programs and counters"),
+                flag("--status", "show its programs and counters"),
                 option(
-                    "--take",
-                    metavar="NAME",
-                    type=board_name,
-                    help="end the lease of the program that moves the servos, and keep it out",
+                    "--take", "NAME", "end the lease of the program that moves the servos, and keep it out", board_name
                 ),
-                option("--give", metavar="NAME", type=board_name, help="let it move them again"),
+                option("--give", "NAME", "let it move them again", board_name),
             ),
         ),
     ),

@@ -8,7 +8,7 @@ import re
 from contextlib import AsyncExitStack
 from ipaddress import ip_address
 
-from servolink.cli.command import FIRST_STEPS, Command, group, option
+from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.screen.output import print_error, print_json, print_text
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import refuse_board, usage_error
@@ -59,26 +59,20 @@ def _host(text: str) -> str:
     help="see and move the robot in the browser",
     examples=("studio", "studio --demo", "studio --no-browser --port 8765"),
     options=(
-        option("--demo", action="store_true", help="use a new virtual board, whatever is plugged in"),
-        option("--port", type=_port, default=0, metavar="N", help="port of the page; 0: as last time (0)"),
-        option("--no-browser", action="store_true", help="only print the address"),
+        flag("--demo", "use a new virtual board, whatever is plugged in"),
+        option("--port", "N", "port of the page; 0: as last time (0)", _port, default=0),
+        flag("--no-browser", "only print the address"),
         group(
             "for tablets and other machines",
-            option(
-                "--host",
-                default="127.0.0.1",
-                type=_place,
-                metavar="ADDRESS",
-                help="where to listen; *: everywhere (127.0.0.1)",
-            ),
+            option("--host", "ADDRESS", "where to listen; *: everywhere (127.0.0.1)", _place, default="127.0.0.1"),
             option(
                 "--allow-host",
+                "NAME",
+                "a name or address under which other machines reach this one, or https://NAME of a proxy that "
+                "speaks TLS; may be repeated",
+                _host,
                 action="append",
                 default=[],
-                type=_host,
-                metavar="NAME",
-                help="a name or address under which other machines reach this one, or https://NAME of a proxy that "
-                "speaks TLS; may be repeated",
             ),
         ),
     ),

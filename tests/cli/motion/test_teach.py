@@ -151,7 +151,6 @@ def test_a_person_is_asked(answer: bool, played: bool, limp: Robot, monkeypatch:
     monkeypatch.setattr("servolink.cli.motion.teach.can_ask", lambda: True)
     monkeypatch.setattr("servolink.cli.session.confirm", confirm)
     monkeypatch.setattr("servolink.cli.session.can_ask", lambda: True)
-    monkeypatch.setattr("servolink.cli.session.can_ask", lambda: True)
     said = limp("teach", "Wave", "1", "2")
     assert ("was played" in said.out) == played
     assert questions[1:] == ["Play macro 1 'Wave' now? Its servos move; Ctrl-C stops them."]
