@@ -7,20 +7,21 @@ from __future__ import annotations
 
 import ast
 import inspect
+import json
 import textwrap
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from msgspec import inspect as types
 
-from servolink.control.faults import KINDS, REMEDIES, ErrorData
-from servolink.control.greeting import Greeting, Welcome
+from servolink.control.faults import KINDS, REMEDIES, ErrorData, ErrorObject
+from servolink.control.greeting import VERSION, Greeting, Welcome
 from servolink.control.messages import CREDIT
 from servolink.control.notifications import NOTIFICATIONS
 from servolink.control.peer import MOST_BEGUN, MOST_WAITING, Method
-from servolink.hub.methods.schema import schema_text
-from servolink.hub.methods.session import METHODS
+from servolink.hub import METHODS
 
 _FOLDER = Path(__file__).parent
 PAGE = _FOLDER / "reference/control-interface.md"
@@ -93,6 +94,43 @@ An error has `code`, `message` and `data`:
 | --- | --- | --- |
 {methods}
 """
+_DRAFT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def schema_text() -> str:
+    """Return the schema: `methods`, `notifications` and `errors` refer to the types in `$defs`."""
+    return json.dumps(schema(), indent=2) + "\n"
+
+
+def schema() -> dict[str, Any]:
+    """Return the schema as an object."""
+    types = [Greeting, ErrorObject, *NOTIFICATIONS.values()]
+    for method in METHODS.values():
+        types += [method.params, method.result]
+    found, definitions = msgspec.json.schema_components(types, ref_template="#/$defs/{name}")
+    of = dict(zip(map(id, types), found, strict=True))
+    return {
+        "$schema": _DRAFT,
+        "title": "servolink control interface",
+        "version": VERSION,
+        "greeting": of[id(Greeting)],
+        "methods": {
+            method.name: {
+                "description": method.summary,
+                "role": str(method.role),
+                "params": of[id(method.params)],
+                "result": of[id(method.result)],
+            }
+            for method in METHODS.values()
+        },
+        "notifications": {name: of[id(params)] for name, params in NOTIFICATIONS.items()},
+        "error": of[id(ErrorObject)],
+        "errors": {
+            **{code.name.lower(): {"code": int(code), "remedy": remedy} for code, remedy in REMEDIES.items()},
+            **{kind.error.__name__: {"code": kind.code, "remedy": kind.remedy} for kind in KINDS},
+        },
+        "$defs": definitions,
+    }
 
 
 def control_interface() -> str:

@@ -6,10 +6,9 @@ import json
 
 import pytest
 
-from docs.control_interface import PAGE, SCHEMA, control_interface
+from docs.control_interface import PAGE, SCHEMA, control_interface, schema, schema_text
 from servolink.control.notifications import NOTIFICATIONS
-from servolink.hub.methods.schema import schema, schema_text
-from servolink.hub.methods.session import METHODS
+from servolink.hub import METHODS
 
 
 @pytest.fixture(scope="module")
