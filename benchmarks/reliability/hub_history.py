@@ -22,6 +22,7 @@ from servolink.client.reconnect import BoardIdentity
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.dispatcher import ResponseDispatcher
+from servolink.connection.packet_connection import PacketConnection
 from servolink.errors import DecodeError, OpenError
 from servolink.hub.hub import Hub, share
 from servolink.motion.limits import MotionLimits
@@ -109,7 +110,7 @@ class _Cable(WrappedTransport):
 class _AnyBoard(BoardIdentity):
     """Recognises every board: the simulated one tells another project id each time."""
 
-    async def check(self, connection: Connection) -> None:
+    async def check(self, connection: PacketConnection) -> None:
         """Find it to be the right one."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Iterable
 from copy import copy
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from servolink.client.names import Targets
 from servolink.client.raw_packets import RawPackets
@@ -176,7 +176,7 @@ class Board:
     @property
     def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
-        return self._session.connection
+        return cast("Connection", self._session.connection)  # another kind only within a hub
 
     @property
     def stats(self) -> Stats:

@@ -7,8 +7,8 @@ from contextlib import suppress
 
 from servolink.client.readers import Reader, SharedIterator, Source
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
 from servolink.connection.explain import same
+from servolink.connection.packet_connection import PacketConnection
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.escaping import quote
 from servolink.numeric import as_number, is_integer
@@ -79,7 +79,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
             reader.end(error)
         self._readers.clear()
 
-    async def _restore(self, connection: Connection) -> None:
+    async def _restore(self, connection: PacketConnection) -> None:
         """Subscribe on a new connection if there are readers."""
         async with self._changing:
             self._connection = connection

@@ -7,7 +7,7 @@ import logging
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from servolink.connection.connection import Connection
+from servolink.connection.packet_connection import PacketConnection
 from servolink.control.status import ConnectionState
 from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout, ServolinkError
 from servolink.pauses import Pauses, Reconnecting
@@ -55,8 +55,8 @@ class Reconnector:
 
     def __init__(
         self,
-        open_connection: Callable[[], Awaitable[Connection]],
-        resume: Callable[[Connection], Awaitable[None]],
+        open_connection: Callable[[], Awaitable[PacketConnection]],
+        resume: Callable[[PacketConnection], Awaitable[None]],
         on_another: Callable[[str], None],
     ) -> None:
         """Connect with `open_connection`; `resume` then restores the session, or raises on failure.
@@ -165,7 +165,7 @@ class BoardIdentity:
             self.add(project_id)
 
     @contextmanager
-    def changing(self, connection: Connection, project_id: int) -> Iterator[None]:
+    def changing(self, connection: PacketConnection, project_id: int) -> Iterator[None]:
         """Add `project_id` if the request in the body fails with an unknown outcome."""
         was_lost = connection.ended is not None
         try:
@@ -177,12 +177,12 @@ class BoardIdentity:
                 self.add(project_id)
             raise
 
-    async def check(self, connection: Connection) -> None:
+    async def check(self, connection: PacketConnection) -> None:
         """Read and record the project id on a new connection. Raise NotFound for another board."""
         request = QueryProjectIDRequest()
         found = (await connection.request(request)).project_id
         if found not in self._project_ids:
             known = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
-            url = connection.transport.url
+            url = connection.url
             raise NotFound(f"the board at {url} has project id {found}, not {known}, so it is another one", request)
         self.set(found)

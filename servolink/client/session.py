@@ -8,8 +8,8 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnector
-from servolink.connection.connection import Connection
 from servolink.connection.explain import described, lost, same
+from servolink.connection.packet_connection import PacketConnection
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, ServolinkError
@@ -32,8 +32,8 @@ class Session:
 
     def __init__(
         self,
-        connection: Connection,
-        reopen: Callable[[], Awaitable[Connection]] | None = None,
+        connection: PacketConnection,
+        reopen: Callable[[], Awaitable[PacketConnection]] | None = None,
         profile: ProfileInUse | None = None,
     ) -> None:
         """Use `connection`; replace a lost connection with `reopen`, which opens another to the same board.
@@ -46,7 +46,7 @@ class Session:
         """Known facts of the board; None without a profile."""
         self.identity = BoardIdentity()
         self._enders: list[Callable[[ConnectionLost], None]] = []
-        self._restorers: list[Callable[[Connection], Awaitable[None]]] = []
+        self._restorers: list[Callable[[PacketConnection], Awaitable[None]]] = []
         self._mode: int | None = None  # transmission mode set by this session; None if unchanged
         self._states = ConnectionStates()
         self.loop = asyncio.get_running_loop()
@@ -61,7 +61,7 @@ class Session:
     @property
     def url(self) -> str:
         """The address of the board."""
-        return self.connection.transport.url
+        return self.connection.url
 
     @property
     def codec(self) -> Codec:
@@ -82,7 +82,7 @@ class Session:
         """Yield the present state, then each change up to `closed`."""
         return self._states.read()
 
-    def restore_with(self, restore: Callable[[Connection], Awaitable[None]]) -> None:
+    def restore_with(self, restore: Callable[[PacketConnection], Awaitable[None]]) -> None:
         """Call `restore` with each new connection before use; `restore` raises on failure."""
         self._restorers.append(restore)
 
@@ -232,7 +232,7 @@ class Session:
     def _found_another(self, text: str) -> None:
         self.connection.on_another(text)
 
-    def _follow_state(self, connection: Connection) -> None:
+    def _follow_state(self, connection: PacketConnection) -> None:
         """Report the new connection; for a shared board, the state of the hub's connection."""
         if connection.hub is None:
             self._states.change("connected")
@@ -249,11 +249,11 @@ class Session:
         for end in self._enders:
             end(error)
 
-    async def _open_again(self, reopen: Callable[[], Awaitable[Connection]]) -> Connection:
+    async def _open_again(self, reopen: Callable[[], Awaitable[PacketConnection]]) -> PacketConnection:
         await self.connection.close()  # after an end by silence the port is still open
         return await reopen()
 
-    async def _resume(self, connection: Connection) -> None:
+    async def _resume(self, connection: PacketConnection) -> None:
         """Restore the session on a new connection, then use the connection. Raise the error of a failure."""
         connection.answers.on_end = self._connection_ended
         # First this protocol, if a mode was ever set: a restarted board in mode 0 would not answer the check.
@@ -289,7 +289,7 @@ def _wrong_packet(packet: object) -> TypeError:
     return TypeError(f"packet must be a packet, such as QueryServoListRequest(), not {quote(packet)}")
 
 
-async def set_mode(connection: Connection, mode: int) -> None:
+async def set_mode(connection: PacketConnection, mode: int) -> None:
     """Set the transmission mode (3.1.1). Raise Rejected if the board stays in another."""
     request = TransmissionModeSettingRequest(mode)
     response = await connection.request(request)

@@ -6,8 +6,8 @@ import asyncio
 
 from servolink.client.names import servo_id as id_of_servo
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
 from servolink.connection.explain import timed_out
+from servolink.connection.packet_connection import PacketConnection
 from servolink.errors import EncodeError, Rejected
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
@@ -119,7 +119,7 @@ class AngleUnits:
             self._wanted = self.known.common or self._wanted
         return response
 
-    async def _restore(self, connection: Connection) -> None:
+    async def _restore(self, connection: PacketConnection) -> None:
         """Set the same units on a new connection: the board may have been switched off and on."""
         for request in ServoUnits().needed(self.known):
             _check_response(request, await connection.request(request))

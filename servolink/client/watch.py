@@ -188,12 +188,8 @@ class ServoWatch(Source[_RatedReader]):
         except ConnectionLost:
             self._resume_later()
         except ServolinkError as error:
-            if (
-                isinstance(error, RequestTimeout)
-                and self._has_read
-                and self._session.connection.lifecycle.outlasts_silence
-            ):
-                self._loop.call_soon(self._fill)  # the hub has lost the board, perhaps for a while
+            if isinstance(error, RequestTimeout) and self._has_read and self._session.connection.outlasts_silence:
+                self._loop.call_soon(self._fill)  # the hub has lost its board, which may come back
             else:
                 self._fail(error)
         finally:  # at once, or a new reader would take it for a query under way

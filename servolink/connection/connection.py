@@ -115,6 +115,11 @@ class Connection:
         self._asker = QueryAsker(self._sender, self.answers)
 
     @property
+    def url(self) -> str:
+        """The address."""
+        return self.transport.url
+
+    @property
     def board_url(self) -> str:
         """Address of the board itself; through a hub, not the address of the transport."""
         return getattr(self.transport, "board_url", self.transport.url)
@@ -123,6 +128,11 @@ class Connection:
     def ended(self) -> ConnectionLost | None:
         """First cause of the end of the connection; None while it is up."""
         return self.lifecycle.ended
+
+    @property
+    def outlasts_silence(self) -> bool:
+        """Whether the board may come back after a silence: a hub goes on without it."""
+        return self.lifecycle.outlasts_silence
 
     @property
     def is_suspended(self) -> bool:

@@ -167,13 +167,16 @@ class Peer(Generic[C]):
     def __init__(
         self,
         methods: Mapping[str, Method[C]],
-        context: C,
+        context: Callable[[], C],
         send: Callable[[bytes], None],
         abort: Callable[[str], None],
         *,
         role: int,
     ) -> None:
-        """Call `send` with each message, and `abort` with the reason if the program must be disconnected."""
+        """Call `send` with each message, and `abort` with the reason if the program must be disconnected.
+
+        `context` returns what each request is carried out with; it is called when the request is received.
+        """
         self.is_paused = False
         """Whether the program is slower to read than the hub to write."""
         self.dropped = 0
@@ -208,7 +211,7 @@ class Peer(Generic[C]):
             method, params = self._checked(request)
             if method.is_coroutine:
                 self._start(request, method, params, len(message))
-            elif inspect.iscoroutine(result := method.handler(self._context, params)):
+            elif inspect.iscoroutine(result := method.handler(self._context(), params)):
                 self._follow(request, result)
             else:
                 self._respond(request, result)
@@ -272,7 +275,7 @@ class Peer(Generic[C]):
             raise RpcError(Code.BUSY, f"{len(self._tasks)} requests of this program are under way already")
         self._waiting += not method.is_urgent
         self._held += size
-        task = asyncio.get_running_loop().create_task(self._carry_out(request, method, params))
+        task = asyncio.get_running_loop().create_task(self._carry_out(self._context(), request, method, params))
         self._tasks.add(task)
 
         def ended(task: asyncio.Task[None]) -> None:
@@ -307,13 +310,13 @@ class Peer(Generic[C]):
 
         task.add_done_callback(ended)
 
-    async def _carry_out(self, request: Request, method: Method[C], params: Struct) -> None:
+    async def _carry_out(self, context: C, request: Request, method: Method[C], params: Struct) -> None:
         try:
             async with self._turn(method):
                 if not method.is_urgent:
                     await self._room.wait()  # or a program that does not read could fill the memory with responses
                 report = (self._reporter(request),) if method.reports else ()
-                result: Awaitable[Any] = method.handler(self._context, params, *report)
+                result: Awaitable[Any] = method.handler(context, params, *report)
                 self._respond(request, await result)
         except Exception as error:  # noqa: BLE001 - as in `receive`
             self._fail(request, error)

@@ -17,7 +17,7 @@ from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkE
 from servolink.hub.engine.events import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.stopping import Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
@@ -140,18 +140,23 @@ class Hub:
         codec: Codec | None = None,
         unit: AngleUnit = "degree",
         session_id: str | None = None,
-    ) -> Program:
+    ) -> FrameProgram:
         """Begin the session of a program. `sink` takes whole frames for it; it must neither block nor raise.
 
         `unit` is that of its angles until it sets another one. Raise ValueError if the session id is in use.
         """
         codec = codec or self.board.codec
-        program = Program(self, sink, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
+        program = FrameProgram(self, sink, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
+        self.add(program)
+        return program
+
+    def add(self, program: Program) -> None:
+        """Begin the session of a program. Raise ValueError if its session id is in use."""
         if program.session_id in self.programs:
             raise ValueError("this session has begun already")
         self.programs[program.session_id] = program
-        self.tell(ProgramNotice("joined", program.session_id, who, door, str(role)), program.session_id)
-        return program
+        joined = ProgramNotice("joined", program.session_id, program.who, program.door, str(program.role))
+        self.tell(joined, program.session_id)
 
     def rename(self, session_id: str, who: str) -> None:
         """Rename a program. Nothing happens if the program has left."""

@@ -122,7 +122,7 @@ class _Page:
         self.token = hello.token
         self.who = hello.who
         caller = Caller(studio, welcome.url, self, _profile_in(welcome))
-        self._own = Peer(METHODS, caller, self._respond, self._abort, role=Role.parse(role))
+        self._own = Peer(METHODS, lambda: caller, self._respond, self._abort, role=Role.parse(role))
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""

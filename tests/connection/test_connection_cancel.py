@@ -243,7 +243,7 @@ def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
             await servo_board.move({2: 10}, duration=0.1)
             await asyncio.sleep(0.2)
             assert (await servo_board.servo(2)).angle == 10
-            assert is_idle(servo_board._session.connection)
+            assert is_idle(servo_board.connection)
             return running
 
     moments = [(number * LATENCY, turns) for number in range(8) for turns in range(0, 12, 2)]

@@ -106,7 +106,7 @@ class Program:
         self.log = Log()
         self.raw: list[bytes] = []
         self.aborted = ""
-        self.peer: Peer[Log] = Peer(METHODS, self.log, self.raw.append, self._abort, role=role)
+        self.peer: Peer[Log] = Peer(METHODS, lambda: self.log, self.raw.append, self._abort, role=role)
 
     def _abort(self, reason: str) -> None:
         self.aborted = reason

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.hub.doors.in_process import LocalTransport
+from servolink.hub.rules.exchanges import Exchange
 from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.hub.control_program import RpcFailed, shared
@@ -120,20 +122,19 @@ def test_a_motion_is_not_sent_late_or_after_a_stop_even_if_the_board_is_taken_at
 
             async def failure(reason: str, until: float) -> RpcFailed:
                 """Return how a motion fails if somebody does something between its check and its way to the board."""
-                board = await tablet.channel.control.board()
-                release = board.release
+                release = Board.release
 
-                async def taken(which: Any = "all") -> None:
+                async def taken(board: Board, which: Any = "all") -> None:
                     if reason == "stop":
                         await here.hub.stop("somebody")
                     elif reason == "hold":
                         await studio.call("board.hold")
                     else:
                         await asyncio.sleep(5)
-                    await release(which)
+                    await release(board, which)
 
                 with pytest.MonkeyPatch.context() as patch:
-                    patch.setattr(board, "release", taken)
+                    patch.setattr(Board, "release", taken)
                     with pytest.raises(RpcFailed) as failed:
                         await tablet.call("release", until=until)
                 return failed.value
@@ -152,9 +153,9 @@ def test_a_motion_that_waits_in_the_hub_is_not_sent_after_its_time() -> None:
         async with shared() as here, here.program("studio") as studio:
             transport = LocalTransport(here.hub, who="script", session_id="s")
             program = transport.join()
-            program.ticket = here.hub.stops.ticket(until=asyncio.get_running_loop().time() + 1)
             await studio.call("board.hold")
-            program.receive(here.hub.board.codec.encode(SetServoParameterRequest(ALL_SERVOS, 0, 0)))
+            late = here.hub.stops.ticket(until=asyncio.get_running_loop().time() + 1, who="s")
+            program.put(Exchange(program, SetServoParameterRequest(ALL_SERVOS, 0, 0), late))
             await asyncio.sleep(2)
             await studio.call("board.release")
             await asyncio.sleep(1)

@@ -167,7 +167,7 @@ def test_a_movement_that_was_not_sent_yet_is_ended_too() -> None:
             before, moving = here.angle(1), studio.begin("move", targets={"1": 90}, duration=0.1)
             await studio.call("move.end", servos=[1])
             await tablet.call("board.release")
-            with pytest.raises(RpcFailed, match="ended before it began"):
+            with pytest.raises(RpcFailed, match="nothing was moved: a stop came first"):
                 await moving
             assert here.angle(1) == before
 

@@ -14,7 +14,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import OpenError
 from servolink.hub.doors.terminal import pty_door
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.hub import Hub
 from servolink.listeners import pty
 from servolink.protocol.codec import Codec
@@ -157,6 +157,7 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed() -> None:
             with Port(url) as port:
                 await port.send(Codec().encode(QueryActionRequest(1)) * 1200)
                 (program,) = await one_program(hub)
+                assert isinstance(program, FrameProgram)
                 await until(lambda: program.queue.is_unread and program.is_full)
             await until(lambda: not hub.programs)
             with Port(url) as port:

@@ -11,6 +11,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
 from servolink.hub.doors.network import tcp_door
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.listeners import accept, accepted
 from servolink.protocol.codec import Codec
@@ -52,6 +53,7 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed(is_tcp: bool, mon
                 await line.send(Codec().encode(QueryActionRequest(1)) * 2000)
                 await until(lambda: len(hub.programs) == 2)
                 program = list(hub.programs.values())[-1]
+                assert isinstance(program, FrameProgram)
                 await until(lambda: program.queue.is_unread and program.is_full)
             await until(lambda: len(hub.programs) == 1)
             assert await board.servo_ids() == (1, 2, 3)

@@ -83,7 +83,7 @@ def sent(packet: Packet, limits: SafetyLimits | None = None, unit: SetAngleUnitR
         outcome = await motions.send(packet)
         await asyncio.sleep(20)
         await board.servo_ids()
-        if outcome.refused:
+        if outcome.refusal:
             assert [servo.angle for servo in virtual.servos.values()] == [0, 0, 0]
         return outcome
 
@@ -112,14 +112,14 @@ def moved(angle: int, interval: int = 100) -> ExecuteActionRequest:
 )
 def test_what_exceeds_the_limits_is_not_sent(packet: Packet, limits: SafetyLimits, reason: str) -> None:
     outcome = sent(packet, limits)
-    assert reason in outcome.refused
+    assert reason in str(outcome.refusal)
     assert outcome.response == (ExecuteMacroResponse(0) if isinstance(packet, ExecuteMacroRequest) else None)
 
 
 @pytest.mark.parametrize("packet", [moved(2048), ExecuteActionExRequest(1), ExecuteMacroRequest(1)])
 def test_motion_in_adc_is_refused_where_degrees_are_limited(packet: Packet) -> None:
-    assert "not set to degrees" in sent(packet, LIMITS, ALL_ADC).refused
-    assert sent(packet, None, ALL_ADC).refused == ""
+    assert "not set to degrees" in str(sent(packet, LIMITS, ALL_ADC).refusal)
+    assert sent(packet, None, ALL_ADC).refusal is None
 
 
 @pytest.mark.parametrize(
@@ -141,12 +141,12 @@ def test_without_limits_the_board_decides(packet: Packet, response: Response | N
 
 def test_within_the_limits_motion_is_sent() -> None:
     for packet in (moved(30), ExecuteActionExRequest(1), ExecuteMacroRequest(1)):
-        assert sent(packet, LIMITS).refused == ""
-    assert sent(AddServoParameterRequest((ServoParameter(1, 99, "hip"),)), LIMITS).refused == ""
+        assert sent(packet, LIMITS).refusal is None
+    assert sent(AddServoParameterRequest((ServoParameter(1, 99, "hip"),)), LIMITS).refusal is None
 
 
 def test_a_value_that_cannot_be_sent_is_refused() -> None:
-    assert "interval: -1 is outside 0..32767" in sent(moved(1, -1)).refused
+    assert "interval: -1 is outside 0..32767" in str(sent(moved(1, -1)).refusal)
 
 
 def test_silence_of_the_board_is_not_a_refusal() -> None:
@@ -178,7 +178,7 @@ def test_what_does_not_reach_its_first_pose_is_refused() -> None:
             return await Motions(board).send(ExecuteMacroRequest(1))
 
     outcome = run(main())
-    assert "was not run, as servos have not reached its first pose: servo 1 is at 5, not at 20" in outcome.refused
+    assert "was not run, as servos have not reached its first pose: servo 1 is at 5, not at 20" in str(outcome.refusal)
     assert outcome.response == ExecuteMacroResponse(0)
 
 

@@ -32,7 +32,9 @@ class Asking:
     ticket: Ticket | None = None
     servo_stops: int = 0
 
-    def finish(self, exchange: Exchange, response: Packet | None) -> None:
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
         raise AssertionError
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.reliability.hub_history import HubScene, relive_sharing
 from servolink.connection.connection import Connection
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
 from servolink.motion.ticket import StopCounter
 from servolink.motion.units import ServoUnits
@@ -48,13 +48,13 @@ def sharing_one_unit(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def answering_out_of_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    def finish_with(self: Program, exchange: Exchange, frame: bytes | None) -> None:
+    def finish_with(self: FrameProgram, exchange: Exchange, frame: bytes | None) -> None:
         if frame is not None and not self.has_left and not exchange.is_over:
             self._send([frame])
         real(self, exchange, None)
 
-    real = Program.finish_with
-    monkeypatch.setattr(Program, "finish_with", finish_with)
+    real = FrameProgram.finish_with
+    monkeypatch.setattr(FrameProgram, "finish_with", finish_with)
 
 
 def sending_twice(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from functools import partial
 
 from servolink.control.roles import Role
 from servolink.errors import OpenError
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
@@ -30,7 +30,7 @@ class LocalTransport(BaseTransport):
     ) -> None:
         """Join `hub` when it is opened, unless `join` comes first."""
         super().__init__(f"share://{hub.name}")
-        self.program: Program | None = None
+        self.program: FrameProgram | None = None
         """Session; None before it begins."""
         self._join = partial(
             hub.join, self._receive, who=who, door=door, role=role, codec=codec, unit=unit, session_id=session_id
@@ -43,7 +43,7 @@ class LocalTransport(BaseTransport):
         """The address of the board behind the hub."""
         return self._hub.url
 
-    def join(self) -> Program:
+    def join(self) -> FrameProgram:
         """Begin the session and return the program. Raise OpenError if the id is in use."""
         if self.program is None:
             try:

@@ -9,7 +9,7 @@ from functools import partial
 
 from servolink.control.roles import Role
 from servolink.escaping import quote
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.listeners.accept import RareWarning, most_connections
 from servolink.listeners.accepted import AcceptedConnection, serve_connections
@@ -41,7 +41,7 @@ async def tcp_door(
 class TcpConnection(AcceptedConnection):
     """TCP connection, which becomes a program with the first frame."""
 
-    def __init__(self, join: Callable[..., Program], warning: RareWarning) -> None:
+    def __init__(self, join: Callable[..., FrameProgram], warning: RareWarning) -> None:
         """Call `join`, made of `Hub.join`, at the first frame; log `warning` at any other beginning."""
         super().__init__()
         self._join_hub = join

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
-from servolink.hub.engine.program import Program
+from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.listeners.pty import ServedTerminal, address_of
 from servolink.motion.angles import AngleUnit
@@ -26,7 +26,7 @@ async def pty_door(
     is replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
     """
 
-    def begin(terminal: ServedTerminal) -> Program:
+    def begin(terminal: ServedTerminal) -> FrameProgram:
         return hub.join(terminal.send, who=f"serial port {terminal.name}", door="pty", codec=codec, unit=unit)
 
     with closing(ServedTerminal(begin)) as terminal, address_of(terminal, link) as url:

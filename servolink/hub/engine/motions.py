@@ -39,8 +39,8 @@ class Outcome(NamedTuple):
 
     response: Response | None
     """The response for the program; None if it gets none."""
-    refused: str = ""
-    """Reason for not sending the motion; empty if sent."""
+    refusal: ServolinkError | None = None
+    """Why it was not sent; None if it was."""
 
 
 class Motions:
@@ -50,7 +50,7 @@ class Motions:
         """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
         self._board = board
 
-    async def send(self, packet: Packet, ticket: Ticket | None = None) -> Outcome:
+    async def send(self, packet: Packet, ticket: Ticket | None = None, *, unchecked: bool = True) -> Outcome:
         """Send a motion within the limits of the board; refuse a motion that cannot be compared with limits.
 
         With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds.
@@ -60,7 +60,7 @@ class Motions:
         board = self._board if ticket is None else with_ticket(self._board, ticket)
         try:
             if isinstance(packet, Request):
-                return Outcome(await board.request(packet, unchecked=True))
+                return Outcome(await board.request(packet, unchecked=unchecked))
             assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
             # Without limits, the board decides about packets such as one that names a servo twice.
             await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
@@ -68,7 +68,7 @@ class Motions:
         except (RequestTimeout, OutcomeUnknown):
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
-            return Outcome(await self.refused(packet), str(error))
+            return Outcome(await self.refused(packet), error)
 
     async def refused(self, packet: Packet) -> Response | None:
         """Return the response to a packet that was not sent; the state of servos is read for this."""

@@ -1,4 +1,4 @@
-"""Program: session of one program at packet level, with bytes on both sides."""
+"""Program: session of one program; FrameProgram: the session of a program that sends and receives bytes."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
+from servolink.client.events import ButtonEvent
 from servolink.control.roles import Role
 from servolink.control.status import ProgramStatus
 from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue
 from servolink.motion.angles import AngleUnit
-from servolink.motion.ticket import StopCounter, Ticket
+from servolink.motion.ticket import StopCounter
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec, in_range
+from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Effect, Packet, Response
 from servolink.protocol.parser import PADDING, FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
@@ -53,12 +55,11 @@ class Exchanger(Protocol):
 
 
 class Program:
-    """Session of a program. Responses leave strictly in the order of requests."""
+    """Session of a program."""
 
     def __init__(
         self,
         hub: Exchanger,
-        sink: Callable[[bytes], None],
         codec: Codec,
         *,
         who: str,
@@ -77,26 +78,93 @@ class Program:
         self.codec = codec
         self.units = ServoUnits(unit)
         """Units of the angles that the program sends and reads."""
-        self.mode = 1
-        """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""
         self.is_subscribed = False
         """Whether button events are sent to it (3.4.7)."""
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Unsent requests of the program."""
-        self.ticket: Ticket | None = None
-        """Ticket of the next motions; None for a new ticket at each request."""
-        self.servo_stops = 0
-        """Number of its requests to stop single servos."""
         self.has_left = False
-        self.on_room: Callable[[], None] | None = None
-        """Called when the program may be read again after `is_full`."""
         self.on_end: Callable[[], None] | None = None
         """Called when the hub ends the session."""
         self._hub = hub
-        self._sink = sink
         self._now = asyncio.get_running_loop().time
         self._joined_at = self._now()
+
+    @property
+    def waiting(self) -> int:
+        """How many of its requests are not over."""
+        raise NotImplementedError
+
+    @property
+    def garbage(self) -> int:
+        """How many bytes were received that belong to no frame."""
+        return 0
+
+    def status(self) -> ProgramStatus:
+        """Return who it is, and what has passed."""
+        counters = self.counters
+        return ProgramStatus(
+            self.session_id,
+            self.who,
+            self.door,
+            str(self.role),
+            self._now() - self._joined_at,
+            self.waiting,
+            counters.requests,
+            counters.responses,
+            counters.unanswered,
+            counters.refused,
+            counters.ignored,
+            self.garbage,
+        )
+
+    def put(self, exchange: Exchange) -> None:
+        """Ask the hub for one of its requests: a stop goes before everything."""
+        if exchange.packet.effect is Effect.STOPS:
+            self._hub.ask_stop(exchange)
+        else:
+            self._hub.ask(exchange)
+
+    def leave(self) -> None:
+        """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
+        if self.has_left:
+            return
+        self.has_left = True
+        self._hub.forget(self)
+
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
+        """Finish a request with a response, or with None; `content` is how `codec` would write it."""
+        raise NotImplementedError
+
+    def push(self, event: ButtonEvent) -> None:
+        """Pass on a button event."""
+        raise NotImplementedError
+
+
+class FrameProgram(Program):
+    """Session of a program with frames. Responses leave strictly in the order of requests."""
+
+    def __init__(
+        self,
+        hub: Exchanger,
+        sink: Callable[[bytes], None],
+        codec: Codec,
+        *,
+        who: str,
+        door: str,
+        role: Role,
+        unit: AngleUnit,
+        session_id: str | None = None,
+    ) -> None:
+        """Use `Hub.join`."""
+        super().__init__(hub, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
+        self.mode = 1
+        """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""
+        self.on_room: Callable[[], None] | None = None
+        """Called when the program may be read again after `is_full`."""
+        self._sink = sink
         self._parser = FrameParser(codec.byte_order)
         self._received_at = 0.0
         self._open: deque[Exchange] = deque()  # unfinished requests, and finished ones behind them
@@ -119,24 +187,6 @@ class Program:
         skipped = self._parser.skipped
         return sum(skipped.values()) - skipped[PADDING]
 
-    def status(self) -> ProgramStatus:
-        """Return name, role and traffic counts of the program."""
-        counters = self.counters
-        return ProgramStatus(
-            self.session_id,
-            self.who,
-            self.door,
-            str(self.role),
-            self._now() - self._joined_at,
-            self.waiting,
-            counters.requests,
-            counters.responses,
-            counters.unanswered,
-            counters.refused,
-            counters.ignored,
-            self.garbage,
-        )
-
     # --- from the program ---------------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
@@ -157,11 +207,8 @@ class Program:
 
     def leave(self) -> None:
         """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
-        if self.has_left:
-            return
-        self.has_left = True
+        super().leave()
         self.on_room = None
-        self._hub.forget(self)
         self._open.clear()
         self._held = 0
 
@@ -172,16 +219,14 @@ class Program:
             self.counters.ignored += 1
             return
         size = REQUEST_BYTES + len(content)
-        ticket = self.ticket or self._hub.stops.ticket(who=self.session_id)
+        ticket = self._hub.stops.ticket(who=self.session_id)
         exchange = Exchange(self, packet, ticket, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
         self._open.append(exchange)
         self._held += size
         if isinstance(packet, TransmissionModeSettingRequest):
             self._set_mode(exchange, packet)
-        elif packet.effect is Effect.STOPS:
-            self._hub.ask_stop(exchange)
         else:
-            self._hub.ask(exchange)
+            self.put(exchange)
 
     def _request(self, packet_id: int, content: bytes) -> Packet | None:
         """Return the packet of a frame, None if a board would ignore it."""
@@ -213,9 +258,16 @@ class Program:
 
     # --- to the program -----------------------------------------------------------------------------------------
 
-    def finish(self, exchange: Exchange, response: Packet | None) -> None:
-        """Finish a request with a response, or with None."""
-        frame = None if response is None or self.has_left else self.codec.encode(response, unchecked=True)
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
+        """Finish a request with a response, or with None; `content` is how `codec` would write it."""
+        frame = None
+        if response is not None and content is not None and codec and self.codec.byte_order == codec.byte_order:
+            # Content as received: captions keep undecodable bytes, and encoding again takes longer.
+            frame = encode_frame(response.packet_id, content, codec.byte_order)
+        elif response is not None and not self.has_left:
+            frame = self.codec.encode(response, unchecked=True)
         self.finish_with(exchange, frame)
 
     def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
@@ -241,7 +293,7 @@ class Program:
             if self.on_room is not None:
                 self.on_room()
 
-    def push(self, event: Packet) -> None:
+    def push(self, event: ButtonEvent) -> None:
         """Send a button event, if the program hears this protocol at all."""
         if not self.has_left and self.mode == 1:
             self._send([self.codec.encode(event, unchecked=True)])

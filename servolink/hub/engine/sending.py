@@ -121,7 +121,7 @@ class PacketSender:
             if isinstance(packet, SubscribeButtonEventRequest):
                 return await self._buttons.set(exchange.program, packet)
             if not isinstance(packet, Query) and (refusal := await self._prepare(exchange)):
-                return await self.refused(exchange, str(refusal))
+                return await self.refused(exchange, refusal)
             if carries_angles(packet):
                 await self._units.enter(packet, angle_units)
                 is_inside = True
@@ -133,15 +133,16 @@ class PacketSender:
             asyncio.get_running_loop().call_soon(self._free, exchange, on_free)
             return await self._send(exchange)
         except UnitsKept as error:
-            return await self.refused(exchange, str(error))
+            return await self.refused(exchange, error)
         finally:
             self._free(exchange, on_free)
             if is_inside:
                 self._units.leave()
 
-    async def refused(self, exchange: Exchange, reason: str) -> Packet | None:
+    async def refused(self, exchange: Exchange, refusal: ServolinkError) -> Packet | None:
         """Return the response to a packet that is not sent."""
-        self._on_refused(exchange, reason)
+        exchange.error = refusal
+        self._on_refused(exchange, str(refusal))
         return await self._motions.refused(exchange.packet)
 
     async def _prepare(self, exchange: Exchange) -> ServolinkError | None:
@@ -172,7 +173,7 @@ class PacketSender:
             case WriteProjectIDRequest():  # by which the board is recognised after a loss
                 return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
             case Request():
-                return await self._request(packet)
+                return await self._request(packet, unchecked=exchange.is_unchecked)
             case _:
                 assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
                 await self._board.connection.send(packet)
@@ -181,20 +182,21 @@ class PacketSender:
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
         if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
-            return await self.refused(exchange, str(refusal))
+            return await self.refused(exchange, refusal)
         stops, until = self._board.connection.stops, exchange.ticket.until
         self.motions += 1
         try:
             ticket = stops.ticket(until=until, who=exchange.program.session_id)
-            outcome = await self._motions.send(exchange.packet, ticket)
+            outcome = await self._motions.send(exchange.packet, ticket, unchecked=exchange.is_unchecked)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # the board may have carried out the motion
             raise
         finally:
             if exchange.has_begun:
                 self._units.release()
-        if outcome.refused:
-            self._on_refused(exchange, outcome.refused)
+        if outcome.refusal is not None:
+            exchange.error = outcome.refusal
+            self._on_refused(exchange, str(outcome.refusal))
         elif outcome.response != ExecuteMacroResponse(0):
             self._keeper.moved(exchange)
             if isinstance(exchange.packet, SetServoParameterRequest) and exchange.packet.is_start:
@@ -232,8 +234,8 @@ class PacketSender:
             # A soft start lasts seconds; do not block programs that need other units.
             self._units.keep_for(program.units, math.inf)
 
-    async def _request(self, packet: Request[Any]) -> Packet:
-        response: Packet = await self._board.connection.request(packet, unchecked=True)
+    async def _request(self, packet: Request[Any], *, unchecked: bool) -> Packet:
+        response: Packet = await self._board.connection.request(packet, unchecked=unchecked)
         return response
 
 

@@ -91,7 +91,6 @@ class Stops:
             self._all_stop(exchange.program.session_id)
         else:
             self._drop_motions(exchange.program.session_id, are_all=False)
-            exchange.program.servo_stops += 1
         self._send(packet).add_done_callback(lambda task: self._upstream.finish(exchange, _outcome_of(task)))
 
     def begin(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:

@@ -15,8 +15,8 @@ from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
+from servolink.hub.rules.gates import MotionOver
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import encode_frame
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.tasks import Tasks
 
@@ -79,6 +79,8 @@ class Upstream:
     def finish(self, exchange: Exchange, outcome: Packet | ServolinkError | Literal[False]) -> None:
         """Finish a request with its response, an error, or False after giving up."""
         self._tell(exchange, outcome)
+        if isinstance(outcome, ServolinkError):
+            exchange.error = outcome
         _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
     def drop_motions(self) -> None:
@@ -131,7 +133,7 @@ class Upstream:
             outcome = response = await self._sender.send(exchange, self.send_waiting)
         except ServolinkError as error:
             _logger.debug("%s", error)
-            outcome = error
+            outcome = exchange.error = error
         except Exception:
             # A defect of ours. The board and the other programs should go on all the same.
             _logger.exception("%s of %s failed", type(exchange.packet).__name__, escape(exchange.program.who))
@@ -142,7 +144,7 @@ class Upstream:
     async def _finish_stopped(self, exchange: Exchange) -> None:
         response: Packet | None = None
         try:
-            response = await self._sender.refused(exchange, "a stop came first")
+            response = await self._sender.refused(exchange, MotionOver("a stop came first"))
         finally:
             self._tell(exchange, response)
             exchange.program.finish(exchange, response)
@@ -164,15 +166,10 @@ def _finish(
 ) -> None:
     """Finish an exchange and all equal ones. `content` is the response as `codec` would write it."""
     for each in (exchange, *exchange.equal):
-        program = each.program
         if response is None:
-            program.counters.unanswered += isinstance(each.packet, Request)
-            program.finish(each, None)
-        elif content is not None and codec is not None and program.codec.byte_order == codec.byte_order:
-            # Content as received: captions keep undecodable bytes, and encoding again takes longer.
-            program.finish_with(each, encode_frame(response.packet_id, content, codec.byte_order))
-        else:
-            program.finish(each, response)
+            each.program.counters.unanswered += isinstance(each.packet, Request)
+            each.error = exchange.error
+        each.program.finish(each, response, content, codec)
 
 
 def _means_same(one: Exchange, other: Exchange) -> bool:

@@ -6,12 +6,11 @@ import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from contextvars import ContextVar
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from msgspec import Struct
 
-from servolink.client.board import Board
+from servolink.client.board import Board, with_ticket
 from servolink.client.names import servo_or_caption
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
@@ -20,32 +19,22 @@ from servolink.control.greeting import Greeting
 from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role
 from servolink.control.status import HoldStatus, LeaseStatus
-from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.errors import ConnectionLost, OpenError, RequestTimeout
+from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.engine.stopping import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.rules.gates import LeaseRefused, MotionOver
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.ticket import Ticket
-from servolink.protocol.editing import AddServoParameterRequest, ExecuteMacroRequest
-from servolink.protocol.packet import Packet, is_motion
-from servolink.protocol.servos import ExecuteActionExRequest
+from servolink.motion.ticket import StopCounter, Ticket
+from servolink.protocol.editing import ExecuteMacroRequest
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 
 T = TypeVar("T")
 
-_stops_before: ContextVar[int] = ContextVar("_stops_before")
-"""How many stops there had been when the request was received whose task this is."""
-_until: ContextVar[float] = ContextVar("_until", default=math.inf)
-"""When the motion must have begun that this task is to begin."""
+_ANY_MOTION = ExecuteActionRequest()
+
 OpenBoard: TypeAlias = Callable[[], Awaitable[Board]]
-
-
-class Bounds(NamedTuple):
-    """When a motion must not begin any more."""
-
-    stops: int
-    until: float = math.inf
 
 
 class PreparedRun(NamedTuple):
@@ -67,21 +56,17 @@ class Readings:
         """Connect when it is first needed."""
         self._hub = hub
         self._board: Board | None = None
-        self._opening = asyncio.Lock()
 
     async def board(self) -> Board:
         """Return the board."""
-        async with self._opening:
-            if self._board is None:
-                transport = LocalTransport(self._hub, who="the hub", role=Role.WATCH)
-                self._board = await _open(self._hub, transport)
-            return self._board
+        if self._board is None:
+            self._board = _board_on(self._hub, DirectConnection(self._hub, who="the hub", role=Role.WATCH))
+        return self._board
 
     async def close(self) -> None:
         """Leave the hub."""
-        async with self._opening:
-            if self._board is not None:
-                await self._board.close()
+        if self._board is not None:
+            await self._board.close()
 
 
 class Control:
@@ -101,43 +86,38 @@ class Control:
         self._readings = readings
         self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man
-        self._transport: LocalTransport | None = None
+        self._connection: DirectConnection | None = None
         if greeting.session is None:
-            self._transport = LocalTransport(hub, who=self.who, role=self.role, door="share", session_id=session)
-            self._transport.join()
+            self._connection = _joined(hub, who=self.who, role=self.role, session=session)
+            self._connection.before_motion = self.take_lease
+        self.stops = StopCounter() if self._connection is None else self._connection.stops
+        """Stops that end motions of this program."""
         self._board: Board | None = None
-        self._opening = asyncio.Lock()
         self._changed = asyncio.Event()
-        self._moves_ended = 0
 
     async def close(self) -> None:
         """Leave the hub, which ends lease and exclusive use; a program with its own frames ends only exclusive use."""
         self.hub.release_hold(self.session)
         if self._board is not None:
             await self._board.close()
-        elif self._transport is not None:
-            await self._transport.close()
+        elif self._connection is not None:
+            await self._connection.close()
 
-    def received(self) -> None:
-        """Note the ticket of the next request: a later stop cancels its motion, however long the request waits."""
-        _stops_before.set(self._stops)
+    def heard(self, notice: Struct, session: str) -> None:
+        """Take a notice of the hub that `session` caused.
 
-    @property
-    def _stops(self) -> int:
-        """Stops so far, excluding this program's own single-servo stops: those do not cancel its later motions."""
-        program = None if self._transport is None else self._transport.program
-        return self.hub.stops.count - (0 if program is None else program.servo_stops)
-
-    def heard(self, notice: Struct) -> None:
-        """Take a notice of the hub."""
+        Its own stops of single servos end nothing: what it asks for after them is in order.
+        """
+        if isinstance(notice, MotionsCancelled) and (notice.are_all or session != self.session):
+            self.stops.stop()
         if isinstance(notice, HoldNotice | MotionsCancelled):
             self._changed.set()
 
     async def board(self) -> Board:
         """Return the board of this program, once no other program has exclusive use."""
-        self._own_transport()
+        self._own_connection()
         await self.until_free()
-        return await self._own_board()
+        return self._own_board()
 
     async def board_to_stop(self, servo: int | str) -> Board:
         """Return the board of this program to stop a servo, even during exclusive use by another program.
@@ -145,52 +125,35 @@ class Control:
         With a caption in place of an id that waits, as nobody else may read captions then.
         """
         by_id = isinstance(servo_or_caption(servo), int)
-        return await (self._own_board() if by_id else self.board())
+        return self._own_board() if by_id else await self.board()
 
-    async def _own_board(self) -> Board:
-        transport = self._own_transport()
-        async with self._opening:
-            if self._board is None:
-                self._board = await _open(self.hub, transport, self._limits)
-                self._guard(self._board)
-            return self._board
+    def _own_board(self) -> Board:
+        if self._board is None:
+            self._board = _board_on(self.hub, self._own_connection(), self._limits)
+        return self._board
 
-    async def board_to_move(self, until: float | None = None) -> Board:
+    async def board_to_move(self, ticket: Ticket) -> Board:
         """Return the board of this program for one motion, once no other program has exclusive use.
 
-        Raise MotionRefused after `until`, by the clock of the event loop, and if a stop or `end_move` comes after the
-        motion was asked for. Both hold until it is sent, too.
+        Raise MotionRefused if a stop or `end_move` comes after the motion was asked for, and when its time has passed.
         """
-        self._own_transport()
-        bounds, ended = Bounds(_stops_before.get(), math.inf if until is None else until), self._moves_ended
-        _until.set(bounds.until)
+        board = with_ticket(self._own_board(), ticket)
         try:
-            async with asyncio.timeout_at(until):
-                while self.holder is not None and ended == self._moves_ended:
-                    self._check_bounds(bounds)
+            async with asyncio.timeout_at(None if ticket.until == math.inf else ticket.until):
+                while self.holder is not None and self.stops.holds(ticket):
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
-            raise _late() from None
-        if ended != self._moves_ended:
-            raise MotionOver("nothing was moved: the movement was ended before it began")
-        self._check_bounds(bounds)
-        return await self.board()
+            raise MotionOver("nothing was moved: the time by which it was to begin has passed") from None
+        if refusal := self._own_connection().gates.ticket(_ANY_MOTION, ticket):
+            raise refusal
+        return board
 
     async def end_move(self, servo_ids: Sequence[int]) -> None:
         """Stop the motions of this program, including unsent ones (see `Hub.end_move`)."""
-        self._moves_ended += 1
+        self.stops.stop()
         self._changed.set()
-        if self._board is not None:
-            self._board.connection.stops.stop()
         await self.hub.end_move(self.session, servo_ids)
-
-    def _check_bounds(self, bounds: Bounds) -> None:
-        """Raise MotionRefused if a motion must not begin any more."""
-        if bounds.stops != self._stops:
-            raise MotionOver("nothing was moved: a stop came first")
-        if asyncio.get_running_loop().time() > bounds.until:
-            raise _late()
 
     async def readings(self) -> Board:
         """Return the board that the hub reads for all programs, once no program has exclusive use.
@@ -198,7 +161,7 @@ class Control:
         The program that holds it reads with its own board, if it can.
         """
         await self.until_free()
-        if self.hub.held_by is not None and self._transport is not None:
+        if self.hub.held_by is not None and self._connection is not None:
             return await self.board()
         return await self._readings.board()
 
@@ -217,7 +180,7 @@ class Control:
 
     def tighten(self, limits: MotionLimits) -> None:
         """Add `limits` to the motions of this program."""
-        self._own_transport()  # what moves by frames would not be limited
+        self._own_connection()  # what moves by frames would not be limited
         if self._board is not None:
             raise RpcError(
                 Code.INVALID_REQUEST,
@@ -226,15 +189,15 @@ class Control:
             )
         self._limits = limits if self._limits is None else self._limits.tightened(limits)
 
-    def _own_transport(self) -> LocalTransport:
-        """Return the transport of this connection's board. Raise RpcError without a board."""
-        if self._transport is None:
+    def _own_connection(self) -> DirectConnection:
+        """Return the connection with the board. Raise RpcError without a board."""
+        if self._connection is None:
             raise RpcError(
                 Code.FORBIDDEN,
                 "this connection belongs to a program that has a board of its own",
                 remedy="connect to the control interface without `session`",
             )
-        return self._transport
+        return self._connection
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
@@ -299,43 +262,17 @@ class Control:
         if self.session not in self.hub.programs:
             raise ConnectionLost("the session has ended; connect again")
 
-    def _guard(self, board: Board) -> None:
-        """Check each motion again and take the lease first: a refusal is then an error with a reason."""
 
-        async def pass_packet(packet: Packet, ticket: Ticket) -> None:
-            if not is_motion(packet):
-                return
-            is_import = isinstance(packet, AddServoParameterRequest)  # a half-finished import helps nobody: it goes on
-            bounds = None
-            if not is_import:
-                self._check_bounds(Bounds(_stops_before.get(), _until.get()))
-                bounds = self.hub.stops.ticket(until=_until.get(), who=self.session)
-                if (holder := self.holder) is not None:  # since a moment ago: it would wait for as long as that takes
-                    raise MotionOver(f"nothing was moved: {holder.who} has taken the board alone")
-                _until.set(math.inf)  # the import begins
-            if self._transport is not None and self._transport.program is not None:
-                self._transport.program.ticket = bounds
-            self.take_lease()
-
-        board.connection.preparations += (pass_packet,)
+def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection:
+    try:
+        return DirectConnection(hub, who=who, door="share", role=role, session_id=session)
+    except ValueError as error:
+        raise OpenError(f"share://{hub.name}: {error}") from None
 
 
-def _late() -> MotionOver:
-    return MotionOver("nothing was moved: the time by which it was to begin has passed")
-
-
-async def _open(hub: Hub, transport: LocalTransport, limits: MotionLimits | None = None) -> Board:
-    """Connect to the board of `hub`, as it was connected itself; `limits` hold beside those of the board."""
-    upstream, known = hub.board, hub.board.connection
-    connection = Connection(
-        transport,
-        upstream.codec,
-        patience=known.patience,
-        depth=known.depth_bound,
-        write_depth=known.write_depth_bound,
-        repeats=False,
-    )
-    await connection.open(handshake=False)
+def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits | None = None) -> Board:
+    """Return the board of `hub` for one program; `limits` hold beside those of the board."""
+    upstream = hub.board
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
     session = Session(connection, None, upstream.profile)
     allowed = upstream.limits if limits is None else upstream.limits.tightened(limits)

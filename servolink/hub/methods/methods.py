@@ -38,6 +38,7 @@ from servolink.hub.engine.recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.limits import MotionLimits
+from servolink.motion.ticket import Ticket
 from servolink.protocol.servos import ALL_SERVOS
 
 
@@ -49,6 +50,13 @@ class Caller(NamedTuple):
     buttons: ButtonsFeed
     tap: TapFeed
     recorder: HubRecorder
+    ticket: Ticket
+    """When the request was received."""
+
+    async def board_to_move(self, until: float | None) -> Board:
+        """Return the board for one motion, which must begin by `until` (see `Control.board_to_move`)."""
+        ticket = self.ticket if until is None else self.ticket._replace(until=until)
+        return await self.control.board_to_move(ticket)
 
 
 METHODS: Methods[Caller] = Methods()
@@ -235,7 +243,7 @@ async def move(caller: Caller, params: Move) -> Moved:
     MotionRefused says why nothing moved: a limit, another program that holds the lease, or a stop that came, or `until`
     that passed, while another program held the board alone.
     """
-    board = await caller.control.board_to_move(params.until)
+    board = await caller.board_to_move(params.until)
     seconds = await board.move(
         params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
     )
@@ -257,7 +265,7 @@ async def move_end(caller: Caller, params: MoveEnd) -> Done:
 @METHODS.add("release", Role.MOVE, in_order=True)
 async def release(caller: Caller, params: Release) -> Done:
     """Stop and release a servo, or all. It goes limp, and a raised limb falls."""
-    board = await caller.control.board_to_move(params.until)
+    board = await caller.board_to_move(params.until)
     if params.servo == "all":
         await board.release()
     else:
@@ -269,7 +277,7 @@ async def release(caller: Caller, params: Release) -> Done:
 async def servo_set(caller: Caller, params: ServoSet) -> Done:
     """Start or stop a servo, and hold or release its angle. After a stop, a servo moves only when started again."""
     is_stop, control = params.hold and not params.start, caller.control
-    board = await (control.board_to_stop(params.servo) if is_stop else control.board_to_move(params.until))
+    board = await (control.board_to_stop(params.servo) if is_stop else caller.board_to_move(params.until))
     await board.set_servo(params.servo, start=params.start, hold=params.hold)
     return Done()
 
@@ -280,7 +288,7 @@ async def run(caller: Caller, params: Run) -> Ran:
 
     MotionRefused is as for `move`; NotFound says that there is no such record.
     """
-    board = await caller.control.board_to_move(params.until)
+    board = await caller.board_to_move(params.until)
     if params.type == "action":
         return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
     await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.client.board import with_ticket
 from servolink.control.messages import Ran, RunPrepare, RunStart, RunStarted
 from servolink.control.roles import Role
 from servolink.errors import MotionRefused
@@ -25,7 +26,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     control = caller.control
     control.prepared, seconds = None, None
     ticket = control.hub.stops.ticket(who=control.session)
-    board = await control.board_to_move(params.until)
+    board = await caller.board_to_move(params.until)
     connection = control.hub.board.connection
     packet: ExecuteActionExRequest | ExecuteMacroRequest
     if params.type == "action":
@@ -63,7 +64,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared")
     if control.holder is not None:
         raise MotionRefused("nothing was moved: another program has the board alone")
-    board = await control.board()
+    board = with_ticket(await control.board(), caller.ticket)
     packet = prepared.packet
     if not board.limits:
         sent = clock()

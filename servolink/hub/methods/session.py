@@ -63,8 +63,8 @@ class ControlSession:
         self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
-        caller = Caller(self.control, self._servos, self._buttons, self._tap, recorder)
-        self._peer: Peer[Caller] = Peer(METHODS, caller, send, abort, role=self.control.role)
+        self._recorder = recorder
+        self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=self.control.role)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
 
@@ -74,7 +74,6 @@ class ControlSession:
             return
         if self._end_listening is None:
             self._end_listening = self._hub.listen(self._hear)
-        self.control.received()
         self._peer.receive(message)
 
     def pause(self) -> None:
@@ -99,12 +98,16 @@ class ControlSession:
         await self._buttons.close()
         await self.control.close()
 
+    def _caller(self) -> Caller:
+        """Return what a request that is received now is carried out with: a later stop ends its motion."""
+        return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.stops.ticket())
+
     def _notify(self, notification: Struct) -> None:
         self._peer.notify(NAMES[type(notification)], notification)
 
     def _hear(self, notice: Struct, session: str) -> None:
         """Pass on a notice of the hub, if meant for this program."""
-        self.control.heard(notice)
+        self.control.heard(notice, session)
         is_own = session == self.control.session
         match notice:
             case MotionsCancelled(are_all):

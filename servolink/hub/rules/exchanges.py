@@ -10,6 +10,7 @@ from typing import Protocol
 from msgspec import Struct
 
 from servolink.control.roles import Role
+from servolink.errors import ServolinkError
 from servolink.motion.ticket import Ticket
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
@@ -45,15 +46,12 @@ class Asker(Protocol):
     counters: ProgramCounters
     codec: Codec
     queue: ProgramQueue
-    ticket: Ticket | None
-    servo_stops: int
     has_left: bool
 
-    def finish_with(self, exchange: Exchange, frame: bytes | None) -> None:
-        """Finish a request with the frame of a response, or with None."""
-
-    def finish(self, exchange: Exchange, response: Packet | None) -> None:
-        """Finish a request with a response, or with None."""
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
+        """Finish a request with a response, or with None; `content` is how `codec` would write it."""
 
 
 class Exchange(Struct, eq=False):
@@ -69,8 +67,12 @@ class Exchange(Struct, eq=False):
     """Bytes that count as held until the request is finished."""
     seconds: float | None = None
     """Duration of the motion in seconds, if known in advance."""
+    is_unchecked: bool = True
+    """Whether values that only a board sends are allowed, as in frames."""
     refused: str = ""
     """Reason for not sending the request; empty if it is or will be sent."""
+    error: ServolinkError | None = None
+    """Error in place of a response: refused, or not answered."""
     frame: bytes | None = None
     """Frame of the response; None without one."""
     has_begun: bool = False

@@ -1,0 +1,299 @@
+"""DirectConnection: the session of a program in the hub's own process, whose packets need not become bytes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from copy import copy
+from functools import partial
+from typing import TypeVar, cast
+
+from servolink.client.events import ButtonEvent
+from servolink.connection.explain import lost, outcome_unknown, same, timed_out
+from servolink.connection.gates import Gates, limits_gate
+from servolink.connection.options import HUB_MARGIN, SLOW_PATIENCE
+from servolink.connection.sharing import BoardSharing
+from servolink.connection.stats import Stats
+from servolink.control.roles import Role
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.hub.engine.program import Program
+from servolink.hub.hub import Hub
+from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.gates import LeaseRefused, MotionOver, refuse_ticket
+from servolink.motion.ticket import StopCounter, Ticket
+from servolink.protocol.codec import Codec
+from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
+from servolink.protocol.servos import SetAngleUnitRequest, SetServoParameterRequest
+from servolink.protocol.settings import ClearAllDataRequest
+
+R = TypeVar("R", bound=Response)
+
+
+class _Asked(Exchange, eq=False):
+    """A request of the program, and the future of its response."""
+
+    answered: asyncio.Future[Packet | None] | None = None
+
+
+class _Events:
+    """What the hub tells the program without being asked."""
+
+    def __init__(self) -> None:
+        self.on_event: Callable[[ButtonEvent], None] = lambda event: None
+        self.on_end: Callable[[ConnectionLost], None] = lambda error: None
+
+
+class DirectProgram(Program):
+    """A program that gets packets, not frames."""
+
+    def __init__(self, hub: Hub, events: _Events, *, who: str, door: str, role: Role, session_id: str | None) -> None:
+        """Use `DirectConnection`."""
+        super().__init__(hub, hub.board.codec, who=who, door=door, role=role, unit="degree", session_id=session_id)
+        self._events = events
+        self._open: dict[int, _Asked] = {}
+
+    @property
+    def waiting(self) -> int:
+        """How many of its requests are not over."""
+        return len(self._open)
+
+    def put(self, exchange: Exchange) -> None:
+        """Ask the hub for one of its requests: a stop goes before everything."""
+        self.counters.requests += 1
+        self._open[id(exchange)] = cast("_Asked", exchange)
+        super().put(exchange)
+
+    def withdraw(self, exchange: Exchange) -> bool:
+        """Return whether a request was not sent yet, which it will then never be."""
+        if exchange not in self.queue.exchanges:
+            return False
+        self.queue.exchanges.remove(exchange)
+        del self._open[id(exchange)]
+        return True
+
+    def finish(
+        self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
+    ) -> None:
+        """End one of its requests with a response, or with none."""
+        asked = self._open.pop(id(exchange), None)
+        if asked is None:
+            return
+        asked.is_over = True
+        self.counters.responses += response is not None
+        if asked.answered is not None and not asked.answered.done():
+            asked.answered.set_result(response)
+
+    def leave(self) -> None:
+        """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
+        super().leave()
+        for asked in list(self._open.values()):
+            self.finish(asked, None)
+
+    def push(self, event: ButtonEvent) -> None:
+        """Pass on a button event."""
+        self._events.on_event(event)
+
+
+class DirectConnection:
+    """Connection of a program to the board of a hub: its packets enter the queue of the hub as they are.
+
+    They have the order, limits and rights of any other program. What is refused raises the refusal of the gate.
+    """
+
+    def __init__(
+        self, hub: Hub, *, who: str, door: str = "local", role: Role = Role.EDIT, session_id: str | None = None
+    ) -> None:
+        """Join `hub`. Raise ValueError if the session id is in use."""
+        self.url = f"share://{hub.name}"
+        self.board_url = hub.url
+        self.codec = hub.board.codec
+        self.patience = hub.board.connection.patience
+        self.stats = Stats()
+        self.stops = StopCounter()
+        """Stops that end motions of this program: all of others, and its own of all servos."""
+        self.hub: BoardSharing | None = None
+        self.is_suspended = False
+        self.outlasts_silence = True
+        self.on_another: Callable[[str], None] = lambda text: None
+        self.before_motion: Callable[[], object] = lambda: None
+        """Called before a motion enters the queue; it raises if the program does not get the lease."""
+        self.ended: ConnectionLost | None = None
+        self.units_sent = 0
+        self.answers = _Events()
+        self._loop = asyncio.get_running_loop()
+        self.gates = Gates(
+            exclusive_use=self._refuse_while_held,
+            lease=self._refuse_lease,
+            ticket=lambda packet, ticket: _nothing_moved(refuse_ticket(packet, ticket, self.stops, self._loop.time())),
+            limits=limits_gate(lambda: self.units_sent),
+        )
+        self._hub = hub
+        self.program = DirectProgram(hub, self.answers, who=who, door=door, role=role, session_id=session_id)
+        """The session."""
+        hub.add(self.program)
+        self.program.on_end = lambda: self._end(lost(self.url, ConnectionError("the hub has ended")))
+
+    @property
+    def depth_bound(self) -> int:
+        """How many queries may ever be under way."""
+        return self._hub.board.connection.depth_bound
+
+    @property
+    def write_depth_bound(self) -> int:
+        """How many requests may ever be under way while one of them is a change."""
+        return self._hub.board.connection.write_depth_bound
+
+    @property
+    def pace(self) -> float:
+        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        return self._hub.board.connection.pace
+
+    @property
+    def callers(self) -> int:
+        """How many callers keep the line full."""
+        return self._hub.board.connection.callers
+
+    @property
+    def has_waiting(self) -> bool:
+        """Whether requests of this program wait for their turn."""
+        return bool(self.program.queue.exchanges)
+
+    def bulk(self) -> AbstractContextManager[None]:
+        """Return a context in which much is transferred."""
+        return nullcontext()
+
+    async def shake_hands(self) -> None:
+        """Do nothing: a session with a hub begins clean."""
+
+    async def close(self) -> None:
+        """Fail all who wait, and leave the hub; may be called again."""
+        self._end(lost(self.url, None))
+
+    def _end(self, error: ConnectionLost) -> None:
+        if self.ended is None:
+            self.ended = error
+            self.program.leave()
+            self.answers.on_end(error)
+
+    # --- requests -----------------------------------------------------------------------------------------------
+
+    async def request(
+        self,
+        packet: Request[R],
+        *,
+        timeout: float | None = None,
+        first: bool = False,
+        unchecked: bool = False,
+        ticket: Ticket | None = None,
+        begun_at: float | None = None,
+    ) -> R:
+        """Return the response to `packet`. Raise RequestTimeout or OutcomeUnknown if the board does not answer.
+
+        `timeout`, `unchecked`, `ticket` and `begun_at` are as for `Connection.request`.
+        """
+        asked = self._ask(packet, ticket, unchecked=unchecked)
+        response = await self._outcome(asked, timeout, self._loop.time() if begun_at is None else begun_at)
+        if response is None:
+            raise same(self.ended or lost(self.url, None))
+        return cast("R", response)
+
+    async def send(self, packet: Command, *, ticket: Ticket | None = None) -> bool:
+        """Return True when a packet that is never answered was sent to the board."""
+        await self._outcome(self._ask(packet, ticket), None, self._loop.time())
+        if self.ended is not None:
+            raise same(self.ended)
+        return True
+
+    async def send_stop(self, packet: SetServoParameterRequest) -> bool:
+        """Send `packet` before everything else, and wait for nothing, not even its response."""
+        self.stops.stop()
+        self._ask(packet, None)
+        return True
+
+    def _ask(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool = False) -> _Asked:
+        """Put a packet into the queue, with a ticket of the hub in exchange for that of this connection."""
+        if self.ended is not None:
+            raise same(self.ended)
+        ticket = ticket or self.stops.ticket()
+        if is_motion(packet):
+            # The other gates of the row are asked where the hub sends the packet.
+            for gate in (self.gates.exclusive_use, self.gates.ticket, self.gates.limits):
+                if refusal := gate(packet, ticket):
+                    raise refusal
+            self.before_motion()
+        elif isinstance(packet, SetAngleUnitRequest):
+            self.units_sent += 1
+        own = self._hub.stops.ticket(until=ticket.until, who=self.program.session_id)
+        now, answered = self._loop.time(), self._loop.create_future()
+        asked = _Asked(self.program, packet, own, asked_at=now, is_unchecked=unchecked, answered=answered)
+        self.program.put(asked)
+        return asked
+
+    async def _outcome(self, asked: _Asked, timeout: float | None, begun_at: float) -> Packet | None:
+        """Return the response when a request is over. Raise why it has none, and give it up when its time has passed.
+
+        Without `timeout`, that is only while another program has exclusive use: else the hub finds out by itself.
+        """
+        assert asked.answered is not None  # noqa: S101 - narrows the type
+        patience = self.patience if timeout is None else timeout
+        if timeout is None:
+            slow = isinstance(asked.packet, ClearAllDataRequest)
+            patience = (max(patience, SLOW_PATIENCE) if slow else patience) + HUB_MARGIN
+        passed = partial(self._give_up, asked, begun_at, is_limit=timeout is not None)
+        timer = self._loop.call_at(begun_at + patience, passed)
+        try:
+            response = await asked.answered
+        except asyncio.CancelledError:
+            self.program.withdraw(asked)
+            raise
+        finally:
+            timer.cancel()
+        if asked.error is not None:
+            raise self._error(asked)
+        return response
+
+    def _give_up(self, asked: _Asked, begun_at: float, *, is_limit: bool) -> None:
+        """End a request whose time has passed; one that the hub is sending already only if `is_limit`."""
+        waited, hold = self._loop.time() - begun_at, self._hub.held_by
+        error: ServolinkError | None = None
+        if self.program.withdraw(asked) or isinstance(asked.packet, Query):
+            held = "" if hold is None else f"{hold.who} has the board alone"
+            error = timed_out(asked.packet, self.url, 0, waited, self.stats, held=held)
+        elif is_limit:
+            error = outcome_unknown(asked.packet, self.url, waited)
+        if error is not None and asked.answered is not None and not asked.answered.done():
+            asked.answered.set_exception(error)
+
+    def _error(self, asked: _Asked) -> ServolinkError:
+        """Return the error for a request without a response, as over any other connection."""
+        error, packet = asked.error, asked.packet
+        assert error is not None  # noqa: S101 - narrows the type
+        if isinstance(error, ConnectionLost):  # of the hub with the board: this connection goes on
+            kind = RequestTimeout if isinstance(packet, Query) else OutcomeUnknown
+            return kind(str(error), packet)
+        return _nothing_moved(copy(error))
+
+    # --- gates --------------------------------------------------------------------------------------------------
+
+    def _refuse_while_held(self, packet: Packet, ticket: Ticket) -> MotionOver | None:
+        """Refuse a motion that would wait for as long as another program has exclusive use."""
+        hold = self._hub.held_by
+        if hold is None or hold.session == self.program.session_id:
+            return None
+        return MotionOver(f"nothing was moved: {hold.who} has taken the board alone")
+
+    def _refuse_lease(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
+        """Refuse a motion while another program holds the lease."""
+        reason = self._hub.leases.reason(self.program.session_id)
+        return LeaseRefused(reason) if reason else None
+
+
+E = TypeVar("E", bound="ServolinkError | None")
+
+
+def _nothing_moved(error: E) -> E:
+    """Return a refusal of the hub in the words of a program that waits for its motion."""
+    if isinstance(error, LeaseRefused | MotionOver):
+        return type(error)(f"nothing was moved: {error}")
+    return error
