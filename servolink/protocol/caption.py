@@ -1,4 +1,4 @@
-"""Captions: 32 bytes of text, padded with NUL, in an encoding that the document leaves open."""
+"""Captions: 32 bytes of text, padded with NUL, in an encoding not fixed by the document."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32
 _BYTES_AS_CODE_POINTS = "servolink.bytes"
-_KEPT_BYTES = "([\udc00-\udcff]+)"  # compiled when it is first used, as few captions have any
+_KEPT_BYTES = "([\udc00-\udcff]+)"  # compiled on first use, as few captions have any
 
 
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
-    """Decode each byte that is not text to U+DC00 + byte: `surrogateescape` for every encoding and every byte."""
+    """Decode each byte outside the encoding to U+DC00 + byte: `surrogateescape` for every encoding and every byte."""
     assert isinstance(error, UnicodeDecodeError)  # noqa: S101 - narrows the type; only decoding uses it
     return _kept(error.object[error.start : error.end]), error.end
 
@@ -30,7 +30,7 @@ codecs.register_error(_BYTES_AS_CODE_POINTS, _keep_bytes)
 
 
 def _encode_kept(text: str, encoding: str) -> bytes:
-    """Encode `text`, turning kept bytes back into what they were."""
+    """Encode `text`, with kept bytes turned back into the original bytes."""
     texts_and_bytes = enumerate(re.split(_KEPT_BYTES, text))
     return b"".join(
         bytes(ord(kept) - 0xDC00 for kept in part) if at % 2 else part.encode(encoding) for at, part in texts_and_bytes
@@ -38,9 +38,9 @@ def _encode_kept(text: str, encoding: str) -> bytes:
 
 
 def check_encoding(encoding: str) -> str:
-    """Return `encoding` if captions can be written in it, else raise ValueError.
+    """Return `encoding` if usable for captions, else raise ValueError.
 
-    Python must know it, without a byte order mark, and it must encode NUL as zeros.
+    Python must know the encoding, write no byte order mark, and encode NUL as zeros.
     """
     try:
         usable = not "".encode(encoding) and not any("\0".encode(encoding))
@@ -55,7 +55,7 @@ def check_encoding(encoding: str) -> str:
 
 
 def decode_caption(raw: bytes, encoding: str) -> str:
-    """Return the text before the terminating NUL. It never fails and keeps every byte before the NUL."""
+    """Return the text before the terminating NUL. Never fails, and keeps every byte before the NUL."""
     width = len("\0\0".encode(encoding)) - len("\0".encode(encoding)) if encoding != "utf-8" else 1
     if width == 1:
         text = raw.partition(b"\0")[0]
@@ -75,7 +75,7 @@ def _is_form(raw: bytes, text: str, encoding: str) -> bool:
 
 
 def _decode_forms(raw: bytes, encoding: str) -> str:
-    """Return the text of `raw`, keeping the bytes of each character that would be encoded in another form."""
+    """Return the text of `raw`, with the bytes kept for each character that would be encoded in another form."""
     text, begun = "", 0
     decoder = codecs.getincrementaldecoder(encoding)(_BYTES_AS_CODE_POINTS)
     for end in range(1, len(raw) + 1):
@@ -87,7 +87,7 @@ def _decode_forms(raw: bytes, encoding: str) -> str:
 
 
 def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
-    """Decode each like `decode_caption`, in UTF-8 all at once."""
+    """Decode each caption like `decode_caption`; in UTF-8, all in a single pass."""
     if encoding == "utf-8" and raws:
         texts = b"\0".join([raw.partition(b"\0")[0] for raw in raws])
         return texts.decode(encoding, _BYTES_AS_CODE_POINTS).split("\0")
@@ -95,9 +95,9 @@ def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
 
 
 def encode_caption(text: object, encoding: str, path: str, *, from_us: bool) -> bytes:
-    """Return the 32 bytes for `text`. Raise EncodeError naming `path` if it does not fit whole and unchanged.
+    """Return the 32 bytes for `text`. Raise EncodeError naming `path` unless `text` fits whole and unchanged.
 
-    `from_us` also refuses control characters and a hidden frame start: no caption composed by this library can be
+    `from_us` also refuses control characters and a hidden frame start: no caption composed by the library can be
     mistaken for a frame. Captions from a board may have both.
     """
     if not isinstance(text, str):
@@ -111,19 +111,19 @@ def encode_caption(text: object, encoding: str, path: str, *, from_us: bool) -> 
 
 
 def encode_captions(texts: Sequence[str], encoding: str, *, from_us: bool) -> list[bytes]:
-    """Return the bytes of each, not always padded. Raise EncodeError or TypeError if one does not fit."""
+    """Return the bytes of each caption, not always padded. Raise EncodeError or TypeError for an unsuitable caption."""
     if _is_simple("".join(texts), encoding) and max(map(len, texts), default=0) <= CAPTION_SIZE:
         return [*map(str.encode, texts)]
     return [encode_caption(text, encoding, "", from_us=from_us) for text in texts]
 
 
 def _is_simple(text: str, encoding: str) -> bool:
-    """Return whether `text` is plain ASCII, like most captions: only its length has to be checked."""
+    """Return whether `text` is plain ASCII, like most captions: only the length needs a check."""
     return encoding == "utf-8" and text.isascii() and text.isprintable()
 
 
 def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str]:
-    """Return the bytes of `text` and why they cannot be written, empty if they can."""
+    """Return the bytes of `text`, and the reason why the caption cannot be written; empty without a fault."""
     if from_us and any(_is_control(character) for character in text):
         return b"", "holds control characters; captions are plain text"
     try:
@@ -133,9 +133,9 @@ def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str
     if len(raw) > CAPTION_SIZE:
         return raw, f"takes {len(raw)} bytes in {encoding}; a caption has 0..{CAPTION_SIZE} bytes"
     if from_us and MAGIC in raw:
-        return raw, f"contains the bytes that start a frame in {encoding}"
+        return raw, f"contains the start of a frame in {encoding}"
     if decode_caption(raw, encoding) != text:
-        return raw, f"would not be read back as it was written in {encoding}"
+        return raw, f"would change when written and read back in {encoding}"
     return raw, ""
 
 

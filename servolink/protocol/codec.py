@@ -1,4 +1,4 @@
-"""Packets to frames and back, in the byte order and caption encoding of a board."""
+"""Conversion of packets to frames and back, in the byte order and caption encoding of a board."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ PACKETS: dict[int, type[Packet]] = {
 """All packet classes of the document, by packet id."""
 
 PACKETS_BY_NAME: dict[str, type[Packet]] = {declared.__name__: declared for declared in PACKETS.values()}
-"""All packet classes of the document, by their names there."""
+"""All packet classes of the document, by name in the document."""
 
 
 def response_class(request: Request[Response]) -> type[Packet]:
-    """Return the class of the response to `request`: the packet whose id is one higher."""
+    """Return the class of the response to `request`: the packet with the next higher id."""
     return PACKETS[request.packet_id + 1]
 
 
 class Codec:
-    """Encodes and decodes packets in a byte order and a caption encoding, which the document leaves open."""
+    """Encoder and decoder of packets in a byte order and a caption encoding, neither fixed by the document."""
 
     def __init__(self, byte_order: ByteOrder = "little", caption_encoding: str = "utf-8") -> None:
         """Raise ValueError for an unknown byte order or encoding."""
@@ -41,20 +41,20 @@ class Codec:
         self._decoders: dict[int, Decoder] = {}  # filled on use
 
     def __getstate__(self) -> dict[str, object]:
-        """Return what a copy or another process needs: decoders cannot be pickled, and are made on use."""
+        """Return the state for a copy or another process: decoders cannot be pickled, and are created on use."""
         return {**vars(self), "_decoders": {}}
 
     def encode(self, packet: Packet, *, unchecked: bool = False) -> bytes:
         """Return the frame of `packet`. Raise EncodeError naming packet, field, value and range.
 
-        `unchecked` is for writing back what was read from a board: captions may then have control characters, and
-        numbers any value that the wire carries.
+        `unchecked` is for writing back values read from a board: captions may then have control characters, and numbers
+        may have any value in the range of the wire.
         """
         content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding, unchecked=unchecked)
         return encode_frame(packet.packet_id, content, self.byte_order)
 
     def decode(self, packet_id: int, content: bytes) -> Packet:
-        """Return the packet in `content`. Raise DecodeError, which keeps the content, if it is not one."""
+        """Return the packet in `content`. Raise DecodeError, with the content, for anything else."""
         try:
             decode = self._decoders[packet_id]
         except KeyError:
@@ -69,7 +69,7 @@ class Codec:
         return decoder
 
     def decode_frame(self, data: bytes) -> Packet:
-        """Return the packet in exactly one frame. Raise DecodeError, which keeps the bytes, if it is damaged."""
+        """Return the packet in exactly one frame. Raise DecodeError, with the bytes, for a damaged frame."""
         if len(data) < OVERHEAD:
             raise DecodeError(f"{len(data)} bytes are fewer than the {OVERHEAD} of the shortest frame", data)
         magic, packet_id, length = HEADER[self.byte_order].unpack_from(data)
@@ -86,7 +86,7 @@ class Codec:
 
 
 def in_range(packet: Packet) -> bool:
-    """Return whether all values of `packet` are in their declared range, which decoding does not check."""
+    """Return whether all values of `packet` are in the declared range, unchecked by decoding."""
     try:
         msgspec.convert(msgspec.to_builtins(packet), type(packet))
     except msgspec.ValidationError:

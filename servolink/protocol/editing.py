@@ -32,14 +32,14 @@ class QueryActionListRequest(Query[QueryActionListResponse], frozen=True, gc=Fal
 
 
 class QueryActionResponse(Action, Response, frozen=True, gc=False):
-    """One action; id 0 if there is none, the caption is then meaningless."""
+    """The requested action; id 0 and a meaningless caption for a missing action."""
 
     packet_id: ClassVar[int] = 30021
     section: ClassVar[str] = "3.3.2.2"
 
 
 class QueryActionRequest(Query[QueryActionResponse], frozen=True, gc=False):
-    """Ask for one action."""
+    """Ask for a single action."""
 
     packet_id: ClassVar[int] = 30020
     section: ClassVar[str] = "3.3.2.1"
@@ -71,7 +71,7 @@ class DeleteActionResponse(Result, frozen=True, gc=False):
 
 
 class DeleteActionRequest(Request[DeleteActionResponse], frozen=True, gc=False):
-    """Delete one action."""
+    """Delete a single action."""
 
     packet_id: ClassVar[int] = 30040
     section: ClassVar[str] = "3.3.4.1"
@@ -96,14 +96,14 @@ class QueryMacroListRequest(Query[QueryMacroListResponse], frozen=True, gc=False
 
 
 class QueryMacroResponse(Macro, Response, frozen=True, gc=False):
-    """One macro; id 0 if there is none, the caption is then meaningless."""
+    """The requested macro; id 0 and a meaningless caption for a missing macro."""
 
     packet_id: ClassVar[int] = 30061
     section: ClassVar[str] = "3.3.6.2"
 
 
 class QueryMacroRequest(Query[QueryMacroResponse], frozen=True, gc=False):
-    """Ask for one macro."""
+    """Ask for a single macro."""
 
     packet_id: ClassVar[int] = 30060
     section: ClassVar[str] = "3.3.6.1"
@@ -135,7 +135,7 @@ class DeleteMacroResponse(Result, frozen=True, gc=False):
 
 
 class DeleteMacroRequest(Request[DeleteMacroResponse], frozen=True, gc=False):
-    """Delete one macro."""
+    """Delete a single macro."""
 
     packet_id: ClassVar[int] = 30080
     section: ClassVar[str] = "3.3.8.1"

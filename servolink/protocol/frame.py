@@ -7,34 +7,34 @@ from struct import Struct
 from typing import Literal
 from zlib import adler32
 
-_MOST_BLOCKS = 4096  # running sums kept: those of 1 MiB of stream
+_MOST_BLOCKS = 4096  # running sums kept: enough for 1 MiB of stream
 
 
 @lru_cache(maxsize=256)
 def piecewise(size: int) -> Struct:
-    """Return the struct that cuts `size` bytes into pieces of 256."""
+    """Return the struct to cut `size` bytes into pieces of 256."""
     whole, rest = divmod(size, 256)
     return Struct("256s" * whole + (f"{rest}s" if rest else ""))
 
 
 class BlockSums:
-    """Sums of long spans of a moving buffer, from running sums of blocks of 256 bytes that are summed once.
+    """Sums of long spans of a moving buffer, from running sums of blocks of 256 bytes, each computed once.
 
-    Headers that claim overlapping contents would otherwise make the parser sum the same bytes again and again.
+    Without running sums, headers with overlapping contents would make the parser sum the same bytes again and again.
     """
 
     def __init__(self) -> None:
         """Start at the beginning of a stream."""
         self._origin = 0  # stream offset of the buffer's first byte
-        self._first = 0  # the block at which the running sums begin
+        self._first = 0  # block where the running sums begin
         self._running = [0]
 
     def move(self, by: int) -> None:
-        """Record that the buffer now begins `by` bytes further on in the stream."""
+        """Record that the start of the buffer moved by `by` bytes in the stream."""
         self._origin += by
 
     def sum(self, data: bytes, start: int, end: int) -> int:
-        """Return the sum of `data[start:end]`, right in its low 8 bits."""
+        """Return the sum of `data[start:end]`, correct in the low 8 bits."""
         first = -(-(self._origin + start) // 256)
         last = (self._origin + end) // 256
         head = adler32(data[start : first * 256 - self._origin]) - 1
@@ -54,12 +54,12 @@ class BlockSums:
 
 ByteOrder = Literal["little", "big"]
 Frame = tuple[int, bytes]
-"""Packet id and content of one intact frame."""
+"""Packet id and content of an intact frame."""
 
 MAGIC = b"\x13\x4c\x05\x1d"
 HEADER_SIZE = 8
 OVERHEAD = HEADER_SIZE + 1
-"""The bytes of a frame besides its content: header and checksum."""
+"""Bytes of a frame besides the content: header and checksum."""
 MAX_CONTENT = 0xFFFF
 
 HEADER = {"little": Struct("<4sHH"), "big": Struct(">4sHH")}
@@ -68,7 +68,7 @@ HEADER = {"little": Struct("<4sHH"), "big": Struct(">4sHH")}
 def checksum(data: bytes) -> int:
     """Return the sum of all bytes modulo 256 (document, 1.3).
 
-    The low half of an Adler-32 is one plus the sum of the bytes, exact up to 256 bytes and eight times as fast as
+    The low half of an Adler-32 is the sum of the bytes plus 1, exact up to 256 bytes and eight times as fast as
     `sum`. The high half is a multiple of 65,536 and falls away.
     """
     if len(data) <= 256:

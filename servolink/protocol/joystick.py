@@ -26,14 +26,14 @@ class QueryJoystickTableListRequest(Query[QueryJoystickTableListResponse], froze
 
 
 class QueryJoystickTableResponse(JoystickTable, Response, frozen=True, gc=False):
-    """One joystick table; id 0 if there is none, the caption is then meaningless."""
+    """The requested joystick table; id 0 and a meaningless caption for a missing table."""
 
     packet_id: ClassVar[int] = 40021
     section: ClassVar[str] = "3.4.2.2"
 
 
 class QueryJoystickTableRequest(Query[QueryJoystickTableResponse], frozen=True, gc=False):
-    """Ask for one joystick table."""
+    """Ask for a single joystick table."""
 
     packet_id: ClassVar[int] = 40020
     section: ClassVar[str] = "3.4.2.1"
@@ -65,7 +65,7 @@ class DeleteJoystickTableResponse(Result, frozen=True, gc=False):
 
 
 class DeleteJoystickTableRequest(Request[DeleteJoystickTableResponse], frozen=True, gc=False):
-    """Delete one joystick table."""
+    """Delete a single joystick table."""
 
     packet_id: ClassVar[int] = 40040
     section: ClassVar[str] = "3.4.4.1"
@@ -75,14 +75,14 @@ class DeleteJoystickTableRequest(Request[DeleteJoystickTableResponse], frozen=Tr
 
 
 class SetActiveJoystickTableResponse(Result, frozen=True, gc=False):
-    """Whether the table is now the active one."""
+    """Whether the table is active now."""
 
     packet_id: ClassVar[int] = 40051
     section: ClassVar[str] = "3.4.5.2"
 
 
 class SetActiveJoystickTableRequest(Request[SetActiveJoystickTableResponse], frozen=True, gc=False):
-    """Make one joystick table the active one."""
+    """Make a joystick table active."""
 
     packet_id: ClassVar[int] = 40050
     section: ClassVar[str] = "3.4.5.1"
@@ -128,7 +128,7 @@ PRESS, LONG_PRESS, UP = 1, 2, 4
 
 
 class ButtonEventResponse(Response, frozen=True, gc=False):
-    """A button event, sent by the board without a request after a subscription."""
+    """Button event, sent by the board without a request after a subscription."""
 
     packet_id: ClassVar[int] = 40081
     section: ClassVar[str] = "3.4.8.2"
@@ -137,5 +137,5 @@ class ButtonEventResponse(Response, frozen=True, gc=False):
 
     @property
     def kind(self) -> str:
-        """The event in words: `press`, `long_press`, `up`, or `event N` for a number the document does not define."""
+        """Event in words: `press`, `long_press`, `up`, or `event N` for a number undefined in the document."""
         return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")

@@ -17,14 +17,14 @@ from servolink.escaping import quote
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"
 _SURROGATE = re.compile("[\ud800-\udfff]")
-_type_info = cache(inspect.type_info)  # it reads the annotations of all classes inside, which takes milliseconds
+_type_info = cache(inspect.type_info)  # reads the annotations of all nested classes, which takes milliseconds
 
 
 def convert(value: Any, expected: Any) -> Any:
-    """Return `value`, as `json` reads it, converted to the type `expected`.
+    """Return `value`, as read by `json`, converted to the type `expected`.
 
-    Raise EncodeError with `path` and `text`: where in `value` and why not. It is the only translator of msgspec's
-    errors.
+    Raise EncodeError with `path` (the place in `value`) and `text` (the reason). Only `convert` translates errors of
+    msgspec.
     """
     try:
         return msgspec.convert(value, expected, builtin_types=[bytes])
@@ -34,8 +34,8 @@ def convert(value: Any, expected: Any) -> Any:
     except UnicodeEncodeError as error:
         if (encodable := _without_surrogates(value)) == value:
             raise EncodeError(f"{quote(error.object)} is not text") from None
-        # Half a character as the name of a field or as a type: msgspec fails before it knows the place. Any other
-        # character there is as wrong, and its place gets known.
+        # Half a character in a field name or a type: msgspec fails before the place is known. With any other wrong
+        # character in the same place, msgspec names the place.
         return convert(encodable, expected)
 
 
@@ -48,11 +48,11 @@ def _without_surrogates(value: Any) -> Any:
 
 
 def _explain(message: str, value: Any, expected: Any) -> tuple[str, str]:
-    """Return where in `value` and why it is not `expected`; `message` is msgspec's."""
+    """Return the place in `value` and the reason why `expected` was not met; `message` is msgspec's."""
     opinion, _, where = message.rpartition(_AT)
-    # An error in the whole value names no place; what looks like one may be part of a field's name.
+    # An error in the whole value names no place; apparent places may be part of a field's name.
     is_placed = opinion and not (isinstance(value, dict) and any(_AT in key for key in value))
-    path = (where.rstrip("`") if is_placed else "").partition("[...]")[0]  # a key, which msgspec does not name
+    path = (where.rstrip("`") if is_placed else "").partition("[...]")[0]  # msgspec leaves a key without a name
     info: Any = _type_info(expected)
     for found in _PART.finditer(path):
         key, number = found.groups()
@@ -85,13 +85,13 @@ def _bare(info: Any) -> Any:
 
 
 def _structs(info: Any) -> tuple[Any, ...]:
-    """Return the types of objects that `info` allows."""
+    """Return the types of objects allowed by `info`."""
     members = info.types if isinstance(info, inspect.UnionType) else (info,)
     return tuple(member for member in members if isinstance(member, inspect.StructType))
 
 
 def _reason(info: Any, value: Any) -> str:
-    """Return why `value` itself is wrong, whatever it contains; empty if it is right."""
+    """Return the fault of `value` itself, apart from its contents; empty without a fault."""
     info = _bare(info)
     if structs := _structs(info):
         return _wrong_object(structs, value)
@@ -118,7 +118,7 @@ _TYPES: dict[type, tuple[type, ...]] = {
 
 
 def _wrong_values(info: inspect.DictType, value: Any) -> str:
-    """Return which value of an object with any keys is wrong, and why; empty if `value` is one and all are right."""
+    """Return the faulty value of an object with free keys, and the fault; empty if all values are right."""
     if not isinstance(value, dict):
         return f"must be an object, not {quote_json(value)}"
     expected = _bare(info.value_type)
@@ -132,7 +132,7 @@ def _wrong_values(info: inspect.DictType, value: Any) -> str:
 
 
 def _wrong_choice(info: inspect.UnionType, value: Any) -> str:
-    """Return why `value` is of none of several types: the reason of the type that it is nearest to."""
+    """Return why `value` has none of several types: the reason of the nearest type."""
     members: list[Any] = [_bare(one) for one in info.types]
     for member in members:
         if type(value) in _TYPES.get(type(member), ()):
@@ -209,6 +209,6 @@ _REASONS: dict[type, Callable[[Any, Any], str]] = {
 
 
 def quote_json(value: Any) -> str:
-    """Return `value` as JSON writes it, escaped and not long."""
+    """Return `value` in JSON notation, escaped and shortened."""
     is_own_word = value is None or isinstance(value, (bool, float))  # null, true, NaN
     return json.dumps(value) if is_own_word else quote(value)

@@ -1,11 +1,11 @@
 """Packets and records as plain values for `json`, and back.
 
-A packet keeps its raw fields, because what they mean can depend on the board:
-`{"packet": "QueryActionResponse", "id": 30021, "fields": {...}}`. Names are those of the document in snake_case,
-counts are left out, `data` is in hex.
+A packet keeps the raw fields, because the meaning of a field can depend on the board:
+`{"packet": "QueryActionResponse", "id": 30021, "fields": {...}}`. Names are as in the document, in snake_case;
+counts are left out, and `data` is in hex.
 
 A record has the form of project files, with units in the names (`interval_ms`) and types of macro commands in words.
-Files, `--json` and all else use this one form.
+Files, `--json` and all other outputs share this form.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from servolink.protocol.packet import I32, Natural32, Packet, Wire, wire_range
 from servolink.protocol.records import MacroCommand, MacroCommandType
 
 T = TypeVar("T", bound=Struct)
-_COMPARED = 64  # characters of a name; what is typed may be endless
+_COMPARED = 64  # characters of a name; typed text may be of any length
 
 
 def packet_to_json(packet: Packet) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def packet_to_json(packet: Packet) -> dict[str, Any]:
 
 
 def packet_from_json(value: Any) -> Packet:
-    """Return the packet of such an object. Raise EncodeError naming packet, field, value and range.
+    """Return the packet described by `value`. Raise EncodeError naming packet, field, value and range.
 
     Either `packet` or `id` may be missing, and `fields` for a packet without fields.
     """
@@ -51,7 +51,7 @@ def packet_from_json(value: Any) -> Packet:
         raise EncodeError(f"must be an object, not {quote(fields)}", "fields", name)
     if unknown := sorted(str(field) for field in fields if field not in declared.__struct_fields__):
         known = ", ".join(declared.__struct_fields__) or "none"
-        raise EncodeError(f"no such field; it has {known}", unknown[0], name)
+        raise EncodeError(f"no such field; the fields are {known}", unknown[0], name)
     if declared.__struct_fields__ == ("data",) and "data" in fields:
         fields = {"data": _from_hex(fields["data"], name)}
     try:
@@ -81,7 +81,7 @@ def _declared(value: Any) -> type[Packet]:
 
 
 def _suggestion(name: Any) -> str:
-    """Return what was probably meant by the name of a packet, as the end of a sentence; empty if nothing is similar."""
+    """Return a suggestion for the misspelt name of a packet, as the end of a sentence; empty without a similar name."""
     from difflib import get_close_matches  # late: needed for errors only
 
     close = get_close_matches(name[:_COMPARED], PACKETS_BY_NAME, n=1) if isinstance(name, str) else []
@@ -96,7 +96,7 @@ def _from_hex(text: Any, name: str) -> bytes:
 
 
 _UNITS = {"interval": ("interval_ms", 10), "ratio": ("ratio_percent", 1), "total_interval": ("total_interval_ms", 1)}
-"""Field of a record: its name in JSON, and how many of JSON's units make one of the board's."""
+"""Name in JSON, and JSON units per unit of the board, by field of a record."""
 _DESCRIPTIONS = {
     "action_id": None,
     "macro_id": None,
@@ -104,22 +104,22 @@ _DESCRIPTIONS = {
     "interval_ms": "time, ms",
     "total_interval_ms": "duration of the command with its loops, ms; 0 if not given",
 }
-"""Descriptions where those of the packets speak of responses or of other units."""
+"""Descriptions for fields with other units or another meaning than in the packets."""
 _COMMANDS = {
     MacroCommandType.ACTION: ("action", "action_id", "the action to run"),
     MacroCommandType.DELAY: ("delay", "delay_ms", "how long to wait, ms"),
     MacroCommandType.MACRO: ("macro", "macro_id", "the macro to run"),
 }
-"""Type of a macro command: its word, and name and description of its first field."""
+"""JSON word, and name and description of the first field, by type of a macro command."""
 _OTHER = ("other", "command_id", "what a board sent for a command of no known type")
 _TYPES = {word: number for number, (word, _, _) in _COMMANDS.items()}
 _NO_CONTROLS = r"^(?![\s\S]*[\u0000-\u001f\u007f-\u009f])"
 
 
 def record_to_json(record: Any) -> Any:
-    """Return the object for a record, a part of one, or another struct of them, ready for `json.dumps`.
+    """Return the object for a record, a part of a record, or another struct of records, ready for `json.dumps`.
 
-    Anything but a struct, which no record should hold, is returned as it is: `record_from_json` says what it is.
+    Anything but a struct, never valid in a record, is returned unchanged: `record_from_json` names the fault.
     """
     if not isinstance(record, Struct):
         return record
@@ -129,10 +129,10 @@ def record_to_json(record: Any) -> Any:
 
 
 def record_from_json(record_class: type[T], value: Any, *, unchecked: bool = False) -> T:
-    """Return the record of such an object. Raise EncodeError naming path, value and range.
+    """Return the record described by `value`. Raise EncodeError naming path, value and range.
 
-    `unchecked` accepts everything a board can have sent: numbers that the wire carries and the document does not
-    allow, captions with control characters, macro commands of other types.
+    `unchecked` accepts all values that a board can have sent: numbers in the range of the wire but outside the
+    document's, captions with control characters, macro commands of other types.
     """
     return struct_from_json(record_class, convert(value, json_type(record_class, unchecked=unchecked)))
 
@@ -152,7 +152,7 @@ def struct_from_json(record_class: type[T], given: Any) -> T:
 
 @cache
 def json_type(record_class: type[Struct], *, unchecked: bool, head: tuple[tuple[str, Any, Any], ...] = ()) -> Any:
-    """Return the msgspec type of a record's JSON; `head` are fields before those of the record."""
+    """Return the msgspec type of a record's JSON; `head` lists fields in front of the record's."""
     if record_class is MacroCommand:
         return _command_types(unchecked=unchecked)
     fields = [(field.key, _field_type(field, unchecked=unchecked), field.default) for field in _fields(record_class)]
@@ -184,13 +184,13 @@ def _value_to_json(value: Any, field: _Field) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """One field of a record, and its form in JSON."""
+    """Field of a record with the corresponding JSON field."""
 
     name: str
     key: str
     unit: int
     item: type[Struct] | None
-    """The type of the records in a list."""
+    """Type of the records in a list."""
     hint: Any
     default: Any
 
@@ -222,7 +222,7 @@ def _field_type(field: _Field, *, unchecked: bool) -> Any:
     metadata = field.hint.__metadata__
     code = next((one.code for one in metadata if isinstance(one, Wire)), "")
     if not code:
-        return field.hint  # may be null; its range is that of the wire
+        return field.hint  # may be null; the range is that of the wire
     metas = [one for one in metadata if isinstance(one, Meta)]
     about = Meta(
         description=_DESCRIPTIONS.get(field.key, next((one.description for one in metas if one.description), None))
@@ -243,7 +243,7 @@ def _annotated(kind: type, *metas: Meta) -> Any:
 
 
 def _command_types(*, unchecked: bool) -> Any:
-    """Return the union of the types of macro commands, which `type` tells apart."""
+    """Return the union of the types of macro commands, distinguished by `type`."""
     shared = [
         (field.key, _field_type(field, unchecked=unchecked), field.default) for field in _fields(MacroCommand)[2:]
     ]

@@ -1,7 +1,7 @@
-"""Compiled declarations of packets: content to and from values, and the lengths that a content may have.
+"""Compiled declarations of packets: content to and from values, and the permitted lengths of a content.
 
 A content has fixed fields, then at most one variable part: a counted group, the rest of the bytes, or an optional
-last field. That covers all 60 packets, so nothing more general is built.
+last field. All 60 packets have such a form, so the compiler supports nothing more general.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from servolink.protocol.packet import Counted, Packet, Response, bare, counted, 
 from servolink.protocol.row import Row, Writing
 
 Decoder = Callable[[bytes, str], Packet]
-"""Returns the packet for a content and a caption encoding. Raises DecodeError, which keeps the content."""
+"""Returns the packet for a content and a caption encoding. Raises DecodeError, with the content."""
 
 
 class LengthRule(Record, frozen=True):
-    """The content lengths a packet may have: `base + n * unit` with n from 0 to `limit`."""
+    """Permitted content lengths of a packet: `base + n * unit` with n from 0 to `limit`."""
 
     base: int
     unit: int = 0
@@ -39,32 +39,32 @@ class LengthRule(Record, frozen=True):
 
 
 class Layout:
-    """The content of one packet class in one byte order."""
+    """Content of a packet class in a byte order."""
 
     def __init__(self, declared: type[Packet], byte_order: ByteOrder) -> None:
         """Compile the declaration of `declared`."""
         self._packet: Callable[..., Packet] = declared
         self._name = declared.__name__
-        self._from_us = not issubclass(declared, Response)  # its captions are composed here, so they are checked
+        self._from_us = not issubclass(declared, Response)  # captions of requests are composed here, so checked
         prefix = "<" if byte_order == "little" else ">"
         hints = get_type_hints(declared, include_extras=True)
         names = list(declared.__struct_fields__)
-        self._tail = ""  # the name of the group, or of the rest of the bytes
+        self._tail = ""  # name of the group, or of the rest of the bytes
         last = hints[names[-1]] if names else None
         count = counted(last)
         if count is not None or bare(last) is bytes:
             self._tail = names.pop()
         fixed = [value(name, hints[name]) for name in names]
-        # An optional last field makes two rows: the head without it and the whole with it.
+        # An optional last field makes two rows: the head without the field, and the whole content.
         self._whole = Row(fixed, prefix) if fixed and fixed[-1].optional else None
         self._head = Row(fixed[:-1] if self._whole else fixed, prefix, count.count if count else "")
         self._record: type[Record] | None = None  # None for a group of plain numbers
-        self._item: Row | None = None  # one item of the group
+        self._item: Row | None = None  # item of the group
         if count is not None:
             self._record, values = group(last)
             self._item = Row(values, prefix)
         self.rule = self._rule(count)
-        # Most requests have only fixed numbers: struct packs them in one call.
+        # For most requests, with fixed numbers only, struct packs all fields in a single call.
         self._pack = self._head.format.pack if self.rule.unit == 0 and not self._head.captions else None
         self.decode: Decoder = self._decoder()
 
@@ -80,10 +80,10 @@ class Layout:
         return LengthRule(base)
 
     def encode(self, packet: Packet, encoding: str, *, unchecked: bool = False) -> bytes:
-        """Return the content of `packet`. Raise EncodeError naming the field whose value does not fit.
+        """Return the content of `packet`. Raise EncodeError naming the unsuitable field.
 
-        `unchecked` allows everything a board can have sent: numbers outside their declared range that the wire
-        carries, captions with control characters.
+        `unchecked` allows all values that a board can have sent: numbers outside the declared range within the range of
+        the wire, and captions with control characters.
         """
         values = astuple(packet)
         if self._pack is not None:
@@ -91,7 +91,7 @@ class Layout:
                 if unchecked or self._head.free or self._head.in_range(values):
                     return self._pack(*values)
             except (struct_error, TypeError):
-                pass  # the slow way below says which value does not fit
+                pass  # the slow way below names the unsuitable value
         how = _writing(encoding, self._from_us and not unchecked, not unchecked)
         try:
             return self._encode(values, how)
@@ -124,7 +124,7 @@ class Layout:
         return head + item.pack_group(records, self._record, self._tail, how)
 
     def _decoder(self) -> Decoder:
-        """Return the decoder for this kind of content."""
+        """Return the decoder for the content of this packet class."""
         if self._item is not None:
             return self._group_decoder(self._item)
         if self._tail:
@@ -179,7 +179,7 @@ class Layout:
         return decode if head.values else decode_bare
 
     def _wrong_length(self, content: bytes) -> DecodeError:
-        """Return the error for a content whose length breaks the rule."""
+        """Return the error for a content length that breaks the rule."""
         rule = self.rule
         wanted = str(rule.base) if rule.unit == 0 else f"{rule.base} + n * {rule.unit}"
         return DecodeError(f"{self._name}: the content has {len(content)} bytes, not {wanted}", content)
@@ -203,6 +203,6 @@ def layout(declared: type[Packet], byte_order: ByteOrder) -> Layout:
 
 
 def content_size(declared: type[Packet], count: int = 0) -> int:
-    """Return the bytes of a content with `count` items in its group; frames add `frame.OVERHEAD`."""
+    """Return the bytes of a content with `count` items in the group; frames add `frame.OVERHEAD`."""
     rule = layout(declared, "little").rule
     return rule.base + count * rule.unit

@@ -1,4 +1,4 @@
-"""The base classes and field types with which packets are declared."""
+"""Base classes and field types for the declaration of packets."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from servolink.escaping import quote
 
 
 class Wire(Struct, frozen=True):
-    """The form of a value on the wire: a `struct` code without byte order."""
+    """Form of a value on the wire: a `struct` code without byte order."""
 
     code: str
 
 
 class Counted(Struct, frozen=True):
-    """A repeated group behind the fixed fields; its count, in this `struct` code, comes first."""
+    """Repeated group behind the fixed fields, preceded by a count with this `struct` code."""
 
     count: str
 
@@ -31,7 +31,7 @@ U32 = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF), Wire("I")]
 I16 = Annotated[int, Meta(ge=-0x8000, le=0x7FFF), Wire("h")]
 I32 = Annotated[int, Meta(ge=-0x8000_0000, le=0x7FFF_FFFF), Wire("i")]
 
-# The same on the wire, with a narrower range for values we write. Values from a board may be outside of it.
+# Same form on the wire, narrower range for values written by the library. Values from a board may exceed the range.
 Flag = Annotated[int, Meta(ge=0, le=1), Wire("B")]
 CommandType = Annotated[int, Meta(ge=0, le=2), Wire("B")]
 Percent = Annotated[int, Meta(ge=1, le=100), Wire("B")]
@@ -47,7 +47,7 @@ U16_COUNT = Counted("H")
 
 
 class Value(Struct, frozen=True):
-    """One number or caption of a packet or a record."""
+    """Number or caption of a packet or a record."""
 
     name: str
     code: str
@@ -62,11 +62,11 @@ class Value(Struct, frozen=True):
 
     @property
     def narrow(self) -> bool:
-        """Whether the value is a number whose range is narrower than that of the wire."""
+        """Whether the value is a number with a range narrower than on the wire."""
         return not self.is_caption and (self.low, self.high) != wire_range(self.code)
 
     def fault(self, value: object) -> str:
-        """Return why `value` does not fit, in words that follow the name of the field; empty if it fits."""
+        """Return the fault of `value`, as the end of a sentence after the field name; empty for a suitable value."""
         try:
             fits = self.low <= index(value) <= self.high  # type: ignore[arg-type]  # raises for these
         except TypeError:
@@ -75,7 +75,7 @@ class Value(Struct, frozen=True):
 
 
 def value(name: str, hint: Any) -> Value:
-    """Return the value that a field declares. Raise TypeError if its annotation has no wire form."""
+    """Return the value declared by a field. Raise TypeError for an annotation without a wire form."""
     optional = types.NoneType in _choices(hint)
     wire = metadata(hint, Wire)
     if wire is None:
@@ -98,7 +98,7 @@ def group(hint: Any) -> tuple[type[Record] | None, list[Value]]:
 
 
 def counted(hint: Any) -> Counted | None:
-    """Return how the group is counted that `hint` declares; None if it declares none."""
+    """Return the form of the count of the group declared by `hint`; None without a group."""
     found: Counted | None = metadata(hint, Counted)
     return found
 
@@ -112,17 +112,17 @@ def wire_range(code: str) -> tuple[int, int]:
 
 
 def bare(hint: Any) -> Any:
-    """Return `hint` without its annotations."""
+    """Return `hint` without the annotations around the type."""
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
 
 
 def metadata(hint: Any, kind: type) -> Any:
-    """Return the first metadata of this type; None without any."""
+    """Return the first metadata of type `kind`, None without any."""
     return next((entry for entry in _all_metadata(hint) if isinstance(entry, kind)), None)
 
 
 def _choices(hint: Any) -> tuple[Any, ...]:
-    """Return the members of a union, ignoring annotations; of any other type that type itself."""
+    """Return the members of a union, without annotations; for any other type, only the type itself."""
     found = bare(hint)
     return get_args(found) if get_origin(found) in (Union, types.UnionType) else (found,)
 
@@ -139,29 +139,29 @@ class Effect(Enum):
     """Effect of a packet on the servos of the robot."""
 
     MOVES = "moves"
-    """Servos turn, or start to."""
+    """Servos turn, or start to turn."""
     MAY_MOVE = "may move"
     """Servos may turn: at once, to a new correction, or later, by a button of an active joystick table."""
     GOES_LIMP = "goes limp"
-    """Servos are released, and drop what they hold."""
+    """Servos are released, and drop their loads."""
     STOPS = "stops"
-    """Servos stop and hold, which anybody may ask for at any time (3.2.3)."""
+    """Servos stop and hold, a request that any program may send at any time (3.2.3)."""
     NONE = "none"
     """No servo turns or gives way."""
 
 
 class Packet(Struct, frozen=True, gc=False):
-    """One of the document's 60 packets; the fields of the class stand in their order on the wire."""
+    """Base class of the document's 60 packets; the class fields have the same order as on the wire."""
 
     packet_id: ClassVar[int]
     section: ClassVar[str]
-    """The section of the document that defines the packet."""
+    """Section of the document with the definition of the packet."""
     repeatable: ClassVar[bool] = False
-    """Whether the host may send it again: doing it twice has the effect of doing it once."""
+    """Whether the host may repeat the packet: sent twice, the effect is the same."""
     alone: ClassVar[bool] = False
-    """Whether no other packet may be under way beside it: their order decides what they do."""
+    """Whether no other packet may be under way at the same time: the order decides the effect of both."""
     effect: ClassVar[Effect] = Effect.NONE
-    """Effect on the servos; declared by each packet that the host sends, except queries."""
+    """Effect on the servos; declared by each packet from the host, except queries."""
 
 
 class Response(Packet, frozen=True, gc=False):
@@ -169,7 +169,7 @@ class Response(Packet, frozen=True, gc=False):
 
 
 class Result(Response, frozen=True, gc=False):
-    """A response that only says whether the request was carried out."""
+    """Response with nothing but the success of the request."""
 
     result: Annotated[U8, Meta(description="0 failed, 1 done")]
 
@@ -178,34 +178,34 @@ R_co = TypeVar("R_co", bound=Response, covariant=True)
 
 
 class Command(Packet, frozen=True, gc=False):
-    """A packet sent by the host that has no response."""
+    """A packet sent by the host, without a response."""
 
 
 class Request(Packet, Generic[R_co], frozen=True, gc=False):
-    """A packet sent by the host with the response `R_co`, whose id is one higher. It may change the board."""
+    """A packet sent by the host that may change the board, with the response `R_co` under the next higher id."""
 
     echoed: ClassVar[str] = ""
-    """The field that the response repeats; a board that refuses sends 0 in its place."""
+    """Field repeated in the response; after a refusal, the board sends 0 in the same place."""
     changes: ClassVar[str] = ""
-    """The field with the id of the one record that the request changes, none if it changes anything else."""
+    """Field with the id of the single record changed by the request; empty for any other change."""
 
     def accepts(self, response: Response) -> bool:
-        """Return whether `response`, which has the right id, can be the response to exactly this request."""
+        """Return whether `response`, with the right id, can be the response to exactly this request."""
         if not self.echoed:
             return True
         return getattr(response, self.echoed) in (getattr(self, self.echoed), 0)
 
 
 class Query(Request[R_co], frozen=True, gc=False):
-    """Request that changes nothing and may be repeated."""
+    """Request without any change to the board, safe to repeat."""
 
     repeatable: ClassVar[bool] = True
 
 
 def is_motion(packet: Packet) -> bool:
-    """Return whether `packet` can make a servo turn, or drop what it holds, as soon as it is sent.
+    """Return whether `packet` can make a servo turn or go limp as soon as it is sent.
 
-    What is repeatable turns nothing by itself: an active joystick table waits for a button.
+    Repeatable packets turn nothing by themselves: an active joystick table waits for a button.
     """
     match packet.effect:
         case Effect.MOVES | Effect.GOES_LIMP:

@@ -1,8 +1,8 @@
-"""FrameParser: the intact frames in a byte stream, however it is cut and damaged.
+"""FrameParser: intact frames from a byte stream, cut into chunks at any place and damaged in any way.
 
-The parser is total: it takes any bytes and never raises, and the same stream gives the same frames however it is cut.
-A frame is accepted when its id is known, its length obeys the rule of that id and its sum is right. A rejected frame is
-searched inside, not skipped, so that no intact frame inside it is lost. `recovery` searches accepted ones too.
+The parser takes any bytes and never raises, and the same stream gives the same frames for any size of chunk. A
+frame is accepted with a known id, a length by the rule of the id, and the right sum. A rejected frame is searched
+inside, not skipped, so that no intact frame inside is lost. `recovery` searches accepted frames too.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from servolink.protocol.recovery import DEEPEST, Recovery, next_magic
 
 REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
 PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
-"""Why bytes were skipped: zeros after a frame; no start of a frame; a start whose id, length or sum is wrong; a frame
-that never ended."""
+"""Reasons for skipped bytes: zeros after a frame; no start of a frame; a start with an unknown id, a wrong length or a
+wrong sum; a frame without an end."""
 
 _MAX_KNOWN_HEADERS = 4096  # a stream with more is made to fill memory
-_SHORT = 255  # the longest content that adler32 sums at once, together with the header's share
-_LONG = 4096  # contents above are summed in blocks that are remembered, so that overlapping claims stay cheap
-_WARY = 256  # after damage, as many frames are searched for whole frames inside
-_ROOMY = OVERHEAD + HEADER_SIZE  # the size of a frame that has room for the start of another inside
+_SHORT = 255  # longest content summed by adler32 at once, together with the header's share
+_LONG = 4096  # longer contents are summed in remembered blocks, so that overlapping claims stay cheap
+_WARY = 256  # number of frames after damage to search for whole frames inside
+_ROOMY = OVERHEAD + HEADER_SIZE  # size of a frame with room for the start of another inside
 
-_HEADER = slice(HEADER_SIZE)  # of data that begins with a frame
-_CONTENT = slice(HEADER_SIZE, -1)  # of one frame
+_HEADER = slice(HEADER_SIZE)  # part of data that begins with a frame
+_CONTENT = slice(HEADER_SIZE, -1)  # part of data with exactly a frame
 
 _Entry = tuple[int, int, int, Callable[[bytes, int], tuple[Any, ...]] | None]
-"""What a header implies: the size of the frame, its packet id, the header's share of the sum, and the function that
-cuts content, checksum and next header out of a buffer; None if the content is longer than `_SHORT`."""
+"""Facts derived from a header: size of the frame, packet id, share of the header in the sum, and the function to cut
+content, checksum and next header out of a buffer (None for a content longer than `_SHORT`)."""
 
 
 class FrameParser:
@@ -57,28 +57,28 @@ class FrameParser:
         self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
-        self._held: bytes | bytearray = b""  # the incomplete rest; a bytearray if it may grow long in small steps
-        self._needed = HEADER_SIZE  # how long it must get before another look is worth it
+        self._held: bytes | bytearray = b""  # incomplete rest; a bytearray if likely to grow long in small steps
+        self._needed = HEADER_SIZE  # length needed before another look is worthwhile
         self._reason = PADDING
         self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), DEEPEST)
-        self._wary = 0  # how many more frames are searched for whole frames inside
+        self._wary = 0  # number of further frames to search for whole frames inside
         self._blocks: BlockSums | None = None
         self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
-        """Take the next bytes of the stream and return the frames that are now complete."""
+        """Take the next bytes of the stream, and return the frames completed by them."""
         held = self._held
         if held:
             held += chunk
             if len(held) < self._needed:
-                # A long frame in small chunks grows in place; a short one is cheaper to copy.
+                # A long frame in small chunks grows in place; a short frame is cheaper to copy.
                 self._held = bytearray(held) if len(held) > _SHORT and type(held) is bytes else held
                 return []
             return self._scan(held if type(held) is bytes else bytes(held))
         if type(chunk) is not bytes:
             chunk = bytes(chunk)
-        # Most responses come alone in a chunk. If nothing else is under way, these few steps leave the state that
-        # `_scan` would leave, in 60 % of the time.
+        # Most responses come as a whole chunk. With nothing else under way, these few steps leave the same state as
+        # `_scan`, in 60 % of the time.
         try:
             size, packet_id, total, cut = self._entries[chunk[_HEADER]]
         except KeyError:
@@ -92,17 +92,17 @@ class FrameParser:
         return self._scan(chunk)
 
     def abandon_frame(self) -> list[Frame]:
-        """Stop waiting for the rest of the partial frame and return the frames inside it."""
+        """Stop waiting for the rest of the partial frame, and return the frames inside."""
         data = bytes(self._held)
         if len(data) < HEADER_SIZE:
-            return self._scan(data)  # without a length so far, perhaps not a frame at all
+            return self._scan(data)  # length not received so far; perhaps not a frame at all
         self._reason = INCOMPLETE
         self._recovery.lose_sync()
         self._skip(data, 0, len(MAGIC), [])
         return self._scan(data, len(MAGIC))
 
     def finish(self) -> list[Frame]:
-        """End the stream: return the last frames and skip what never became one."""
+        """End the stream: return the last frames, and skip the bytes outside of frames."""
         frames = self._scan(bytes(self._held)) if len(self._held) < HEADER_SIZE else []
         while len(self._held) >= HEADER_SIZE:
             earlier = self.take_skipped() if self._kept else []
@@ -118,19 +118,19 @@ class FrameParser:
 
     @property
     def partial_frame(self) -> tuple[int, int, int] | None:
-        """Packet id, bytes received and bytes wanted of the frame that is incomplete; None between frames."""
+        """Packet id, bytes received and total bytes of the incomplete frame; None between frames."""
         entry = self._entries.get(bytes(self._held[:HEADER_SIZE]))
         return (entry[1], len(self._held), entry[0]) if entry else None
 
     def take_skipped(self) -> list[tuple[int, bytes, str]]:
-        """Return (frames of the last call before it, bytes, reason) of each span skipped since the last call."""
+        """Return (frames of the last feed before the span, bytes, reason) of each span skipped since the last call."""
         taken, self._kept = self._kept or [], []
         return taken
 
     def _scan(self, data: bytes, at: int = 0) -> list[Frame]:  # noqa: C901, PLR0912, PLR0915 - a call per frame would double its cost
-        """Collect the frames of `data` from `at` on and hold the incomplete rest."""
+        """Collect the frames of `data` from `at` on, and hold the incomplete rest."""
         frames: list[Frame] = []
-        frame: Frame | None = None  # the last one, until `recovery` is told: of frames in a row it needs only that
+        frame: Frame | None = None  # last frame; of frames in a row, `recovery` needs only the last
         entries = self._entries
         needed = HEADER_SIZE  # fewer bytes cannot tell whether a frame begins
         length = len(data)
@@ -145,7 +145,7 @@ class FrameParser:
                 damaged = False
             else:
                 end = at + size
-                if end <= room and cut is not None:  # one call cuts content, checksum and the next header
+                if end <= room and cut is not None:  # a single call cuts content, checksum and the next header
                     content, check, header = cut(data, at)
                     sums = adler32(content, total)
                 elif end <= length:
@@ -156,14 +156,14 @@ class FrameParser:
                     needed = size
                     break
                 if sums & 0xFF == check:
-                    # One damaged frame in 256 passes. Waiting for the next to confirm it would delay every
-                    # response: accept it now, let recovery rescan it if sync is lost behind it.
+                    # Of 256 damaged frames, 1 passes. Waiting for the next frame as proof would delay every response:
+                    # accept now, and let recovery rescan the frame if sync is lost behind it.
                     frame = packet_id, content
                     frames.append(frame)
                     at = end
                     if self._wary:
                         if size >= _ROOMY and MAGIC in content:
-                            # Damage was seen lately: the frame inside is more likely swallowed than quoted.
+                            # After recent damage, the frame inside is more likely swallowed than quoted.
                             self._recovery.accept(frame, at)
                             frame = None
                             frames += self._recovery.take_inside(self._wary)
@@ -193,11 +193,11 @@ class FrameParser:
         if self._blocks is not None:
             self._blocks.move(at)
             if at == length:
-                self._blocks = None  # nothing is held that could be summed again
+                self._blocks = None  # no held bytes are left to sum again
         return frames
 
     def _long_sum(self, total: int, content: bytes, data: bytes, end: int) -> int:
-        """Return the sum of a frame that ends at `end`, right in its low 8 bits; the header has the share `total`."""
+        """Return the sum of a frame up to `end`, correct in the low 8 bits; the header has the share `total`."""
         if len(content) <= _LONG:
             return total + checksum(content)
         if self._blocks is None:
@@ -205,7 +205,7 @@ class FrameParser:
         return total + self._blocks.sum(data, end - 1 - len(content), end - 1)
 
     def _recover(self, data: bytes, at: int, frames: list[Frame], *, damaged: bool) -> tuple[bytes, int]:
-        """Continue where no frame is: return the buffer and where to scan on in it."""
+        """Continue at a place without a frame: return the buffer and the next position to scan."""
         recovery = self._recovery
         head = data[at : at + HEADER_SIZE]
         if recovery.in_sync:
@@ -214,8 +214,8 @@ class FrameParser:
         if head.startswith(MAGIC):
             reason = CHECKSUM if damaged else self._admit(head)
             if not reason:
-                return data, at  # the next look finds the header among the known ones
-            # A frame that follows the last one, even a damaged one, says that the last one ended where it should.
+                return data, at  # the next look finds the header among the known headers
+            # A frame right after the last frame, even damaged, shows that the last frame ended in the right place.
             recovery.lose_sync()
             self._reason = reason
             self._skip(data, at, at + len(MAGIC), frames)
@@ -223,7 +223,7 @@ class FrameParser:
         if self._reason == PADDING:
             if not data[at]:
                 return data, self._skip_padding(data, at, frames)
-            # Anything but a frame or zeros behind a frame: it may have ended too late and swallowed others.
+            # Anything but a frame or zeros behind a frame: the frame may be too long, and have swallowed others.
             self._reason = NOISE
             if (again := recovery.rescan(data, at)) is not None:
                 self._wary = _WARY
@@ -235,7 +235,7 @@ class FrameParser:
         return data, end
 
     def _skip_padding(self, data: bytes, at: int, frames: list[Frame]) -> int:
-        """Skip zeros, add the frames that turn out to end in them, and return where they end."""
+        """Skip zeros, add the frames found to end within the zeros, and return the end of the zeros."""
         end = self._recovery.padding_end(data, at, self._wary)
         self._skip(data, at, end, frames)
         if found := self._recovery.read_padding(data[at:end]):
@@ -244,7 +244,7 @@ class FrameParser:
         return end
 
     def _admit(self, header: bytes) -> str:
-        """Remember what `header` implies; return why it cannot be one, empty if it can."""
+        """Remember the facts of `header`; return the reason to reject the header, empty for a valid header."""
         _, packet_id, length = HEADER[self.byte_order].unpack(header)
         declared = PACKETS.get(packet_id)
         if declared is None:
@@ -258,7 +258,7 @@ class FrameParser:
         return ""
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
-        """Count bytes as skipped, unless they are read again and have been counted before."""
+        """Count bytes as skipped, except bytes read again and counted before."""
         start = self._recovery.first_unread(start)
         if start >= end:
             return
@@ -275,7 +275,7 @@ def _cutter(length: int) -> Callable[[bytes, int], tuple[Any, ...]]:
 
 
 class _InnerParser(FrameParser):
-    """A parser for the inside of a frame, as `recovery` uses it."""
+    """A parser for the inside of a frame, as used by `recovery`."""
 
     def __init__(self, byte_order: ByteOrder, deepest: int, wary: int) -> None:
         super().__init__(byte_order)
@@ -284,15 +284,15 @@ class _InnerParser(FrameParser):
 
     @property
     def recovery(self) -> Recovery:
-        """Its own recovery."""
+        """Recovery state of the inner parser."""
         return self._recovery
 
     @property
     def held(self) -> bytes:
-        """The bytes of the frame that it has not received whole."""
+        """Bytes of the incomplete frame so far."""
         return bytes(self._held)
 
     @property
     def missing(self) -> int:
-        """How many more bytes it needs at least."""
+        """Number of further bytes needed at least."""
         return self._needed - len(self._held)

@@ -1,6 +1,6 @@
-"""The types of stored records: their packets, what they refer to and how many bytes they take.
+"""Types of stored records, with packets, references to other records, and sizes in bytes.
 
-All layers loop over `RECORD_TYPES`; a new type of record is one more entry.
+All layers loop over `RECORD_TYPES`; a new type of record is a further entry.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ T = TypeVar("T", bound=Struct)
 
 
 class StoredType(Struct, Generic[T], frozen=True, eq=False):
-    """A type of object that a board stores; its first field is the id."""
+    """Type of object stored by a board, with the id as the first field."""
 
     label: str
-    """The name people use, such as `joystick table`."""
+    """Name for people, such as `joystick table`."""
     field: str
-    """The field of `Project` that holds all of them."""
+    """Field of `Project` with all objects of the type."""
     record_class: type[T]
     add_class: type[Request[Result]]
 
@@ -46,19 +46,19 @@ class StoredType(Struct, Generic[T], frozen=True, eq=False):
         return self.label
 
     def by_id(self, project: Any) -> dict[int, T]:
-        """Return the objects of this type in a `Project`, by id; of an id used twice, the last one."""
+        """Return the objects of this type in a `Project`, by id; for a duplicate id, the last object."""
         return {self.id_of(record): record for record in getattr(project, self.field)}
 
     def id_of(self, record: Struct) -> int:
-        """Return the id of a record, of its entry in a list, or of the request that adds it."""
+        """Return the id of a record, a list entry, or a request to add a record."""
         return int(getattr(record, record.__struct_fields__[0]))
 
     def caption_of(self, record: Struct) -> str:
-        """Return the caption of a record or of its entry in a list."""
+        """Return the caption of a record or of a list entry."""
         return str(getattr(record, next(name for name in record.__struct_fields__ if name.endswith("_caption"))))
 
     def size(self, record: T) -> int:
-        """Return the bytes `record` takes on the wire, and by assumption on the board.
+        """Return the bytes of `record` on the wire, and by assumption on the board.
 
         A board may keep a little more or less; the protocol cannot tell.
         """
@@ -66,13 +66,13 @@ class StoredType(Struct, Generic[T], frozen=True, eq=False):
 
 
 class RecordType(StoredType[T], frozen=True, eq=False):
-    """A type of record that is listed, queried, added and deleted one by one."""
+    """Type of record with a list, and with requests to query, add and delete a single record."""
 
     list_request: Query[Any]
     query_class: type[Query[Any]]
     delete_class: type[Request[Result]]
     links: Callable[[Any], Iterable[tuple[str, RecordType[Any]]]]
-    """The fields of a part that hold the id of another record, each with the type of that record."""
+    """Fields of a part with the id of another record, each with the type of the other record."""
 
     def parts_of(self, record: Struct) -> tuple[Any, ...]:
         """Return the steps, commands or buttons of a record."""
@@ -84,11 +84,11 @@ class RecordType(StoredType[T], frozen=True, eq=False):
         return self.query_class(**{field: record_id})
 
     def add(self, record: T) -> Request[Result]:
-        """Return the request that stores `record`."""
+        """Return the request to store `record`."""
         return self.add_class(*astuple(record))
 
     def delete(self, record_id: int) -> Request[Result]:
-        """Return the request that deletes a record."""
+        """Return the request to delete a record."""
         (field,) = self.delete_class.__struct_fields__
         return self.delete_class(**{field: record_id})
 
@@ -101,15 +101,15 @@ class RecordType(StoredType[T], frozen=True, eq=False):
         return tuple(map(self.id_of, self.entries_in(response)))
 
     def record_in(self, packet: Packet) -> T | None:
-        """Return the record in the response to a query, or in the request that adds one; None for the id 0.
+        """Return the record in the response to a query, or in the request to add a record; None for the id 0.
 
-        A board that has no such record sends the id 0.
+        A board without the record sends the id 0.
         """
         *others, parts = astuple(packet)
         return self.record_class(*others, tuple(parts)) if others[0] else None
 
     def references(self, record: T) -> Iterator[tuple[RecordType[Any], int]]:
-        """Yield type and id of each record that `record` refers to; id 0 for a button without a macro."""
+        """Yield type and id of each record named in `record`; id 0 for a button without a macro."""
         for part in self.parts_of(record):
             for name, target in self.links(part):
                 yield target, getattr(part, name)
@@ -123,7 +123,7 @@ class RecordType(StoredType[T], frozen=True, eq=False):
         return replace(record, **{record.__struct_fields__[-1]: parts})
 
     def size(self, record: T) -> int:
-        """Return the bytes `record` takes on the wire, and by assumption on the board."""
+        """Return the bytes of `record` on the wire, and by assumption on the board."""
         return content_size(self.add_class, len(self.parts_of(record)))
 
     def list_size(self, count: int) -> int:
@@ -132,7 +132,7 @@ class RecordType(StoredType[T], frozen=True, eq=False):
 
     @property
     def list_limit(self) -> int:
-        """The number of entries that fit a list response."""
+        """Number of entries that fit into a list response."""
         return layout(self._list_response, "little").rule.limit
 
     @property
@@ -150,7 +150,7 @@ def _command_links(command: MacroCommand) -> Iterable[tuple[str, RecordType[Any]
             return (("command_id", ACTION),)
         case MacroCommandType.MACRO:
             return (("command_id", MACRO),)
-        case _:  # a delay, or a type that the document does not name
+        case _:  # a delay, or a type unknown to the document
             return ()
 
 
@@ -191,7 +191,7 @@ TABLE = RecordType(
 SERVO_PARAMETER = StoredType("servo parameter", "servo_parameters", ServoParameter, editing.AddServoParameterRequest)
 
 RECORD_TYPES: tuple[RecordType[Any], ...] = (ACTION, MACRO, TABLE)
-"""In the order in which they are written: a record is stored after what it refers to."""
+"""Record types in the order of writing: a record is stored after all records it refers to."""
 STORED_TYPES: tuple[StoredType[Any], ...] = (SERVO_PARAMETER, *RECORD_TYPES)
 """All types, in the order of a project file."""
 
@@ -205,7 +205,7 @@ def type_of(record: object) -> RecordType[Any]:
 
 
 def stored_size(record: Record | ServoParameter) -> int:
-    """Return the bytes a record or the parameters of a servo take: 38 + 5n for an action of n steps."""
+    """Return the bytes of a record or of the parameters of a servo: 38 + 5n for an action of n steps."""
     if isinstance(record, ServoParameter):
         return SERVO_PARAMETER.size(record)
     return type_of(record).size(record)

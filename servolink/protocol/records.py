@@ -1,4 +1,4 @@
-"""Records stored on a board (document, 3.3 and 3.4), their parts, and how a macro is played."""
+"""Records stored on a board (document, 3.3 and 3.4), their parts, and the playing of macros."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ from servolink.protocol.packet import (
 
 
 class RecordRef(int):
-    """The id of a record together with the record: a macro can refer to an action that has no id yet."""
+    """Record id together with the record: a macro can refer to an action without an id so far."""
 
     record: Any
 
     @classmethod
     def of(cls, record: Any) -> RecordRef:
-        """Return the reference to an Action or a Macro; its value is 0 while the record has no id."""
+        """Return the reference to an Action or a Macro; the value is 0 for a record without an id."""
         reference = cls(getattr(record, record.__struct_fields__[0]))
         reference.record = record
         return reference
 
 
 class MacroCommandType(IntEnum):
-    """The types of macro commands; a board may store others, which the document does not define."""
+    """Types of macro commands; a board may store other numbers, undefined in the document."""
 
     ACTION = 0
     DELAY = 1
@@ -49,7 +49,7 @@ class MacroCommandType(IntEnum):
 
 
 class Step(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """One servo's part of a movement: target and duration."""
+    """Part of a movement for a single servo: target and duration."""
 
     servo_id: U8
     degree: Annotated[I16, Meta(description="target, degrees or raw ADC, as set for this servo")]
@@ -57,7 +57,7 @@ class Step(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @property
     def seconds(self) -> float:
-        """The duration in seconds, in steps of 0.01 s."""
+        """Duration in seconds, in steps of 0.01 s."""
         return self.interval / 100
 
 
@@ -69,7 +69,7 @@ class ActionEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
 
 class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored pose. All steps start together; the action lasts as long as its longest step."""
+    """Stored pose. All steps start together; the action lasts as long as the longest step."""
 
     action_id: Annotated[I32, Meta(description="0 in a response: no such action")]
     action_caption: Caption = ""
@@ -77,14 +77,14 @@ class Action(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @property
     def seconds(self) -> float:
-        """The duration of the longest step in seconds; 0 without steps."""
+        """Duration of the longest step in seconds; 0 without steps."""
         return max((step.interval for step in self.steps), default=0) / 100
 
     @staticmethod
     def pose(caption: str, degrees: Mapping[int, float], *, seconds: float = 1.0, action_id: int = 0) -> Action:
-        """Return the action that moves servos to `degrees` (whole angles by servo id), all in `seconds` (0 to 327.67).
+        """Return an action with targets `degrees` (whole angles by servo id), each reached in `seconds` (0 to 327.67).
 
-        `build_project` gives it an id if it has none. Raise EncodeError for a time out of range.
+        For the id 0, `build_project` assigns an id. Raise EncodeError for a time out of range.
         """
         interval = _in_units(seconds, 100, 0x7FFF)
         steps = (Step(as_number(servo_id), _whole(angle), interval) for servo_id, angle in degrees.items())
@@ -99,7 +99,7 @@ class MacroEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
 
 class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """One command of a macro: run an action, wait, or run another macro."""
+    """Command of a macro: run an action, wait, or run another macro."""
 
     command_id: Annotated[I32, Meta(description="action id, delay in ms or macro id, depending on `type`")]
     type: Annotated[CommandType, Meta(description="0 action, 1 delay, 2 macro")] = MacroCommandType.ACTION.value
@@ -109,7 +109,7 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @staticmethod
     def of(part: Action | Macro | float, *, ratio: int = 100, loop: int = 1) -> MacroCommand:
-        """Return the command that runs an action or a macro, or waits for a number of seconds (to 0.001 s).
+        """Return the command to run an action or a macro, or to wait for a number of seconds (to 0.001 s).
 
         `build_project` fills in `total_interval`. Raise EncodeError for a pause out of range.
         """
@@ -122,7 +122,7 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
 
 class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored sequence of commands, run one after the other."""
+    """Stored sequence of commands, run in order."""
 
     macro_id: Annotated[I32, Meta(description="0 in a response: no such macro")]
     macro_caption: Caption = ""
@@ -130,16 +130,16 @@ class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @staticmethod
     def of(caption: str, *parts: Action | Macro | MacroCommand | float, loop: int = 1, macro_id: int = 0) -> Macro:
-        """Return the macro that runs `parts` one after the other, `loop` times; a number is a pause in seconds.
+        """Return the macro to run `parts` in order, `loop` times; a number is a pause in seconds.
 
-        `build_project` gives it an id if it has none. Raise EncodeError for a pause out of range.
+        For the id 0, `build_project` assigns an id. Raise EncodeError for a pause out of range.
         """
         commands = tuple(part if isinstance(part, MacroCommand) else MacroCommand.of(part) for part in parts)
         return Macro(as_number(macro_id), caption, commands * as_number(loop))
 
 
 class ServoParameter(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """The caption and the angle correction stored for one servo."""
+    """Caption and angle correction stored for a servo."""
 
     servo_id: U8
     adjusted_degree: Annotated[I16, Meta(description="angle correction, degrees")] = 0
@@ -171,7 +171,7 @@ class JoystickTableEntry(Struct, frozen=True, gc=False, forbid_unknown_fields=Tr
 
 
 class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """The macros that one button starts."""
+    """Macros started by a button."""
 
     button_id: U32
     button_caption: Caption = ""
@@ -192,7 +192,7 @@ class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
         up: Macro | None = None,
         uninterruptible: bool = False,
     ) -> Button:
-        """Return the button that starts these macros. Raise EncodeError for anything but a Macro."""
+        """Return the button for these macros. Raise EncodeError for anything but a Macro."""
         return Button(
             as_number(button_id),
             caption,
@@ -204,7 +204,7 @@ class Button(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
 
 class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """A stored assignment of macros to buttons."""
+    """Stored assignment of macros to buttons."""
 
     table_id: Annotated[I32, Meta(description="0 in a response: no such table")]
     table_caption: Caption = ""
@@ -212,7 +212,7 @@ class JoystickTable(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 
     @staticmethod
     def of(caption: str, *buttons: Button, table_id: int = 0) -> JoystickTable:
-        """Return the table of `buttons`; `build_project` gives it an id if it has none."""
+        """Return the table of `buttons`; for the id 0, `build_project` assigns an id."""
         return JoystickTable(as_number(table_id), caption, buttons)
 
 
@@ -220,12 +220,12 @@ def _reference(macro: object, name: str) -> int:
     if macro is None:
         return 0
     if not isinstance(macro, Macro):
-        raise EncodeError(f"must be a Macro, such as Macro.of(caption, ...) makes, not {quote(macro)}", name)
+        raise EncodeError(f"must be a Macro, as made by Macro.of(caption, ...), not {quote(macro)}", name)
     return RecordRef.of(macro)
 
 
 MAX_NESTING = 32
-"""How deep macros may run macros, itself included, on virtual boards and where a program follows what a macro runs.
+"""Maximum depth of macros run by macros, the outermost included, on virtual boards and in programs that follow a macro.
 
 The document has no such limit.
 """
@@ -233,23 +233,23 @@ The document has no such limit.
 
 @dataclass(frozen=True, slots=True)
 class MacroPlaying:
-    """Plays macros without a clock: what moves is passed to `move`, and each pause is yielded in seconds.
+    """Player of macros without a clock: movements are passed to `move`, and each pause is yielded in seconds.
 
-    All steps of an action start together, and it takes as long as its longest step. A ratio of 50 makes a command twice
-    as long, its delays too. A command takes its `total_interval`, or longer if what it runs does.
+    All steps of an action start together, and the action lasts as long as the longest step. A ratio of 50 doubles the
+    duration of a command, delays included. A command lasts `total_interval`, or as long as its contents if longer.
     """
 
     actions: Mapping[int, Action]
     macros: Mapping[int, Macro]
     move: Callable[[tuple[Step, ...], float], None]
-    """Takes the steps that start now, and their speed: at 0.5 each takes twice its interval."""
+    """Takes the steps to start now, and the speed: 0.5 doubles the interval of each step."""
     slowness: float = 1.0
-    """How many times longer than in the document an interval is on the board."""
+    """Factor of an interval on the board to the interval in the document."""
 
     def play(self, macro_id: int, speed: float = 1.0) -> Generator[float, None, float]:
-        """Run a macro, yielding each time to wait; return the time it took.
+        """Run a macro, yielding each pause in seconds; return the total duration in seconds.
 
-        Every record that it needs must be there, no macro may run itself, and no ratio may be 0.
+        Every record needed must be present, no macro may run itself, and no ratio may be 0.
         """
         total = 0.0
         for command in self.macros[macro_id].commands:
@@ -265,7 +265,7 @@ class MacroPlaying:
 
     def _play_once(self, command: MacroCommand, speed: float) -> Generator[float, None, float]:
         if command.type == MacroCommandType.MACRO:
-            yield 0.0  # so that nested loops without any time are work, too, and interrupted after enough of it
+            yield 0.0  # makes nested loops without any duration count as work, too, and interruptible
             return (yield from self.play(command.command_id, speed))
         if command.type == MacroCommandType.DELAY:
             duration = command.command_id / 1000 / speed

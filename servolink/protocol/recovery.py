@@ -1,8 +1,8 @@
-"""Frames swallowed by a damaged one: searched inside the last accepted frame when signs betray it.
+"""Recovery of frames swallowed by a damaged frame: a search inside the last accepted frame after signs of damage.
 
-One damaged frame in 256 has the right sum by chance. Its length may be wrong, so it may have swallowed intact frames
-or the beginning of one. Three signs betray it: sync is lost right behind it; a frame inside it reaches into the
-padding behind it; or, on a line that was damaged lately, there are whole frames inside.
+A damaged frame has the right sum by chance in 1 of 256 cases. A wrong length may then swallow intact frames or the
+beginning of a frame. Three signs betray such a frame: sync is lost right behind the frame; a frame inside reaches
+into the padding behind; or, on a line damaged lately, there are whole frames inside.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Protocol
 from servolink.protocol.frame import MAGIC, MAX_CONTENT, OVERHEAD, ByteOrder, Frame, encode_frame
 
 DEEPEST = 4
-"""How often a byte is read again at most: the bound on the cost of frames inside frames inside frames."""
+"""Maximum number of rereads of a byte: the bound on the cost of frames inside frames inside frames."""
 _ZEROS = re.compile(rb"\0*")
 
 
@@ -23,53 +23,53 @@ class InnerParser(Protocol):
 
     @property
     def recovery(self) -> Recovery:
-        """Its own recovery."""
+        """Recovery state of the inner parser."""
         ...
 
     @property
     def held(self) -> bytes:
-        """The bytes of the frame that it has not received whole."""
+        """Bytes of the incomplete frame so far."""
         ...
 
     @property
     def missing(self) -> int:
-        """How many more bytes it needs at least."""
+        """Number of further bytes needed at least."""
         ...
 
     def feed(self, chunk: bytes) -> list[Frame]:
-        """Take the next bytes and return the frames that are now complete."""
+        """Take the next bytes, and return the frames completed by them."""
         ...
 
 
 NewParser = Callable[[int, int], InnerParser]
-"""Makes an inner parser, given how deep it may search and how many frames it is to be wary of."""
+"""Creates an inner parser. Arguments: depth of the search, number of frames to search for whole frames inside."""
 
 
 class Recovery:
-    """The last accepted frame of a stream, and what may be inside it."""
+    """Last accepted frame of a stream, and the search inside the frame."""
 
     def __init__(self, byte_order: ByteOrder, new_parser: NewParser, deepest: int) -> None:
-        """Start without a frame; the inside is searched by what `new_parser` makes, `deepest` levels deep at most."""
+        """Start without a frame. Parsers from `new_parser` search inside frames, at most `deepest` levels deep."""
         self._byte_order: ByteOrder = byte_order
         self._new_parser = new_parser
         self._deepest = deepest
         self.in_sync = True
-        """Nothing has been skipped since the last frame."""
+        """Whether nothing was skipped since the last frame."""
         self.last: Frame | None = None
-        """The last frame, which ends `_zeros` zero bytes before the parser's position; None if it is not searched."""
+        """Last frame, followed by `_zeros` zero bytes up to the parser's position; None without a need to search."""
         self.is_calm = False
-        """Whether `accept` would only replace `last`: nothing was skipped behind it, and no rescan is under way."""
-        self._rest: bytes | None = None  # the part of `last` still to be searched; None: all but its first byte
+        """Whether `accept` would only replace `last`: nothing skipped behind the frame, and no rescan under way."""
+        self._rest: bytes | None = None  # part of `last` still to search; None: all but the first byte
         self._zeros = 0
-        self._inner: InnerParser | None = None  # looks for a frame that reaches from `last` into the padding
-        self._inside: list[Frame] = []  # the frames it has found so far
+        self._inner: InnerParser | None = None  # searches for a frame that reaches from `last` into the padding
+        self._inside: list[Frame] = []  # frames found by `_inner` so far
         self.rereads: list[int] = []
-        """For each rescan under way, where in the buffer the bytes end that are read again."""
+        """Position in the buffer of the end of the bytes read again, for each rescan under way."""
 
     def accept(self, frame: Frame, end: int) -> None:
         """Record that `frame` ends at `end` of the buffer, in sync."""
         self.last = frame
-        if self.rereads:  # a rescan counts as long as frames begin before its end
+        if self.rereads:  # a rescan counts as long as frames begin before the end of the rescan
             start = end - OVERHEAD - len(frame[1])
             self.rereads = [reread for reread in self.rereads if reread > start]
         if len(self.rereads) >= self._deepest:
@@ -79,28 +79,28 @@ class Recovery:
         self.is_calm = self.last is not None and not self.rereads
 
     def lose_sync(self, *, search: bool = False) -> None:
-        """Record that no frame follows the last one, which is searched later only if `search`."""
+        """Record that no frame follows the last frame; only with `search` may the last frame be searched later."""
         self.in_sync = self.is_calm = False
         if not search:
             self.last = None
 
     def take_inside(self, wary: int) -> list[Frame]:
-        """Return the frames inside the last one, and keep only the rest of it, which may reach out of it."""
+        """Return the frames inside the last frame, and keep only the rest, which may reach beyond the end."""
         if self.last is None:
             return []
         inner, found = self._search(self.last, wary)
-        if inner.held:  # a frame begins at its end and may reach out of it
+        if inner.held:  # a frame begins near the end and may reach beyond
             self._rest = inner.held
         else:
             self._go_on_as(inner.recovery)
-        self.in_sync = self.is_calm = False  # so that the next frame replaces what was kept here
+        self.in_sync = self.is_calm = False  # so that the next frame replaces the rest kept here
         return found
 
     def padding_end(self, data: bytes, at: int, wary: int) -> int:
-        """Return where the zeros at `at` end, or before that where a frame may end that reaches into them."""
+        """Return the end of the zeros at `at`, or the possible end of a frame that reaches into the zeros."""
         match = _ZEROS.match(data, at)
         end = match.end() if match else at
-        if self.last is not None and self._inner is None:  # the first zeros behind this frame
+        if self.last is not None and self._inner is None:  # the first zeros behind the last frame
             inside = self._inside_of(self.last)
             if next_magic(inside, 0) < len(inside):
                 self._inner, self._inside = self._search(self.last, wary)
@@ -111,7 +111,7 @@ class Recovery:
         return end
 
     def read_padding(self, zeros: bytes) -> list[Frame]:
-        """Return the frames inside the last one if one of them ends with these zeros, else an empty list."""
+        """Return the frames inside the last frame if a frame inside ends with these zeros, else an empty list."""
         if self.last is None or self._inner is None:
             return []
         self._zeros += len(zeros)
@@ -120,13 +120,13 @@ class Recovery:
             self._go_on_as(self._inner.recovery)
             return found
         if (not self._inner.held and not self._inside) or self._zeros > MAX_CONTENT:
-            self.last = None  # nothing begins in it, or nothing reaches that far
+            self.last = None  # no frame begins inside, or none reaches so far
         return []
 
     def rescan(self, data: bytes, at: int) -> tuple[bytes, int] | None:
-        """Return a buffer with all of the last frame in it, and where in that frame another may begin.
+        """Return a buffer with the whole last frame, and the first place inside where another frame may begin.
 
-        Return `data` and `at` if none may begin in it, None if there is no frame to search. The bytes put in front of
+        Return `data` and `at` if no frame may begin inside, None without a frame to search. The bytes put in front of
         `data` were in the buffer before.
         """
         last, self.last = self.last, None
@@ -136,7 +136,7 @@ class Recovery:
         start = next_magic(again + data[at : at + len(MAGIC) - 1], 0)
         if start >= len(again):
             return data, at
-        if len(again) > at:  # some of it was in an earlier buffer
+        if len(again) > at:  # part of the frame was in an earlier buffer
             gone = len(again) - at
             data, at = again[:gone] + data, len(again)
             self.rereads = [end + gone for end in self.rereads]
@@ -144,15 +144,15 @@ class Recovery:
         return data, at - len(again) + start
 
     def first_unread(self, start: int) -> int:
-        """Return where the first byte from `start` on stands that is not read again."""
+        """Return the position, from `start` on, of the first byte not read again."""
         return max(start, *self.rereads) if self.rereads else start
 
     def move(self, by: int) -> None:
-        """Record that the buffer now begins `by` bytes further on in the stream."""
+        """Record that the start of the buffer moved by `by` bytes in the stream."""
         self.rereads = [end - by for end in self.rereads]
 
     def _search(self, frame: Frame, wary: int) -> tuple[InnerParser, list[Frame]]:
-        """Return a parser that has read the inside of `frame`, and the frames it found."""
+        """Return a parser after reading the inside of `frame`, and the frames found."""
         inner = self._new_parser(max(0, self._deepest - 1 - len(self.rereads)), wary)
         return inner, inner.feed(self._inside_of(frame))
 
@@ -160,13 +160,13 @@ class Recovery:
         return encode_frame(*frame, self._byte_order)[1:] if self._rest is None else self._rest
 
     def _go_on_as(self, other: Recovery) -> None:
-        """Take over the state of an inner parser, which has reached the same place."""
+        """Take over the state of an inner parser at the same place of the stream."""
         self.last, self._rest, self._zeros = other.last, other._rest, other._zeros
         self._inner, self._inside = other._inner, other._inside
 
 
 def next_magic(data: bytes, start: int) -> int:
-    """Return where the magic, or at the end of `data` the beginning of one, stands next; its length if nowhere."""
+    """Return the position of the next magic, or of a partial magic at the end of `data`; else the length of `data`."""
     found = data.find(MAGIC, start)
     if found >= 0:
         return found

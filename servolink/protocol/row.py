@@ -1,4 +1,4 @@
-"""Rows: consecutive values in one `struct` format, to bytes and back."""
+"""Conversion of rows, consecutive values in a single `struct` format, to bytes and back."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from servolink.protocol.caption import decode_caption, decode_captions, encode_c
 from servolink.protocol.packet import Value
 
 Reader = Callable[[bytes, int, str], tuple[Any, ...]]
-"""Reads a group: takes the content, the position of its first row, and the encoding of captions."""
+"""Reads a group. Arguments: content, position of the first row, encoding of captions."""
 
 
 class Writing(Record, frozen=True):
-    """How to write values."""
+    """Rules for writing values."""
 
     encoding: str
     plain: bool
-    """Refuse captions with control characters or a hidden frame start, as for everything this library composes."""
+    """Refuse captions with control characters or a hidden frame start, as in all packets composed by the library."""
     narrow: bool
-    """Refuse numbers outside their declared range, not only those the wire cannot carry."""
+    """Refuse numbers outside the declared range, not only numbers outside the range of the wire."""
 
 
 class Row:
-    """Consecutive values."""
+    """Sequence of consecutive values."""
 
     def __init__(self, values: list[Value], prefix: str, suffix: str = "") -> None:
-        """Lay out `values` in the byte order of `prefix`; `suffix` is the code of a count behind them."""
+        """Lay out `values` in the byte order of `prefix`; `suffix` is the code of a count at the end."""
         self.values = values
         self._prefix = prefix
         self.format = Format(prefix + "".join(value.code for value in values) + suffix)
         self.captions = tuple(at for at, value in enumerate(values) if value.is_caption)
-        # Only numbers whose range is narrower than the wire: struct itself checks the others.
+        # Only numbers with a range narrower than on the wire: struct itself checks the others.
         self._narrow = tuple((at, value.low, value.high) for at, value in enumerate(values) if value.narrow)
         self.free = not self.captions and not self._narrow  # struct checks everything
 
@@ -51,7 +51,7 @@ class Row:
         return True
 
     def pack(self, values: Sequence[Any], path: str, how: Writing, count: tuple[int, ...] = ()) -> bytes:
-        """Return the bytes of `values` and `count`. Raise EncodeError naming each value that does not fit."""
+        """Return the bytes of `values` and `count`. Raise EncodeError naming each unsuitable value."""
         if self.free:
             try:
                 return self.format.pack(*values, *count)
@@ -81,7 +81,7 @@ class Row:
         return self._pack_one_by_one(group, record, path, how) if packed is None else packed
 
     def _pack_at_once(self, group: Sequence[Any], record: type[Record] | None, how: Writing) -> bytes | None:
-        """Do what `pack_group` does, several times as fast; return None or fail if a value may not fit."""
+        """Pack a group several times as fast as value by value; return None or fail if a value may be unsuitable."""
         if record is None:
             return self._bare(len(group)).pack(*group) if self.free else None
         if not {*map(type, group)} <= {record}:
@@ -115,13 +115,13 @@ class Row:
         return b"".join(parts)
 
     def text(self, row: list[Any], encoding: str) -> list[Any]:
-        """Decode the captions of `row` in place and return it."""
+        """Decode the captions of `row` in place, and return `row`."""
         for at in self.captions:
             row[at] = decode_caption(row[at], encoding)
         return row
 
     def reader(self, record: type[Record] | None) -> Reader:
-        """Return the function that reads whole rows as records, or as plain numbers."""
+        """Return the function to read whole rows as records, or as plain numbers."""
         rows, size, captions = self.format.iter_unpack, self.format.size, self.captions
         if record is None:
             return lambda content, start, encoding: self._bare((len(content) - start) // size).unpack(content[start:])

@@ -10,11 +10,11 @@ from servolink.protocol.packet import I16, I32, U8, U8_COUNT, Command, Effect, F
 from servolink.protocol.records import Step
 
 ALL_SERVOS = 0xFF
-"""The servo id for all servos, in requests that allow it."""
+"""Servo id for all servos, where a request allows it."""
 
 
 class ServoState(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
-    """The state of one servo as the board reports it."""
+    """State of a servo as reported by the board."""
 
     servo_id: U8
     angle: Annotated[I16, Meta(description="degrees or raw ADC, as set for this servo")]
@@ -41,7 +41,7 @@ class QueryServoListRequest(Query[QueryServoListResponse], frozen=True, gc=False
 
 
 class QueryServoResponse(Response, frozen=True, gc=False):
-    """The state of the servos asked for; empty if no servo has the id."""
+    """State of the requested servos; empty if no servo has the id."""
 
     packet_id: ClassVar[int] = 20021
     section: ClassVar[str] = "3.2.2.2"
@@ -49,14 +49,14 @@ class QueryServoResponse(Response, frozen=True, gc=False):
 
 
 class QueryServoRequest(Query[QueryServoResponse], frozen=True, gc=False):
-    """Ask for the state of one servo or of all."""
+    """Ask for the state of a servo or of all."""
 
     packet_id: ClassVar[int] = 20020
     section: ClassVar[str] = "3.2.2.1"
     servo_id: Annotated[U8, Meta(description="255 for all")]
 
     def accepts(self, response: Response) -> bool:
-        """Return whether the response lists all servos for "all", or only the one asked for, or none."""
+        """Return whether the response lists all servos for "all", else at most the requested servo."""
         if self.servo_id == ALL_SERVOS or not isinstance(response, QueryServoResponse):
             return True
         return [servo.servo_id for servo in response.servos] in ([], [self.servo_id])
@@ -73,7 +73,7 @@ class SetServoParameterResponse(Response, frozen=True, gc=False):
 
 
 class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, gc=False):
-    """Stop or start, hold or release one servo or all."""
+    """Stop or start, hold or release a servo or all."""
 
     packet_id: ClassVar[int] = 20030
     section: ClassVar[str] = "3.2.3.1"
@@ -84,8 +84,8 @@ class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, 
     is_hold: Annotated[Flag, Meta(description="0 release, 1 hold")]
 
     @property
-    def effect(self) -> Effect:  # type: ignore[override]  # of each packet, where others have one of their class
-        """A servo that is started may turn to an old target; one that is neither started nor held goes limp."""
+    def effect(self) -> Effect:  # type: ignore[override]  # per packet, not per class as elsewhere
+        """Started servos may turn to an old target; servos neither started nor held go limp."""
         if self.is_start:
             return Effect.MOVES
         return Effect.STOPS if self.is_hold == 1 else Effect.GOES_LIMP
@@ -101,7 +101,7 @@ class SetAngleUnitResponse(Response, frozen=True, gc=False):
 
 
 class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
-    """Set the angle unit of one servo or of all, for commands and for reports."""
+    """Set the angle unit of a servo or of all, for commands and for reports."""
 
     packet_id: ClassVar[int] = 20040
     section: ClassVar[str] = "3.2.4.1"
@@ -114,7 +114,7 @@ class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
 
 
 class ExecuteActionRequest(Command, frozen=True, gc=False):
-    """Move servos, all at once; no response."""
+    """Move servos, all at the same time; no response."""
 
     packet_id: ClassVar[int] = 20050
     section: ClassVar[str] = "3.2.5.1"

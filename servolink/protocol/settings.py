@@ -90,7 +90,7 @@ class QueryRemainPowerRequest(Query[QueryRemainPowerResponse], frozen=True, gc=F
 
 
 class SendDummyDataRequest(Command, frozen=True, gc=False):
-    """Test data, which the board discards; no response."""
+    """Test data, discarded by the board; no response."""
 
     packet_id: ClassVar[int] = 10050
     section: ClassVar[str] = "3.1.5.1"

@@ -52,7 +52,7 @@ def test_what_does_not_fit_is_refused_whole_never_cut() -> None:
         ("\udc1b", "utf-8", "holds control characters"),
         (chr(0xDC7F), "utf-8", "holds control characters"),
         ("\x80", "utf-8", "holds control characters"),
-        ("\u4c13\u1d05", "utf-16-le", "contains the bytes that start a frame"),
+        ("\u4c13\u1d05", "utf-16-le", "contains the start of a frame"),
     ],
 )
 def test_captions_of_ours_are_plain_text(text: object, encoding: str, fault: str) -> None:
@@ -67,7 +67,7 @@ def test_a_board_may_hold_control_characters_and_frame_starts() -> None:
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16-le"])
 def test_a_nul_would_hide_what_follows(encoding: str) -> None:
-    with pytest.raises(EncodeError, match="would not be read back"):
+    with pytest.raises(EncodeError, match="would change when written and read back"):
         encoded("wave\0hidden", encoding, from_us=False)
 
 
