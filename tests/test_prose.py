@@ -84,7 +84,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "platforms": {"riddles": 3.5, "pronouns": 7, "short": 15},
     "profiles": {"pronouns": 9.5},
     "project": {"riddles": 4, "pronouns": 9.5},
-    "protocol": {"riddles": 3.5, "pronouns": 7.5, "lines": 177, "short": 11},
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "servolink": {"riddles": 4.5, "pronouns": 7.5},
     "spy": {"pronouns": 8, "lines": 121},
