@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 
 import pytest
 from hypothesis import settings
@@ -104,12 +105,12 @@ class _Warnings(logging.Handler):
         self.messages.append(record.getMessage())
 
 
-@pytest.fixture
-def warnings_logged() -> Iterator[Callable[[], list[str]]]:
-    """Return a function for the warnings and errors that this test made this package and asyncio log.
+@contextmanager
+def _listening() -> Iterator[Callable[[], list[str]]]:
+    """Yield a function for the warnings and errors that this package and asyncio have logged in this context.
 
-    asyncio logs an error that nobody waited for when its task is collected. So the garbage of earlier tests is
-    collected first, and that of this test before the function returns.
+    asyncio logs an error that nobody waited for when its task is collected. So earlier garbage is collected first, and
+    that of this context before the function returns.
     """
     handler = _Warnings()
 
@@ -124,6 +125,21 @@ def warnings_logged() -> Iterator[Callable[[], list[str]]]:
     yield logged
     for logger in loggers:
         logger.removeHandler(handler)
+
+
+@pytest.fixture
+def warnings_logged() -> Iterator[Callable[[], list[str]]]:
+    """Return a function for the warnings and errors that this test made this package and asyncio log."""
+    with _listening() as logged:
+        yield logged
+
+
+@pytest.fixture(scope="module")
+def nothing_logged() -> Iterator[None]:
+    """Fail at the end of a module if this package or asyncio has logged a warning. Garbage is collected once."""
+    with _listening() as logged:
+        yield
+        assert logged() == []
 
 
 @pytest.fixture(autouse=True)

@@ -9,7 +9,7 @@ import shutil
 import signal
 import struct
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -36,11 +36,7 @@ LIST, ANSWER = QueryServoListRequest(), QueryServoListResponse((1, 2, 3))
 WAYS = {"serial": (SERIAL_OUT, SERIAL_IN), "hid": (HID_OUT, HID_IN), "bulk": (BULK_OUT, BULK_IN)}
 
 
-@pytest.fixture(autouse=True)
-def _silent(warnings_logged: Callable[[], list[str]]) -> Iterator[None]:
-    """Whatever hosts do, nothing is left to asyncio's log."""
-    yield
-    assert warnings_logged() == []
+pytestmark = pytest.mark.usefixtures("nothing_logged")  # whatever the other side does
 
 
 def in_time(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
