@@ -77,7 +77,7 @@ BACKLOG: dict[str, dict[str, float]] = {
     "control": {"riddles": 4, "pronouns": 7.5, "lines": 176, "short": 34},
     "discovery": {"pronouns": 11, "lines": 172},
     "doctor": {"riddles": 3.5, "pronouns": 8.5, "lines": 123, "short": 15},
-    "fleet": {"riddles": 12.5, "pronouns": 10, "lines": 143, "short": 11},
+    "fleet": {"riddles": 8, "pronouns": 9, "short": 11},
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 155},
     "listeners": {"riddles": 4.5, "pronouns": 8, "short": 23},
     "motion": {"pronouns": 6.5, "short": 12},

@@ -40,5 +40,11 @@ def refuse_board(args: argparse.Namespace, text: str) -> None:
 
     The variables name the user's board for other commands, which says nothing about this one.
     """
-    if args.url not in {None, *map(os.environ.get, VARIABLES)}:
+    if named_board(args) is not None:
         usage_error(args, text)
+
+
+def named_board(args: argparse.Namespace) -> str | None:
+    """Return the board that the command line names; None if only a variable names one, or nothing does."""
+    named: str | None = args.url
+    return None if named in map(os.environ.get, VARIABLES) else named

@@ -24,6 +24,7 @@ from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, Topics
+from servolink.motion.ticket import StopCounter
 
 SESSION_SECONDS = 300
 """How long the broker keeps commands for a board that has lost its connection; most expire long before."""
@@ -56,7 +57,8 @@ class Bridge:
         self.broker.on_connect = self._begin
         self.broker.on_problem = partial(self._log, "error")
         self.outbox = Outbox(self.broker)
-        self.prepared = PreparedRun(self.hub)
+        stops = StopCounter()
+        self.prepared = PreparedRun(self.hub, stops)
         self.telemetry = Telemetry(
             topics, board, policy, self.hub, self.broker, self.outbox, hz, may_send=self.prepared.is_none
         )
@@ -71,7 +73,7 @@ class Bridge:
         self._link = PulseLink(self.pulse)
         self.barrier = StopBarrier(self.pulse)
         """Put up for each stop."""
-        self.stops = StopHandler(self.hub, self.prepared, self.barrier)
+        self.stops = StopHandler(self.hub, self.prepared, self.barrier, stops)
         self._answers = Answers(board, topics, self.outbox, command_log)
         self.commands = CommandHandler(
             board, policy, self.hub, command_log, self._answers, self.prepared, self.stops, self.barrier, self._log

@@ -10,15 +10,15 @@ import secrets
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from random import Random
-from typing import NoReturn
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.mqtt_client import ConnectionOptions, MqttClient, Publication, Received
+from servolink.pauses import Pauses, Reconnecting
 
 FIRST_PAUSE = 0.2
-"""Seconds from a loss to the first attempt; each further pause is twice as long."""
+"""Seconds from a loss to the first attempt."""
 LONGEST_PAUSE = 20.0
 _QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
 
@@ -45,6 +45,7 @@ class BrokerConnection:
         """Called with what people should look at, such as a topic that is denied; once for each text."""
         self._options = options
         self._client: MqttClient | None = None
+        self._was_connected = False
         self._ready = asyncio.Event()
         self._reported: set[str] = set()
         self._jitter = Random(options.identifier)  # noqa: S311 - not a secret
@@ -58,28 +59,18 @@ class BrokerConnection:
         """Return when the connection is there and `on_connect` has returned."""
         await self._ready.wait()
 
-    async def run(self) -> NoReturn:
+    async def run(self) -> None:
         """Connect, and again after each loss. Raise OpenError if the first attempt fails."""
-        was_connected, pause = False, FIRST_PAUSE
-        while True:
+        # With jitter, so that not all programs come at once when the broker has restarted.
+        pauses = Pauses(FIRST_PAUSE, LONGEST_PAUSE, lambda: self._jitter.uniform(0.5, 1))
+        async for client in Reconnecting(self._open, pauses, self._may_come_back):
+            self._was_connected = True
+            pauses.restart()
             try:
-                async with MqttClient(self.access, self._options, self.on_message) as client:
-                    self._client = client
-                    try:
-                        await client.unless_lost(self._begin(client))
-                        was_connected, pause = True, FIRST_PAUSE
-                        await asyncio.wait((client.ended,))
-                        raise ConnectionLost(client.ended.result())
-                    finally:
-                        self._client = None
-                        self._ready.clear()
-            except (OSError, ValueError, ConnectionLost) as error:
-                text = f"{self.access.address}: {explain(error)}"
-                if not was_connected:
-                    raise OpenError(text) from error
-                self.on_state(False, text)  # noqa: FBT003 - the only argument of its kind
-            await asyncio.sleep(pause * self._jitter.uniform(0.5, 1))  # not all at once, after the broker has restarted
-            pause = min(2 * pause, LONGEST_PAUSE)
+                await asyncio.wait((client.ended,))
+            finally:
+                self._drop(client)
+            self._report_loss(client.ended.result())
 
     async def send(self, message: Publication) -> None:
         """Send a message; return when the system has it or, with QoS 1, when the broker has it.
@@ -99,6 +90,36 @@ class BrokerConnection:
         """Tell the broker that a message with QoS 1 need not be delivered again."""
         if self._client is not None:
             self._client.acknowledge(message)
+
+    async def _open(self) -> MqttClient:
+        """Return a connection on which the topics are subscribed to."""
+        client = MqttClient(self.access, self._options, self.on_message)
+        try:
+            await client.open()
+            self._client = client
+            await client.unless_lost(self._begin(client))
+        except BaseException:
+            self._drop(client)
+            raise
+        return client
+
+    def _drop(self, client: MqttClient) -> None:
+        """Close a connection, so that senders and subscribers wait for the next one."""
+        client.close()
+        self._client = None
+        self._ready.clear()
+
+    def _may_come_back(self, error: Exception) -> bool:
+        """Return whether to connect again after an error. Raise OpenError for the first attempt."""
+        if not isinstance(error, (OSError, ValueError, ConnectionLost)):
+            return False
+        if not self._was_connected:
+            raise OpenError(f"{self.access.address}: {explain(error)}") from error
+        self._report_loss(explain(error))
+        return True
+
+    def _report_loss(self, reason: str) -> None:
+        self.on_state(False, f"{self.access.address}: {reason}")  # noqa: FBT003 - the only argument of its kind
 
     async def _begin(self, client: MqttClient) -> None:
         for topic, qos in self.subscriptions:
@@ -127,7 +148,7 @@ def explain(error: Exception) -> str:
 
 
 async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, bytes]:
-    """Return what the broker keeps at topics, of which there is one at least. Raise OpenError if it cannot be asked."""
+    """Return the retained messages of one or more topics. Raise OpenError if the broker cannot be asked."""
     found: dict[str, bytes] = {}
     heard = asyncio.Event()
 
@@ -138,7 +159,7 @@ async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, by
 
     broker = BrokerConnection(access, ConnectionOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
     broker.on_message = take
-    # A broker answers in order: when it confirms the first one again, it has sent what it keeps at all of them. With
+    # A broker answers in order: when it confirms the first one again, all retained messages have come before. With
     # QoS 1 it would wait for acknowledgements in between.
     broker.subscriptions = [(each, 0) for each in (*filters, filters[0])]
     connection = asyncio.create_task(broker.run())

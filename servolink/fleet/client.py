@@ -55,7 +55,7 @@ class Fleet:
         return chosen_boards(on, roster.online, self.groups, (board.name for board in roster))
 
     async def list(self) -> tuple[BoardSeen, ...]:
-        """Return what is known of every board, those that are away too."""
+        """Return the known state of every board, offline boards included."""
         await self.controller.settle()
         return tuple(self.controller.roster)
 

@@ -57,13 +57,13 @@ class CommandLog:
         self._buffer: list[tuple[str, bytes]] = []
         """The ids and lines of the commands that are to be written next."""
         self._written: asyncio.Future[None]
-        """Ends when those are on the disk; there is one if there are lines."""
+        """Done when the lines are on the disk; unset while there are none."""
         self._writer: asyncio.Task[None] | None = None
         self._file: FileIO | None = None
         self._lines = 0
 
     def open(self) -> None:
-        """Read what is there, and shorten it."""
+        """Read the file and shorten it."""
         self._read()
         kept = self._compact()
         self._entries = {entry.id: entry for entry in kept}
@@ -103,7 +103,7 @@ class CommandLog:
         self._buffer.append((entry.id, line))
         if not self._is_writing:
             self._writer = loop.create_task(self._write_batches())
-        return asyncio.shield(self._written)  # for others, too: one who leaves must not end it
+        return asyncio.shield(self._written)  # shielded: a canceled waiter must not end the wait of the others
 
     def answered(self, command_id: str, answer: str) -> None:
         """Remember the result of a command until it is over."""
@@ -140,7 +140,7 @@ class CommandLog:
         return taken
 
     async def _write_batches(self) -> None:
-        """Write what is to be written, and what comes meanwhile. All commands of a batch are noted, or none is."""
+        """Write queued commands, and those that come meanwhile. All commands of a batch are noted, or none."""
         while self._buffer:
             written, batch = self._written, self._taken()
             try:

@@ -35,11 +35,12 @@ from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
 from servolink.hub import METHODS
 from servolink.json_text import read_json
+from servolink.motion.ticket import Ticket
 from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks
 
 MOST_WAITING = 64
-"""Commands of one board that are not over; more are answered with `busy`."""
+"""Most unfinished commands of one board; further ones are answered with `busy`."""
 LONGEST_MOTION = 60
 """Seconds that a command which moves something may take to arrive, whatever its expiry."""
 
@@ -55,15 +56,12 @@ class _Accepted(NamedTuple):
 
     command: Command
     sender: Sender
-    until: float
-    """When it must have begun, by the clock of the event loop."""
-    stops: int
-    """Stops before it: after another one it must not begin."""
+    ticket: Ticket
     acknowledge: Callable[[], None]
 
 
 class _Refused(NamedTuple):
-    """A command that was refused, and must not be carried out when it is delivered again."""
+    """Refused command, which stays refused when the broker delivers another copy."""
 
     digest: str
     answer: str
@@ -138,7 +136,7 @@ class CommandHandler:
             self._log("warning", f"a command was refused: {error}")
             return
         try:
-            accepted = _Accepted(command, sender, self._checked(message, command, link), self._stops.count, acknowledge)
+            accepted = _Accepted(command, sender, self._checked(message, command, link), acknowledge)
             noted = self._note(command, digest, sender)  # known from now on: copies may come in this very turn
         except Exception as error:  # noqa: BLE001 - likewise
             self._refuse(command.id, digest, sender, error, acknowledge)
@@ -180,8 +178,8 @@ class CommandHandler:
         self._log("info", f"{escape(command.method)} {command.id} was delivered again, and is not repeated")
         return True
 
-    def _checked(self, message: Received, command: Command, link: PulseLink) -> float:
-        """Return until when a command may be begun. Raise RpcError if it may not be carried out."""
+    def _checked(self, message: Received, command: Command, link: PulseLink) -> Ticket:
+        """Return the ticket of a command. Raise RpcError if it may not be carried out."""
         self._check_method(command.method)
         if command.method in _IN_ORDER and self._barrier.rejects(command.pulse):
             raise _stopped()
@@ -199,7 +197,7 @@ class CommandHandler:
             raise _expired()
         if len(self._tasks) >= MOST_WAITING:
             raise RpcError(Code.BUSY, f"{len(self._tasks)} commands of {self._board} wait already")
-        return math.inf if expiry is None else now + expiry
+        return self._stops.counter.ticket(until=math.inf if expiry is None else now + expiry, who=command.who)
 
     def _check_method(self, name: str) -> None:
         if name in SESSION_METHODS or (name not in METHODS and name not in OWN):
@@ -260,31 +258,35 @@ class CommandHandler:
         """Return the result of a command, when its turn has come. Raise what is the matter with it."""
         command = accepted.command
         async with self._turn(accepted):
-            if asyncio.get_running_loop().time() > accepted.until:
-                raise _expired()
+            self._check_ticket(accepted)
             if command.method == "prepare":
-                return await self._prepared.prepare(_converted(command.params, Prepare), accepted.until)
+                return await self._prepared.prepare(_converted(command.params, Prepare), accepted.ticket)
             if command.method == "cancel":
                 return self._prepared.cancel(_converted(command.params, Cancel).start)
             # The hub keeps the time as well: there a motion may have to wait once more.
-            params = command.params | ({"until": accepted.until} if command.method in MOTION else {})
+            params = command.params | ({"until": accepted.ticket.until} if command.method in MOTION else {})
             reply = await self._hub.ask(command.method, params, self._reporter(command.id, accepted.sender))
             if _role(command.method) is Role.EDIT:
                 self.on_change()
             return result_of(reply)
 
+    def _check_ticket(self, accepted: _Accepted) -> None:
+        """Raise RpcError for a command that must not begin any more."""
+        if accepted.command.method in _IN_ORDER and not self._stops.counter.holds(accepted.ticket):
+            raise _stopped()
+        if asyncio.get_running_loop().time() > accepted.ticket.until:
+            raise _expired()
+
     @asynccontextmanager
     async def _turn(self, accepted: _Accepted) -> AsyncIterator[None]:
-        """Wait for the commands before this one, unless it only reads. Raise RpcError if the board is stopped first."""
+        """Wait for the commands before this one, or for a stop. Commands that only read need not wait."""
         if accepted.command.method not in _IN_ORDER:
             yield
             return
         turn = asyncio.ensure_future(self._order.acquire())
-        stop = asyncio.ensure_future(self._stops.until_after(accepted.stops))
+        stop = asyncio.ensure_future(self._stops.until_stopped(accepted.ticket))
         try:
             await asyncio.wait((turn, stop), return_when=asyncio.FIRST_COMPLETED)
-            if accepted.stops != self._stops.count:
-                raise _stopped()
             yield
         finally:
             stop.cancel()
@@ -323,7 +325,7 @@ def _converted(value: Any, kind: Any) -> Any:
 
 
 def _id_in(value: Any) -> str | None:
-    """Return the id of what may not be a command, None if it has none that can be a command's."""
+    """Return the command id of a message, or None if it has no valid one."""
     found = value.get("id") if isinstance(value, dict) else None
     try:
         return msgspec.convert({"id": found, "method": ""}, Command).id

@@ -59,7 +59,7 @@ class Controller:
         self.connections = 0
         """How often it has connected."""
         self.on_change: OnChange | None = None
-        """Called with each board of which something but the servos has changed; it must not raise."""
+        """Function called with each changed board (not for servo frames); must not raise."""
         token = secrets.token_hex(8)
         self.broker = BrokerConnection(access, ConnectionOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
         self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
@@ -241,7 +241,7 @@ class Controller:
         if pending is None:
             return
         if isinstance(result.result, dict) and isinstance(word := result.result.get("pulse"), str):
-            # Of a stop, which may have come before the word itself: what is sent with an older one is refused.
+            # Result of a stop, which may overtake the word itself. Commands with an older word are refused.
             self.roster.hear_pulse(result.board, word)
         pending.take(result)
 

@@ -20,11 +20,11 @@ class Outcomes(Generic[T]):
     def __init__(self) -> None:
         """Start without outcomes."""
         self.done: dict[str, T] = {}
-        """The result for each board for which the work was done, in the order in which they ended."""
+        """Results by board, in the order in which the work ended."""
         self.failed: dict[str, ServolinkError] = {}
         """The error for each board for which it failed."""
         self.skipped: tuple[str, ...] = ()
-        """The boards for which it was not begun, because it had failed for another one."""
+        """Boards whose work was not begun, because that of another board had failed."""
 
     @property
     def is_complete(self) -> bool:

@@ -80,7 +80,7 @@ def discovery(
 
 
 def without(document: Document, before: Document) -> Document | None:
-    """Return the document that also removes the entities which only `before` has; None if there are none."""
+    """Return the document that removes the entities of `before` alone; None if there are no such entities."""
     gone = {
         key: {"platform": component["platform"]}
         for key, component in before.get("components", {}).items()
@@ -276,7 +276,7 @@ class Announcer:
         telemetry.on_catalog = self.announce
 
     def announce(self) -> None:
-        """Send the document, if it has changed; what is not in it any more is removed first."""
+        """Send the document if it has changed. Entities that are gone are removed first."""
         telemetry = self._telemetry
         document = discovery(
             self._topics, telemetry.now, telemetry.servo_ids, self._policy, numbers=self._home_assistant.numbers

@@ -52,7 +52,7 @@ class HubSession:
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
         """Return what the hub answers. Raise ConnectionLost if it is gone."""
         if self._channel is None:
-            raise ConnectionLost(f"the hub of {self.name} is gone; it is being waited for")
+            raise ConnectionLost(f"the hub of {self.name} is not running; reconnecting")
         return await self._channel.ask(method, params, on_progress)
 
     def tell(self, method: str, **params: object) -> None:

@@ -62,7 +62,7 @@ async def local_boards(
         for address, given in addresses.items():
             if address.startswith(_SHARED):
                 hub = address.removeprefix(_SHARED).partition("?")[0]
-            else:  # under the name by which it was given, if it is one
+            else:  # the hub keeps the name given by the user, if the user gave a name
                 hub_name = None if is_name(given) else name
                 hub = (await stack.enter_async_context(serve_board(given, name=hub_name, **options)))[0].name
             found.append(LocalBoard(hub, name or hub))

@@ -13,8 +13,7 @@ import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from paho.mqtt import client as paho
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
@@ -89,7 +88,7 @@ class ConnectionOptions:
 
 
 class MqttClient:
-    """One connection with a broker, as a context manager."""
+    """One connection with a broker."""
 
     def __init__(
         self, access: BrokerAccess, options: ConnectionOptions, on_message: Callable[[Received], None]
@@ -107,22 +106,19 @@ class MqttClient:
         self._watch: SocketWatch | ThreadedSocketWatch | None = None
         self._has_read = False
 
-    async def __aenter__(self) -> Self:
-        """Connect. Raise OSError or ValueError if that fails."""
+    async def open(self) -> None:
+        """Connect. Raise OSError or ValueError if that fails; then call `close`, too."""
         # A daemon, because names and addresses that do not answer must not hold up the end of the program.
         threading.Thread(target=self._connect, name="servolink broker", daemon=True).start()
-        try:
-            await _limited(self._connected)
-        except BaseException:
-            self._close()
-            raise
-        return self
+        await _limited(self._connected)
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Disconnect. Wherever an answer of the broker is waited for, ConnectionLost is raised."""
-        self._close()
+        self._client.disconnect()
+        self._end_watch()
+        if (sock := self.socket) is not None:  # the broker takes nothing any more
+            sock.close()
+        self._finish(_LOST)
 
     @property
     def socket(self) -> Any:
@@ -192,12 +188,13 @@ class MqttClient:
             self._loop.call_soon_threadsafe(self._begin, error)
 
     def _begin(self, error: Exception | None) -> None:
+        """Take over the socket from the thread that has connected."""
         client, sock = self._client, self.socket
         if error is not None or sock is None:
             self._finish(_LOST, error)
             return
         if self.ended.done():  # it was cancelled meanwhile
-            self._close()
+            self.close()
             return
         # Or a message waits up to 40 ms for the broker to confirm the one before: an acknowledgement, usually.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -225,19 +222,13 @@ class MqttClient:
         else:
             self._connected.set_exception(refusal)
 
-    def _close(self) -> None:
-        self._client.disconnect()
-        self._end_watch()
-        if (sock := self.socket) is not None:  # the broker takes nothing any more; or it is still being connected
-            sock.close()
-        self._finish(_LOST)
-
     def _end_watch(self) -> None:
         if self._watch is not None:
             self._watch.close()
             self._watch = None
 
     def _finish(self, reason: str, error: Exception | None = None) -> None:
+        """End all waits for the broker: for the connection with `error`, for answers with ConnectionLost."""
         if not self.ended.done():
             self.ended.set_result(reason)
         self._accept(error or ConnectionError("the connection was closed before the broker answered"))
@@ -248,6 +239,7 @@ class MqttClient:
     # --- reading and writing -------------------------------------------------------------------------------------
 
     def _read(self) -> None:
+        """Handle the packets that have come, but not endlessly many in one turn of the event loop."""
         for _ in range(_MOST_AT_ONCE):
             self._has_read = False
             self._handle(self._client.loop_read)
@@ -267,12 +259,13 @@ class MqttClient:
             self._watch.watch_writing(self._client.want_write())
 
     def _handle(self, work: Callable[[], MQTTErrorCode]) -> None:
+        """Call a function of paho-mqtt, and close the connection if it fails."""
         try:
             if work() == MQTTErrorCode.MQTT_ERR_SUCCESS:
                 return
         except Exception:  # paho raises all kinds of errors for what it cannot read: the connection is lost
             _logger.debug("the broker sent what cannot be read", exc_info=True)
-        self._close()
+        self.close()
 
     def _receive(self, message: paho.MQTTMessage) -> None:
         self._has_read = True

@@ -26,13 +26,13 @@ class PendingCommand:
         """Wait for results with the id `message_id`, of one `board` or of any."""
         self.id = message_id
         self.results: dict[str, Result] = {}
-        """By board, in the order in which they came."""
+        """Results by board, in order of arrival."""
         self.seconds: dict[str, float] = {}
         """When each came, in seconds of the clock of the event loop."""
         self.heard = asyncio.get_running_loop().time()
         """When anything came last."""
         self.board = board
-        """From which it takes results; None for all."""
+        """Board whose results are accepted; None for any."""
         self._on_step = on_step
         self._changed = asyncio.Event()
 

@@ -1,4 +1,4 @@
-"""What may be done from afar with the boards of this machine: `fleet.toml`, which has the groups, too."""
+"""Policy: remote control allowed for the boards of this machine, read from `fleet.toml`, as are the groups."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class _File(Struct, forbid_unknown_fields=True):
 
 
 class BoardPolicy(Struct, frozen=True):
-    """What may be done from afar with one board. Stopping is always allowed."""
+    """Remote control allowed for one board. Stopping is always allowed."""
 
     allow: RoleName = "watch"
     max_speed: float | None = None

@@ -1,4 +1,4 @@
-"""PreparedRun: what a board begins when the message comes that starts all boards together."""
+"""PreparedRun: run that a board begins when the message comes that starts all boards together."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStart
 from servolink.errors import MotionRefused, NotFound
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
+from servolink.motion.ticket import StopCounter, Ticket
 
 
 class PreparedRun:
     """At most one run, which the hub has checked and keeps ready, with the lease."""
 
-    def __init__(self, hub: HubSession) -> None:
-        """Use the board of `hub`."""
+    def __init__(self, hub: HubSession, stops: StopCounter) -> None:
+        """Use the board of `hub`, whose stops are counted by `stops`."""
         self.is_none = asyncio.Event()
         """Set unless a run is prepared or being started: what is less urgent waits for it."""
         self.is_none.set()
         self._hub = hub
         self._prepared: Prepare | None = None
-        self._forgotten = 0
-        self._until = 0.0
+        self._stops = stops
+        self._ticket = stops.ticket()
         self._timer: asyncio.TimerHandle | None = None
 
-    async def prepare(self, asked: Prepare, until: float) -> Ran:
+    async def prepare(self, asked: Prepare, ticket: Ticket) -> Ran:
         """Ask the hub to check a run and keep it ready, with the lease. Raise the error of the hub.
 
-        The hub refuses what it cannot begin to check before `until`. Raise MotionRefused if `forget` is called
-        meanwhile: a stop came.
+        The hub refuses what it cannot begin to check in the time of `ticket`. Raise MotionRefused if a stop comes
+        meanwhile.
         """
         self.forget()
-        forgotten = self._forgotten
-        run = RunPrepare(asked.run.type, asked.run.id, until)
+        run = RunPrepare(asked.run.type, asked.run.id, ticket.until)
         checked = result_of(await self._hub.ask("run.prepare", run))
-        if forgotten != self._forgotten:
+        if not self._stops.holds(ticket):
             self._hub.tell("lease.give")
             raise MotionRefused("the board was stopped while this was prepared; nothing was moved")
         loop = asyncio.get_running_loop()
         self.is_none.clear()
-        self._prepared, self._until = asked, loop.time() + asked.expires
+        self._prepared, self._ticket = asked, ticket._replace(until=loop.time() + asked.expires)
         self._timer = loop.call_later(asked.expires, self.forget)
         return msgspec.json.decode(checked, type=Ran)
 
@@ -54,9 +54,9 @@ class PreparedRun:
 
         An error of the hub is raised as well.
         """
-        prepared, until = self._prepared, self._until
+        prepared, ticket = self._prepared, self._ticket
         self._drop()
-        if prepared is None or asyncio.get_running_loop().time() > until:
+        if prepared is None or not self._stops.holds(ticket) or asyncio.get_running_loop().time() > ticket.until:
             self.is_none.set()
             raise MotionRefused("what was prepared has expired; nothing was moved")
         try:
@@ -72,8 +72,7 @@ class PreparedRun:
         return Done()
 
     def forget(self) -> None:
-        """Forget what is prepared, or being prepared, and give the lease back."""
-        self._forgotten += 1
+        """Forget what is prepared, and give the lease back."""
         if self._prepared is not None:
             self._drop()
             self.is_none.set()

@@ -94,7 +94,7 @@ class PulseLink:
 
 
 class StopBarrier:
-    """Keeps out what was sent before a stop and comes after it.
+    """Rejects commands that were sent before a stop and arrive after it.
 
     A stop has a connection of its own, and overtakes: a word is sent on the connection of the commands, and what comes
     before the word comes back was sent before the stop. What is still on its way to the broker then, in a network that
@@ -112,7 +112,7 @@ class StopBarrier:
         self._task: asyncio.Task[None] | None = None
 
     def put_up(self) -> None:
-        """Keep out what was sent before now, and all else until the word that `send_word` sends is back."""
+        """Reject commands that were sent before now, and all others until the word of `send_word` has come back."""
         self.word, self.is_up = self._pulse.new_word(), True
         self._put_up_at = self._pulse.time_of(self.word)
 

@@ -1,4 +1,4 @@
-"""The boards of a fleet as the broker tells of them: who is there, what each last said, and what cannot be read."""
+"""Roster: boards that the broker knows, the latest state of each, and messages that cannot be read."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LOG = msgspec.json.Decoder(LogLine)
 
 @dataclass(slots=True)
 class BoardSeen:
-    """What is known of one board."""
+    """Known state of one board."""
 
     name: str
     is_online: bool = False

@@ -12,17 +12,18 @@ from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import StopBarrier
 from servolink.fleet.topics import UNREADABLE, Stop, StopOver
+from servolink.motion.ticket import StopCounter, Ticket
 
 _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 
 
 class StopHandler:
-    """Takes stops of one board. Those that come while one is under way share the next."""
+    """Handler of the stops of one board. Stops that come while another is under way share the next."""
 
-    def __init__(self, hub: HubSession, prepared: PreparedRun, barrier: StopBarrier) -> None:
-        """Stop the board of `hub`, forget what is `prepared`, and keep out by `barrier` what was sent before."""
-        self.count = 0
-        """Stops so far: what was asked for before the latest must not begin any more."""
+    def __init__(self, hub: HubSession, prepared: PreparedRun, barrier: StopBarrier, counter: StopCounter) -> None:
+        """Stop the board of `hub`, forget the run that is `prepared`, and reject commands that were sent before."""
+        self.counter = counter
+        """Issuer of the tickets of commands."""
         self._hub = hub
         self._prepared = prepared
         self._barrier = barrier
@@ -42,9 +43,9 @@ class StopHandler:
         self._count_stop()
         self._barrier.send_word()
 
-    async def until_after(self, count: int) -> None:
-        """Return when there have been more stops than `count`."""
-        while self.count == count:
+    async def until_stopped(self, ticket: Ticket) -> None:
+        """Return when a stop has come since `ticket` was issued."""
+        while self.counter.holds(ticket):
             await self._stopped.wait()
 
     async def close(self) -> None:
@@ -56,7 +57,7 @@ class StopHandler:
     def _count_stop(self) -> None:
         """Let nothing begin that was asked for before now."""
         self._barrier.put_up()
-        self.count += 1
+        self.counter.stop()
         self._stopped.set()
         self._stopped = asyncio.Event()
         self._prepared.forget()
@@ -77,7 +78,7 @@ class StopHandler:
 
 
 def read_stop(payload: bytes) -> Stop:
-    """Return what a message of `stop` says. One that says nothing, or nonsense, is a stop, too."""
+    """Decode a message of the topic `stop`. An empty or unreadable message is a stop, too."""
     try:
         return msgspec.json.decode(payload, type=Stop)
     except UNREADABLE:

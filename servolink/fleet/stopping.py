@@ -27,7 +27,7 @@ class Stopped(Struct, frozen=True):
     silent: tuple[str, ...]
     """Boards that were connected with the broker and did not answer."""
     offline: tuple[str, ...]
-    """Boards that are not connected with the broker, so that nothing can be sent to them."""
+    """Boards without a connection to the broker, which no message can reach."""
 
     @property
     def is_complete(self) -> bool:
@@ -36,7 +36,7 @@ class Stopped(Struct, frozen=True):
 
 
 async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Stopped:
-    """Stop all boards. A slow one holds up no other; one that does not answer for `patience` seconds is silent.
+    """Stop all boards at once. A board without an answer after `patience` seconds is silent.
 
     Raise ConnectionLost if the broker is gone for as long, and no board is known that could be named.
     """
@@ -54,12 +54,12 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
                     raise
             while True:
                 seen |= dict.fromkeys(controller.roster.online)
-                missing = pending.missing(seen)
-                if not missing or not await pending.wait(begun + patience):
+                if not pending.missing(seen) or not await pending.wait(begun + patience):
                     break
         finally:
             sending.cancel()
             await asyncio.wait((sending,))
+        missing = pending.missing(seen)  # a result may have come in the moment in which the patience ended
         failures = {board: failure_of(result) for board, result in pending.results.items()}
         offline = tuple(board.name for board in controller.roster if not board.is_online)
         return Stopped(

@@ -36,7 +36,7 @@ class RanTogether(Struct, frozen=True):
     failed: dict[str, str]
     """Why others did not: they could not prepare, or did not confirm the start."""
     may_have_started: tuple[str, ...]
-    """Those of `failed` of which that is not known: look at them, or stop them."""
+    """Boards in `failed` that may have started. Check or stop them."""
     spread: float | None
     """Seconds between the first and the last start; None with fewer than two boards, or if it cannot be known."""
     measured_by: Literal["clock", "echo"] | None
@@ -103,7 +103,7 @@ async def run_together(
 
 
 async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> None:
-    """Tell boards that nothing is going to start, so that others may move them."""
+    """Cancel the prepared start on boards, which frees their leases."""
     await for_each(boards, lambda board: controller.call(board, "cancel", Cancel(start), patience=1.0), parallel=64)
 
 

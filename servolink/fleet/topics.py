@@ -27,7 +27,7 @@ from servolink.project.transfer.results import Phase
 
 PREFIX = "servolink"
 UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
-"""What is raised for JSON that anybody may have sent, and that cannot be read."""
+"""Errors raised for unreadable JSON of an unknown sender."""
 MOST_BYTES = 1024 * 1024
 """The longest payload of a command."""
 CONTENT_TYPE = "application/json"
@@ -135,7 +135,7 @@ class BoardNow(Struct, frozen=True, kw_only=True):
     host: Annotated[str, about("the machine that it is connected to")]
     version: Annotated[str, about("of servolink on that machine")]
     connection: ConnectionState
-    allow: Annotated[RoleName, about("what may be done from afar")]
+    allow: Annotated[RoleName, about("remote control allowed for the board")]
     battery_percent: Annotated[float | None, about("to 0.1; null if the board does not say")] = None
     problems: Annotated[tuple[str, ...], about("the latest, which people should look at")] = ()
     noise: Annotated[int, about("bytes from the board that belong to no frame")] = 0
@@ -213,7 +213,7 @@ class Prepare(Struct, forbid_unknown_fields=True):
 
     start: Annotated[CommandId, about("the `id` of the message `start` to wait for")]
     run: Annotated[Runnable, about("what to run then")]
-    expires: Annotated[float, Meta(gt=0, le=60, description="seconds after which it is forgotten")] = 10.0
+    expires: Annotated[float, Meta(gt=0, le=60, description="seconds after which the run is forgotten")] = 10.0
 
 
 class Cancel(Struct, forbid_unknown_fields=True):
@@ -277,7 +277,7 @@ class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
     A message with `progress` is not the answer yet: it has no `ok`.
     """
 
-    id: Annotated[str | None, about("that of the command; null if it has none that can be read")]
+    id: Annotated[str | None, about("id of the command; null if the message has no valid id")]
     board: str
     ok: bool | UnsetType = UNSET
     result: Annotated[Any, about("what the method returns, if `ok`")] = UNSET

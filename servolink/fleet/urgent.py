@@ -1,4 +1,4 @@
-"""Urgent: what all boards of this machine do at once, on a connection of its own, which no flood of commands holds up.
+"""Urgent: a separate connection for stops and starts of all boards of a machine, which no flood of commands delays.
 
 Stops of one board come this way too, and so does the message that starts several boards together: it arrives once for
 all boards of a machine. A press comes this way because the broker keeps nothing for this connection while it is lost.

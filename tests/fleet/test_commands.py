@@ -24,6 +24,7 @@ from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.topics import Prepare
 from servolink.hub.serving import serve_board
+from servolink.motion.ticket import StopCounter
 from servolink.protocol.records import Action, Step
 from tests.fleet.bridged import Far, bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
@@ -261,18 +262,19 @@ def test_nothing_is_prepared_if_a_stop_comes_meanwhile() -> None:
         told: tuple[str, ...] = ()
 
         async def ask(self, method: str, params: object) -> Reply:
-            prepared.forget()  # a stop
+            stops.stop()
+            prepared.forget()
             return Reply(Raw(b'{"seconds": null}'))
 
         def tell(self, method: str) -> None:
             self.told += (method,)
 
-    hub = Hub()
-    prepared = PreparedRun(hub)  # type: ignore[arg-type]
+    hub, stops = Hub(), StopCounter()
+    prepared = PreparedRun(hub, stops)  # type: ignore[arg-type]
 
     async def main() -> None:
         with pytest.raises(MotionRefused, match="was stopped while this was prepared"):
-            await prepared.prepare(Prepare("s1", Runnable("action", 1)), 60.0)
+            await prepared.prepare(Prepare("s1", Runnable("action", 1)), stops.ticket(until=60.0))
         assert not prepared.is_for("s1")
         assert hub.told == ("lease.give",)
 

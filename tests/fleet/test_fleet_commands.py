@@ -15,6 +15,7 @@ import pytest
 
 import servolink
 from servolink.cli.fleet.watch import picture
+from servolink.errors import OpenError
 from servolink.fleet import checks
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.topics import BoardNow
@@ -296,3 +297,20 @@ def test_a_file_that_is_missing_is_a_failure_and_not_a_missing_board(
     found = call(capsys, *command)
     assert (found.code, found.out) == (FAILED, "")
     assert "nofile" in found.err
+
+
+def test_join_takes_the_board_that_the_common_option_names(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[list[str]] = []
+
+    def local_boards(names: list[str], *_: object, **__: object) -> None:
+        asked.append(names)
+        raise OpenError("seen enough")
+
+    monkeypatch.setattr("servolink.fleet.join.local_boards", local_boards)
+    monkeypatch.setenv("SERVOLINK_BOARD", "max")
+    join = ["fleet", "join", "mqtt://127.0.0.1:1"]
+    for words in (["--url", "rex", *join], ["--board", "rex", *join, "fido"], join):
+        assert call(capsys, *words).code == NO_BOARD
+    assert asked == [["rex"], ["fido", "rex"], []], "a variable names the board of other commands"

@@ -15,7 +15,7 @@ from servolink.cli.fleet.broker import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
 from servolink.cli.screen.output import counted, cut, print_error, print_json, print_text
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
-from servolink.cli.usage import usage_error
+from servolink.cli.usage import named_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
 from servolink.escaping import escape
 from servolink.script import OK
@@ -88,13 +88,14 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     from servolink.fleet.policy import load_fleet_file
     from servolink.fleet.topics import PREFIX, Topics
 
+    names = [*args.boards, *filter(None, [named_board(args)])]
     topics, policies = Topics(args.prefix or PREFIX), load_fleet_file(args.policy)
     where = Topics(args.discovery_prefix or home_assistant.PREFIX).prefix
     found_by = home_assistant.HomeAssistant(where, args.numbers) if args.home_assistant else None
     access = await asyncio.to_thread(access_of, args, broker)
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
-        members = await stack.enter_async_context(local_boards(args.boards, args.name, **options))
+        members = await stack.enter_async_context(local_boards(names, args.name, **options))
         interruption.state, interruption.code = "the boards were left as they are", OK
         fleet = LocalFleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from servolink.client.board import Board
     from servolink.client.playing import Playback
 
-import os
 import shutil
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -35,7 +34,7 @@ from typing import TYPE_CHECKING, Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.projects.source import is_address, with_project
 from servolink.cli.screen.output import Table, is_terminal, plain_lines, print_table, text_width
-from servolink.cli.usage import usage_error
+from servolink.cli.usage import named_board, usage_error
 from servolink.errors import ProjectError
 from servolink.project.records import by_servo, by_type, find
 from servolink.protocol.record_types import ACTION, MACRO
@@ -92,9 +91,7 @@ def _board(args: argparse.Namespace) -> str | None:
     One in the environment does not count: what is meant to be a dry run must not move a robot.
     """
     named: str | None = args.on_board
-    if named is None and args.url not in {None, os.environ.get("SERVOLINK_BOARD"), os.environ.get("SERVOLINK_URL")}:
-        named = args.url
-    return named
+    return named_board(args) if named is None else named
 
 
 def _play_on(args: argparse.Namespace, board: str, project: Project) -> int:
