@@ -131,6 +131,13 @@ def run_with_board(
     return run_interruptible(main, state)
 
 
+def interruptible(
+    state: str = _UNMOVED,
+) -> Callable[[Callable[[argparse.Namespace, Interruption], Awaitable[int]]], Run]:
+    """Return a decorator of what a command does without a board: see `run_interruptible`."""
+    return lambda main: lambda args: run_interruptible(partial(main, args), state)
+
+
 def on_board(*, state: str = _UNMOVED, **options: Any) -> Callable[[Talk], Run]:
     """Return a decorator of what a command does on its board: see `run_with_board`."""
 

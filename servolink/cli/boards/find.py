@@ -11,7 +11,7 @@ from itertools import zip_longest
 from servolink.cli.arguments import timeout
 from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
 from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
-from servolink.cli.session import Interruption, agreed, on_board, refuse_unasked, run_interruptible
+from servolink.cli.session import Interruption, agreed, interruptible, on_board, refuse_unasked, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
@@ -47,26 +47,23 @@ from servolink.transports.registry import create
     ),
     takes_board=False,
 )
-def run_list(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     """Print everything that may be a board; only --probe opens anything."""
-
-    async def main(interruption: Interruption) -> int:
-        devices = await discover()
-        names = _names(_aliases(), devices)
-        probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
-        responses = await asyncio.gather(*probes)
-        if args.json:
-            described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
-            for one, result in zip(described, responses, strict=False):
-                one |= {"response": result.response and asdict(result.response), "problem": result.problem}
-            print_json({"boards": described})
-        elif devices:
-            print_table(_table(devices, names, responses))
-        if devices:
-            return OK
-        return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
-
-    return run_interruptible(main, "nothing was changed")
+    devices = await discover()
+    names = _names(_aliases(), devices)
+    probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
+    responses = await asyncio.gather(*probes)
+    if args.json:
+        described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
+        for one, result in zip(described, responses, strict=False):
+            one |= {"response": result.response and asdict(result.response), "problem": result.problem}
+        print_json({"boards": described})
+    elif devices:
+        print_table(_table(devices, names, responses))
+    if devices:
+        return OK
+    return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
 
 
 def _aliases() -> dict[str, Alias]:

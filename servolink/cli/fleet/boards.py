@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, option
 from servolink.cli.fleet.broker import BROKER, NOBODY, fleet_of
-from servolink.cli.screen.output import Table, counted, fail, print_json, print_table, print_text
-from servolink.cli.screen.terminal import confirm
-from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
+from servolink.cli.screen.output import Table, counted, fail, print_json, print_result, print_table, print_text
+from servolink.cli.session import Interruption, agreed, interruptible, refuse_without_answer, run_interruptible
 from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
@@ -25,23 +24,20 @@ if TYPE_CHECKING:
     options=(*BROKER,),
     takes_board=False,
 )
-def run_list(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     """Print every board that the broker knows; return 0 if one is connected."""
-
-    async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            boards = await fleet.list()
-        if args.json:
-            print_json({"boards": [described(seen) for seen in boards]})
-        elif boards:
-            print_table(table_of(boards))
-            for text in problems_of(boards):
-                print_text(text, "yellow")
-        if any(seen.is_online for seen in boards):
-            return OK
-        return NO_BOARD if args.json or boards else fail(NOBODY, NO_BOARD)
-
-    return run_interruptible(main, "nothing was changed")
+    async with fleet_of(args) as fleet:
+        boards = await fleet.list()
+    if args.json:
+        print_json({"boards": [described(seen) for seen in boards]})
+    elif boards:
+        print_table(table_of(boards))
+        for text in problems_of(boards):
+            print_text(text, "yellow")
+    if any(seen.is_online for seen in boards):
+        return OK
+    return NO_BOARD if args.json or boards else fail(NOBODY, NO_BOARD)
 
 
 def described(seen: BoardSeen) -> dict[str, Any]:
@@ -100,27 +96,24 @@ def problems_of(boards: Iterable[BoardSeen]) -> list[str]:
     options=(*BROKER,),
     takes_board=False,
 )
-def run_doctor(args: argparse.Namespace) -> int:
+@interruptible("nothing was changed")
+async def run_doctor(args: argparse.Namespace, interruption: Interruption) -> int:
     """Examine the fleet; return 0 if nothing is wrong, else 1."""
-
-    async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            findings = await fleet.doctor()
-            online, known = len(fleet.controller.roster.online), len(fleet.controller.roster)
-        if args.json:
-            found = [{"about": one.about, "observation": one.observation, "remedy": one.remedy} for one in findings]
-            print_json({"boards": known, "online": online, "findings": found})
-        else:
-            print_text(f"the broker answers; {online} of {counted(known, 'board')} connected")
-            for number, one in enumerate(findings, 1):
-                print_text("")
-                print_text(f"{number}. {one.about}", "bold")
-                print_table(Table((), [("observation", one.observation), ("remedy", one.remedy)]))
-            if not findings:
-                print_text("nothing is wrong")
-        return FAILED if findings else OK
-
-    return run_interruptible(main, "nothing was changed")
+    async with fleet_of(args) as fleet:
+        findings = await fleet.doctor()
+        online, known = len(fleet.controller.roster.online), len(fleet.controller.roster)
+    if args.json:
+        found = [{"about": one.about, "observation": one.observation, "remedy": one.remedy} for one in findings]
+        print_json({"boards": known, "online": online, "findings": found})
+    else:
+        print_text(f"the broker answers; {online} of {counted(known, 'board')} connected")
+        for number, one in enumerate(findings, 1):
+            print_text("")
+            print_text(f"{number}. {one.about}", "bold")
+            print_table(Table((), [("observation", one.observation), ("remedy", one.remedy)]))
+        if not findings:
+            print_text("nothing is wrong")
+    return FAILED if findings else OK
 
 
 _UNCHANGED = "nothing was forgotten"
@@ -144,15 +137,11 @@ def run_forget(args: argparse.Namespace) -> int:
 
     async def main(interruption: Interruption) -> int:
         async with fleet_of(args) as fleet:
-            if not args.yes and not await confirm(f"forget {', '.join(boards)} until they join again?"):
-                print_text(_UNCHANGED)
+            if not await agreed(args, interruption, f"forget {', '.join(boards)} until they join again?"):
                 return FAILED
             interruption.state = "some boards may be forgotten"
             await fleet.forget(*boards)
-        if args.json:
-            print_json({"forgotten": boards})
-        else:
-            print_text(f"forgotten: {', '.join(boards)}")
+        print_result(args, {"forgotten": boards}, f"forgotten: {', '.join(boards)}")
         return OK
 
     return run_interruptible(main, _UNCHANGED)

@@ -9,7 +9,7 @@ from servolink.cli.arguments import RECORD_NAME, number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.fleet.broker import BROKER, GROUPS, NOBODY, boards_of, fleet_of
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.cli.session import Interruption, run_interruptible
+from servolink.cli.session import Interruption, interruptible
 from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
@@ -30,31 +30,28 @@ if TYPE_CHECKING:
     ),
     takes_board=False,
 )
-def run_together(args: argparse.Namespace) -> int:
+@interruptible()
+async def run_together(args: argparse.Namespace, interruption: Interruption) -> int:
     """Prepare all boards, and start them with one message."""
-
-    async def main(interruption: Interruption) -> int:
-        async with boards_of(args) as fleet:
-            interruption.state = "boards may have been started; `servolink fleet stop` stops all"
-            ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)
-            interruption.state = "boards were started; `servolink fleet stop` stops all"
-        if args.json:
-            print_json(
-                {
-                    "started": list(ran.started),
-                    "held_back": list(ran.held_back),
-                    "failed": ran.failed,
-                    "may_have_started": list(ran.may_have_started),
-                    "spread_seconds": ran.spread,
-                    "measured_by": ran.measured_by,
-                    "duration_seconds": ran.duration,
-                }
-            )
-        else:
-            _print_run(ran, args.name)
-        return FAILED if ran.failed or not ran.started else OK
-
-    return run_interruptible(main)
+    async with boards_of(args) as fleet:
+        interruption.state = "boards may have been started; `servolink fleet stop` stops all"
+        ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)
+        interruption.state = "boards were started; `servolink fleet stop` stops all"
+    if args.json:
+        print_json(
+            {
+                "started": list(ran.started),
+                "held_back": list(ran.held_back),
+                "failed": ran.failed,
+                "may_have_started": list(ran.may_have_started),
+                "spread_seconds": ran.spread,
+                "measured_by": ran.measured_by,
+                "duration_seconds": ran.duration,
+            }
+        )
+    else:
+        _print_run(ran, args.name)
+    return FAILED if ran.failed or not ran.started else OK
 
 
 def _print_run(ran: RanTogether, name: int | str) -> None:
@@ -94,29 +91,26 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     ),
     takes_board=False,
 )
-def run_stop(args: argparse.Namespace) -> int:
+@interruptible("nothing was stopped")
+async def run_stop(args: argparse.Namespace, interruption: Interruption) -> int:
     """Stop every board, again and again until each has answered or is silent."""
-
-    async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
-            interruption.state = "a stop was sent, and not every board has answered; send it again"
-            stopped = await fleet.stop(patience=args.within)
-        if args.json:
-            print_json(
-                {
-                    "stopped": {board: round(seconds, 4) for board, seconds in stopped.stopped.items()},
-                    "failed": stopped.failed,
-                    "silent": list(stopped.silent),
-                    "offline": list(stopped.offline),
-                }
-            )
-        else:
-            _print_stop(stopped)
-        if not stopped.is_complete:
-            return FAILED
-        return OK if stopped.stopped else NO_BOARD
-
-    return run_interruptible(main, "nothing was stopped")
+    async with fleet_of(args) as fleet:
+        interruption.state = "a stop was sent, and not every board has answered; send it again"
+        stopped = await fleet.stop(patience=args.within)
+    if args.json:
+        print_json(
+            {
+                "stopped": {board: round(seconds, 4) for board, seconds in stopped.stopped.items()},
+                "failed": stopped.failed,
+                "silent": list(stopped.silent),
+                "offline": list(stopped.offline),
+            }
+        )
+    else:
+        _print_stop(stopped)
+    if not stopped.is_complete:
+        return FAILED
+    return OK if stopped.stopped else NO_BOARD
 
 
 def _print_stop(stopped: Stopped) -> None:

@@ -13,7 +13,7 @@ from servolink.cli.fleet.boards import battery_of, described, problems_of, state
 from servolink.cli.fleet.broker import BROKER, fleet_of
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, cut, plain_lines, print_json, print_text
-from servolink.cli.screen.terminal import single_keys
+from servolink.cli.screen.terminal import until_quit
 from servolink.cli.session import ENDLESS, Interruption, run_interruptible
 from servolink.escaping import escape
 from servolink.script import OK
@@ -44,14 +44,8 @@ def run(args: argparse.Namespace) -> int:
             if args.seconds is None:
                 interruption.code = OK
             await fleet.list()
-            limit = asyncio.timeout(args.seconds)
-            try:
-                async with limit:
-                    with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
-                        await (_draw(fleet) if draws else _print(fleet, as_json=args.json))
-            except TimeoutError:
-                if not limit.expired():
-                    raise
+            async with until_quit(args.seconds):
+                await (_draw(fleet) if draws else _print(fleet, as_json=args.json))
         return OK
 
     return run_interruptible(main, "nothing was changed")

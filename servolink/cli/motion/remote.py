@@ -14,7 +14,7 @@ from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, reported
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_table, print_text
-from servolink.cli.screen.terminal import can_ask, keys_in, single_keys
+from servolink.cli.screen.terminal import can_ask, typed_keys
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
@@ -71,17 +71,11 @@ def run(args: argparse.Namespace) -> int:
 
 async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
     """Obey keys, one after the other; a stop overtakes those that wait."""
-    keys: asyncio.Queue[str] = asyncio.Queue()
-
-    def typed(text: str) -> None:
-        for key in keys_in(text):
-            keys.put_nowait(key)
-
     presses: asyncio.Queue[str] = asyncio.Queue()
     worker = asyncio.create_task(_press(control, captions, presses))
     try:
-        with single_keys(typed) as keyboard:
-            if not keyboard:
+        with typed_keys() as keys:
+            if keys is None:
                 raise RequestError("no keys can be read here")
             while (key := await _next(keys, worker)) not in ("q", "Q", "esc"):
                 if key == "space":

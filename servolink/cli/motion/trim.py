@@ -18,8 +18,8 @@ from servolink.cli.motion.move import chosen_servos, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
 from servolink.cli.motion.servos import are, reported
 from servolink.cli.screen.live import can_draw, follow
-from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_json, print_text, text_width
-from servolink.cli.screen.terminal import can_ask, cleanup, keys_in, single_keys
+from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_result, print_text, text_width
+from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
@@ -106,10 +106,7 @@ def run(args: argparse.Namespace) -> int:
         interruption.state = f"{session.described()}; {_UNSTORED}"
         if wanted and session.corrections():
             return await change_parameters(args, board, interruption, session.changes())
-        if args.json:
-            print_json({"changed": False})
-        else:
-            print_text(interruption.state)
+        print_result(args, {"changed": False}, interruption.state)
         return OK
 
     return run_with_board(args, talk, greet=False, state=f"no servo was moved, and {_UNSTORED}")
@@ -166,16 +163,10 @@ async def _as_given(
 
 async def _by_keys(board: Board, session: TrimSession) -> bool:
     """Obey keys until somebody ends it. Return whether the corrections are to be stored."""
-    keys: asyncio.Queue[str] = asyncio.Queue()
-
-    def typed(text: str) -> None:
-        for key in keys_in(text):
-            keys.put_nowait(key)
-
     print_text(f"keys move the servo that is marked, at {SPEED:g}°/s; Ctrl-C stops all servos")
     message = ""
-    with single_keys(typed) as keyboard, _picture() as draw:
-        if not keyboard:
+    with typed_keys() as keys, _picture() as draw:
+        if keys is None:
             raise RequestError("no keys can be read here; use --set SERVO=+N")
         while True:
             draw(session, await board.servos(), message)

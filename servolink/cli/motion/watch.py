@@ -17,7 +17,7 @@ from servolink.cli.motion.servos import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
 from servolink.cli.screen.output import angle_text, fail, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
-from servolink.cli.screen.terminal import confirm, single_keys
+from servolink.cli.screen.terminal import confirm, until_quit
 from servolink.cli.session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.alarms import RaisedAlarm
@@ -131,15 +131,11 @@ class _Watch:
     async def run(self, write: Callable[[], None] | None) -> int:
         """Show readings, and `write` each of them, until the end. Return the exit code."""
         tasks = [asyncio.create_task(each) for each in (self._states(), self._battery(), self._buttons())]
-        limit = asyncio.timeout(self._args.seconds)
         try:
-            async with limit:
-                with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
-                    return await self._readings(write)
-        except TimeoutError:
-            if not limit.expired():  # the board did not answer
-                raise
-            return OK
+            code = OK
+            async with until_quit(self._args.seconds):
+                code = await self._readings(write)
+            return code  # noqa: RET504 - OK when the time is over
         finally:
             for task in tasks:
                 task.cancel()

@@ -6,8 +6,8 @@ import asyncio
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
 from typing import NoReturn
 
 from servolink.cli.screen.output import print_error
@@ -75,6 +75,32 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
     else:
         with cleanup(end):
             yield True
+
+
+@contextmanager
+def typed_keys() -> Iterator[asyncio.Queue[str] | None]:
+    """Yield a queue of the keys that are typed, named as by `keys_in`; None if there is no keyboard to read."""
+    keys: asyncio.Queue[str] = asyncio.Queue()
+
+    def typed(text: str) -> None:
+        for key in keys_in(text):
+            keys.put_nowait(key)
+
+    with single_keys(typed) as keyboard:
+        yield keys if keyboard else None
+
+
+@asynccontextmanager
+async def until_quit(seconds: float | None) -> AsyncIterator[None]:
+    """End the context, without an error, after some seconds or when `q` is pressed."""
+    limit = asyncio.timeout(seconds)
+    try:
+        async with limit:
+            with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
+                yield
+    except TimeoutError:
+        if not limit.expired():  # another one, such as that of a request
+            raise
 
 
 _KEY = re.compile(r"\x1b[\[O][0-9;]*[A-Za-z~]|.", re.DOTALL)

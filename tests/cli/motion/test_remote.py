@@ -12,6 +12,7 @@ import pytest
 
 from servolink.cli.motion import remote
 from servolink.cli.motion.remote import RemoteControl
+from servolink.cli.screen import terminal
 from servolink.client.board import Board
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType, Step
 from tests.cli.programs import Said, in_terminal
@@ -68,7 +69,7 @@ def types(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
     """Return a function that runs `servolink remote` and types a text every half second."""
 
     def run(texts: Sequence[str | Callable[[], object]], *arguments: str) -> Said:
-        monkeypatch.setattr(remote, "single_keys", typing(texts))
+        monkeypatch.setattr(terminal, "single_keys", typing(texts))
         return robot("remote", *arguments)
 
     monkeypatch.setattr(remote, "can_ask", lambda: True)
@@ -188,7 +189,7 @@ def test_space_stops_although_a_tap_has_just_ended_and_another_waits(
         with typing(["A", "?", "a", hurried, "q"])(typed) as keyboard:
             yield keyboard
 
-    monkeypatch.setattr(remote, "single_keys", keys)
+    monkeypatch.setattr(terminal, "single_keys", keys)
     said = robot("remote")
     assert said.code == 0
     assert "macro 3 waits for the end of macro 2" in said.out

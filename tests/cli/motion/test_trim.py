@@ -11,6 +11,7 @@ import pytest
 
 from servolink.cli.motion import trim
 from servolink.cli.motion.trim import TrimSession
+from servolink.cli.screen import terminal
 from servolink.client.board import Board
 from servolink.protocol.records import ServoParameter
 from tests.cli.programs import Said, in_terminal
@@ -113,7 +114,7 @@ def types(robot: Robot, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
     """Return a function that runs `servolink trim` and types a text every half second."""
 
     def run(texts: Sequence[str | Callable[[], object]], *arguments: str) -> Said:
-        monkeypatch.setattr(trim, "single_keys", typing(texts))
+        monkeypatch.setattr(terminal, "single_keys", typing(texts))
         return robot("trim", *arguments)
 
     monkeypatch.setattr(trim, "can_ask", lambda: True)
