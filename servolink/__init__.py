@@ -7,7 +7,7 @@ async with servolink.connect("virtual://?servos=16") as board:
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as type checkers know it, without the import: nothing catches Ctrl-C before `__main__` does
+TYPE_CHECKING = False  # the constant of `typing` without its import: before `__main__` runs, nothing catches Ctrl-C
 
 if TYPE_CHECKING:
     __all__: list[str]
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     from servolink.script import run as run
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
 else:
-    # A module is imported when its first name is used: the command line starts without most of them.
+    # Each module is imported at the first use of a name: the command line starts without most modules.
     _MODULES = {
         "Action": "servolink.protocol.records",
         "ActionEntry": "servolink.protocol.records",

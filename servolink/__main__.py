@@ -13,9 +13,9 @@ _INTERRUPTED = 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` (sys.argv without it) and return the exit code, 130 for Ctrl-C at any time."""
+    """Run the command line `argv` (by default sys.argv) and return the exit code, 130 for Ctrl-C at any time."""
     try:
-        import signal  # inside, like all that is imported: it takes long enough to be interrupted
+        import signal  # imported inside, like all modules here: Ctrl-C may come during an import
 
         if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
             return _run(argv)
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             signal.signal(signal.SIGINT, signal.default_int_handler)
     except KeyboardInterrupt:
         return _INTERRUPTED
-    except RuntimeError as error:  # Python before 3.12 wraps what is raised while a class is made
+    except RuntimeError as error:  # Python before 3.12 wraps an error raised while a class is made
         if isinstance(error.__cause__, KeyboardInterrupt):
             return _INTERRUPTED
         raise

@@ -2,24 +2,24 @@
 
 ServolinkError
 ├─ TransportError (ConnectionError)   the byte pipe could not be opened, or was lost
-│  ├─ TransportUnavailable            unknown scheme or missing library; the text says what to install
-│  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text says how to write it
-│  │  └─ ProfileError (ValueError)    what is kept of the board is damaged; the text says in which file and line
+│  ├─ TransportUnavailable            unknown scheme or missing library; the text names the package to install
+│  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text shows the correct form
+│  │  └─ ProfileError (ValueError)    the profile of the board is damaged; the text names file and line
 │  ├─ OpenError                       not found, busy, not permitted; the text says what to do
-│  │  └─ SeveralBoards                none was named, and several are here; the text lists them
-│  └─ ConnectionLost                  was open and is lost; every waiting call gets the first cause
+│  │  └─ SeveralBoards                no board was named, and several were found; the text lists them
+│  └─ ConnectionLost                  the open connection was lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
 │  ├─ EncodeError                     a value does not fit its field; nothing was sent
-│  │  └─ MotionRefused                a movement beyond its limits, or one that cannot be checked; nothing moved
+│  │  └─ MotionRefused                a movement beyond its limits, or impossible to check; nothing moved
 │  └─ DecodeError                     the bytes are not a packet; `data` keeps them
 ├─ RequestError                       a request failed; `request` keeps it
 │  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
 │  ├─ Rejected                        the board refused
 │  ├─ NotFound                        the board has no such servo, action, macro or table
 │  ├─ AmbiguousName                   several things on the board have this caption; the text lists them
-│  ├─ WrongBoard                      another board than the one of that name; nothing was moved or written
+│  ├─ WrongBoard                      a different board answers under this name; nothing was moved or written
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
-├─ TargetNotReached                   servos have not arrived in time; their motion was sent, and may still go on
+├─ TargetNotReached                   servos have not arrived in time; the motion was sent, and may still continue
 ├─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
 └─ RecordingError (ValueError)        a recording cannot be written or read; the text says what to do
 
@@ -40,17 +40,17 @@ def install_extra(name: str) -> str:
 
 
 class ServolinkError(Exception):
-    """The root: `except ServolinkError` catches every error this library raises on purpose."""
+    """Base class: `except ServolinkError` catches every error raised by servolink on purpose."""
 
     def __str__(self) -> str:
-        """Return the text with control and bidi characters escaped; `args` keeps it as it was.
+        """Return the text with control and bidi characters escaped; `args` keeps the original text.
 
         Texts quote what boards, files and addresses contain, and every error can reach a terminal or a log.
         """
         return escape(super().__str__())
 
     def __repr__(self) -> str:
-        """Return class and text, escaped: Python leaves some invisible characters as they are."""
+        """Return class and text, escaped: Python leaves some invisible characters unchanged."""
         return escape(super().__repr__())
 
 
@@ -63,7 +63,7 @@ class TransportUnavailable(TransportError):
 
 
 class InvalidAddress(TransportUnavailable, ValueError):
-    """The address is written wrongly: unknown scheme, option or name; the text says how to write it."""
+    """The address is written wrongly: unknown scheme, option or name; the text shows the correct form."""
 
 
 class ProfileError(TransportUnavailable, ValueError):
@@ -71,19 +71,19 @@ class ProfileError(TransportUnavailable, ValueError):
 
 
 class OpenError(TransportError):
-    """The address could not be opened; the text says what to do about it."""
+    """The address could not be opened; the text gives the remedy."""
 
 
 class SeveralBoards(OpenError):
-    """No board was named, and several are here; the text lists them."""
+    """No board was named, and several were found; the text lists their addresses."""
 
 
 class ConnectionLost(TransportError):
-    """The open connection was lost; `__cause__` is the first error that ended it."""
+    """The open connection was lost; `__cause__` is the first error."""
 
 
 class PacketError(ServolinkError, ValueError):
-    """A packet and its bytes do not match."""
+    """A packet cannot be encoded or decoded."""
 
 
 class EncodeError(PacketError):
@@ -99,14 +99,14 @@ class EncodeError(PacketError):
 
 
 class MotionRefused(EncodeError):
-    """A movement beyond angle limits or speed caps, or one that cannot be compared with them; it was not sent."""
+    """The movement exceeds angle limits or speed caps, or cannot be compared with the limits; nothing was sent."""
 
 
 class DecodeError(PacketError):
     """The bytes are not a packet; `data` keeps them."""
 
     def __init__(self, text: str, data: bytes = b"") -> None:
-        """Store `data`, the frame or content that could not be decoded."""
+        """Store `data`, the undecodable frame or content."""
         super().__init__(text)
         self.data = data
 
@@ -129,36 +129,36 @@ class Rejected(RequestError):
 
 
 class NotFound(RequestError):
-    """The board has nothing with this id or caption."""
+    """The board has no servo, action, macro or table with the given id or caption."""
 
 
 class AmbiguousName(RequestError):
-    """Several things on the board have the caption that was given in place of an id; the text lists them."""
+    """Several things on the board have the caption given in place of an id; the text lists their ids."""
 
 
 class WrongBoard(RequestError):
-    """The board is not the one that was learnt under its name: nothing was moved or written."""
+    """A different board was learnt under the name of this board: nothing was moved or written."""
 
 
 class OutcomeUnknown(RequestError):
-    """The command was sent and no response came: read back before sending it again."""
+    """The command was sent and no response came: read the state back before sending the command again."""
 
 
 class TargetNotReached(ServolinkError):
-    """Servos have not arrived in time: the motion was sent and may still go on, so look at the robot before another.
+    """Servos have not arrived in time. The motion was sent and may still continue: check the robot before the next.
 
-    No TimeoutError: who asks again after one would repeat the motion.
+    Not a TimeoutError: programs that retry after a TimeoutError would repeat the motion.
     """
 
     def __init__(self, text: str, late: Mapping[int, tuple[int, int]] | None = None) -> None:
-        """Store `late`: where each servo is and where it should be, by id; empty if a hub has waited for them."""
+        """Store `late`: actual and target position of each late servo, by id; empty if a hub did the waiting."""
         super().__init__(text)
         self.late = dict(late or {})
 
 
 class ProjectError(ServolinkError, ValueError):
-    """A project cannot be used as it is; the text says where inside it, such as `actions[3].steps[7].degree`."""
+    """The project is unusable; the text names the place inside, such as `actions[3].steps[7].degree`."""
 
 
 class RecordingError(ServolinkError, ValueError):
-    """A recording cannot be written or read; the text says what to do."""
+    """The recording cannot be written or read; the text gives the remedy."""

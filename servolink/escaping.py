@@ -6,11 +6,11 @@ import unicodedata
 from collections.abc import Iterable, Sequence
 
 # Controls, format characters (bidi overrides), lone surrogates, private use, unassigned, and the two separators
-# that end a line: a terminal or a log obeys or misreads each of them.
+# of lines: a terminal or a log obeys or misreads each of these characters.
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
-# Letters and marks that are drawn as nothing: with them two names can look alike.
+# Letters and marks without a visible shape, by which two different names can look alike.
 _BLANKS = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"
-# Needed inside emoji and several scripts; they only join their neighbours.
+# Joiners, needed inside emoji and several scripts.
 _JOINERS = "\u200c\u200d"
 
 _LONGEST_QUOTE = 80
@@ -36,7 +36,7 @@ def quote(value: object) -> str:
 
 
 def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
-    """Return a table in HTML. Its cells may be hostile: they are escaped, and hidden characters are shown."""
+    """Return a table in HTML. Cells may be hostile: their text is escaped, and hidden characters are shown."""
     from html import escape as escape_html  # late: few programs run in notebooks
 
     def row(cells: Sequence[object], tag: str) -> str:
@@ -52,6 +52,6 @@ def _escape_character(character: str) -> str:
     if not hidden or character in _JOINERS:
         return character
     code = ord(character)
-    if 0xDC00 <= code <= 0xDCFF:  # a byte that could not be decoded (see protocol/caption.py)
+    if 0xDC00 <= code <= 0xDCFF:  # an undecodable byte (see protocol/caption.py)
         return f"\\x{code - 0xDC00:02x}"
     return f"\\x{code:02x}" if code <= 0xFF else f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"

@@ -17,16 +17,16 @@ from typing import IO, BinaryIO, Literal
 MIB = 1024 * 1024
 
 _NO_SYNC = {errno.EINVAL, errno.ENOTSUP}
-"""The errors of network file systems that cannot write a folder to the disk on demand."""
+"""Errors of network file systems without a way to write a folder to the disk on demand."""
 _TEMPORARY = re.compile(r"\.servolink-[0-9a-f]{16}")
 _ABANDONED = 3600
-"""The age in seconds at which a temporary file is certainly not being written any more."""
+"""Age of an abandoned temporary file, in seconds: no program writes a file for so long."""
 _PRIVATE = 0o600
 _NAME = re.compile(r"(?!com\d+$)[a-z0-9][a-z0-9_-]{0,63}", re.IGNORECASE | re.ASCII)
 
 
 ALL = "all"
-"""Stands for every board of a fleet, so no board may be called so."""
+"""Name for every board of a fleet, and therefore not allowed as the name of a single board."""
 
 
 def is_name(text: str) -> bool:
@@ -37,27 +37,27 @@ def is_name(text: str) -> bool:
 def read_file(path: Path, limit: int) -> bytes:
     """Return the content of a regular file of at most `limit` bytes.
 
-    Raise OSError, without waiting, for a pipe or a device, which may never come to an end, and for a larger file.
-    Raise ValueError for a name that no system has, such as one with NUL.
+    Raise OSError for a larger file, and without waiting for a pipe or a device, whose content may never end.
+    Raise ValueError for a name invalid on every system, such as a name with NUL.
     """
     with open_file(path) as file:
         status = os.fstat(file.fileno())
         content = _read_up_to(file, limit + 1) if status.st_size <= limit else b""
     if max(status.st_size, len(content)) > limit:
-        raise OSError(errno.EFBIG, f"is larger than {_size(limit)}, the most that is read", str(path))
+        raise OSError(errno.EFBIG, f"is larger than {_size(limit)}, the limit", str(path))
     return content
 
 
 def open_file(path: Path, *, writable: bool = False) -> FileIO:
-    """Open a regular file for reading, and for writing if it is to be `writable`, without a buffer.
+    """Open a regular file for reading, with `writable` also for writing, without a buffer.
 
-    Raise OSError, without waiting, for a pipe or a device. Raise ValueError for a name that no system has.
+    Raise OSError, without waiting, for a pipe or a device. Raise ValueError for a name invalid on every system.
     """
-    _refuse_irregular(path, path.stat())  # a device must not even be opened: that alone can change its state
+    _refuse_irregular(path, path.stat())  # a device must not even be opened: opening can change its state
     mode: Literal["rb", "r+b"] = "r+b" if writable else "rb"
     file = open(path, mode, buffering=0, opener=open_without_waiting)  # noqa: SIM115 - the caller closes it
     try:
-        _refuse_irregular(path, os.fstat(file.fileno()))  # it may be another file by now
+        _refuse_irregular(path, os.fstat(file.fileno()))  # the file may have been replaced since the first check
     except BaseException:
         file.close()
         raise
@@ -74,17 +74,20 @@ def write_atomically(path: Path, content: bytes, *, private: bool = False) -> No
 def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
     """Yield a file that replaces `path` when the context ends, whole or, on any failure, not at all.
 
-    A link stays a link, and an existing file keeps its permissions. A new file gets the usual ones, or, if `private`,
-    only its owner can read it. Anything but a regular file, such as a device or a pipe, is left alone, and so is a file
-    that this user may not write. Temporary files left here by a program that was killed are removed. Raise OSError for
-    a failure.
+    A link stays a link, and an existing file keeps its permissions. A new file gets the usual permissions, or with
+    `private` can be read by its owner only. Nothing but a regular file is replaced, no device or pipe, and no file
+    without write permission for this user. Temporary files of killed programs in the folder are removed.
+
+    Raises:
+        OSError: The file cannot or must not be written.
+
     """
     if path.is_symlink():
         path = Path(os.path.realpath(path))
     if path.exists():
         _refuse_irregular(path, path.stat())
-        if not os.access(path, os.W_OK):  # of which replacing it would take no notice
-            raise PermissionError(errno.EACCES, "is write-protected; allow writing to it first", str(path))
+        if not os.access(path, os.W_OK):  # replacing the file would ignore its write protection
+            raise PermissionError(errno.EACCES, "is write-protected; allow writing first", str(path))
     temporary = path.with_name(f".servolink-{os.urandom(8).hex()}")
     try:
         with open(temporary, "xb", opener=_create_private if private else None) as file:
@@ -103,20 +106,22 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
 
 def reason(error: Exception) -> str:
-    """Return the text of an error from here, without number and path where it is the system's."""
+    """Return the text of an error of this module; of an error of the system, without number and path."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
-    """Return this user's folder for servolink's files of this kind. Raise OSError for a user without a home."""
-    import platformdirs  # most programs start without it
+    """Return the folder of the user for one kind of files. Raise OSError for a user without a home."""
+    import platformdirs  # imported late: most programs need no folder
 
     find = {
         "config": platformdirs.user_config_path,
         "data": platformdirs.user_data_path,
         "runtime": platformdirs.user_runtime_path,
     }[kind]
-    with warnings.catch_warnings():  # where the system has no runtime folder, platformdirs warns and takes one in /tmp
+    with (
+        warnings.catch_warnings()
+    ):  # on a system without a runtime folder, platformdirs warns and takes a folder in /tmp
         warnings.simplefilter("ignore")
         try:
             return find("servolink", appauthor=False)
@@ -125,7 +130,7 @@ def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
 
 
 def open_without_waiting(path: str, flags: int) -> int:
-    """Open a device, or a file that may have become a pipe, whose other end may never come; an `opener` for `open`."""
+    """Open a file or device without waiting for the other end of a pipe; usable as `opener` of `open`."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0))
 
 
@@ -153,7 +158,7 @@ def _size(limit: int) -> str:
 
 
 def _keep_name(folder: Path) -> None:
-    """Write the folder itself to the disk, or a power failure can lose the new name. Windows has nothing like it."""
+    """Write the folder to the disk, except on Windows, so that a power failure cannot lose a new name."""
     with suppress(PermissionError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -166,7 +171,7 @@ def _keep_name(folder: Path) -> None:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove old temporary files of `write_atomically`; failing to do so is not worth an error."""
+    """Remove old temporary files of `write_atomically`, and ignore failures."""
     oldest = time.time() - _ABANDONED
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:

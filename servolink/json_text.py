@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, NoReturn
 from servolink.escaping import escape, quote
 
 MAX_SIZE = 16 * 1024 * 1024
-"""Bytes of the longest text: ten times a board's megabyte in JSON, still read in a second or two."""
+"""Most bytes of a text: ten times a board's megabyte in JSON, still read in one or two seconds."""
 _LONGEST_PATH = 200
 _ENCODER = json.JSONEncoder(ensure_ascii=False)
 _PERHAPS_HIDDEN = re.compile(r"[^\n -~]")
@@ -22,11 +22,11 @@ def read_json(text: str | bytes) -> Any:
     Stricter than `json`: no name twice in an object, no NaN or infinity.
     """
     if len(text) > MAX_SIZE:
-        raise ValueError(f"is larger than {MAX_SIZE >> 20} MiB, the most that is read")
+        raise ValueError(f"is larger than {MAX_SIZE >> 20} MiB, the limit")
     try:
         plain = text if isinstance(text, str) else text.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"is not text in UTF-8 (byte {error.start}); save it as UTF-8") from error
+        raise ValueError(f"is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
     repeated: list[_Repeated] = []
 
     def read_object(pairs: list[tuple[str, Any]]) -> Any:
@@ -41,7 +41,7 @@ def read_json(text: str | bytes) -> Any:
         value = json.loads(plain, object_pairs_hook=read_object, parse_constant=_refuse_constant)
     except json.JSONDecodeError as error:
         raise ValueError(
-            f"is not JSON: {error.msg} in line {error.lineno}, column {error.colno}; correct it there"
+            f"is not JSON: {error.msg} in line {error.lineno}, column {error.colno}; correct the text there"
         ) from error
     except RecursionError as error:
         raise ValueError("is nested too deeply") from error
@@ -50,23 +50,23 @@ def read_json(text: str | bytes) -> Any:
     except ValueError as error:  # Python's limit
         raise ValueError("contains an integer of thousands of digits") from error
     if repeated:
-        outermost = repeated[-1]  # the last one to end is inside no other
+        outermost = repeated[-1]  # the object to end last contains the others
         path = _path_to(value, outermost)
-        raise ValueError(f"{path}{': ' if path else ''}{quote(outermost.key)} is there twice; keep one of them")
+        raise ValueError(f"{path}{': ' if path else ''}{quote(outermost.key)} is a duplicate key; keep one entry")
     return value
 
 
 def write_json(value: Any) -> str:
-    """Return `value` as JSON that is safe to print: each object or list of only numbers and texts takes one line."""
+    """Return `value` as printable JSON, each object or list of numbers and texts in one line."""
     return _PERHAPS_HIDDEN.sub(_escape_match, _lines(value, "\n")) + "\n"
 
 
 class _NotJSON(ValueError):
-    """Raised for what Python's `json` reads and JSON does not have."""
+    """Error for values accepted by Python's `json` and absent from JSON, such as NaN."""
 
 
 class _Repeated:
-    """Stands for an object that has a name twice."""
+    """Placeholder for an object with a duplicate key."""
 
     def __init__(self, key: str) -> None:
         self.key = key
@@ -84,7 +84,7 @@ def _lines(value: Any, margin: str) -> str:
 
 
 def _has_lines(value: Any) -> bool:
-    """Return whether `value` is a list that takes lines: one of objects or lists, or one that is still to be filled."""
+    """Return whether `value` is written over several lines: a list of objects or lists, or an empty list to fill."""
     return isinstance(value, list) and (not value or any(isinstance(one, (list, dict)) for one in value))
 
 
@@ -98,9 +98,8 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _path_to(value: Any, sought: object) -> str:
-    """Return where in `value` an object stands, such as `actions[3].steps[7]`; cut if that is long."""
-    # Each place leads to the one around it: a path for each would take the length of its names as often as they have
-    # objects inside.
+    """Return the path of an object in `value`, such as `actions[3].steps[7]`; a long path is cut."""
+    # Places are linked from the inside out: a full path each would repeat long names for every object inside.
     waiting: list[_Place] = [_Place(value, None, "")]
     while waiting:
         place = waiting.pop()
@@ -116,11 +115,11 @@ def _path_to(value: Any, sought: object) -> str:
 
 
 class _Place(NamedTuple):
-    """Where a value stands in a larger one."""
+    """Place of a value inside a larger value."""
 
     value: Any
     around: _Place | None
-    """The place of the object or list that it stands in; None for the whole."""
+    """Place of the object or list around the value; None for the whole text."""
     key: str | int
 
 

@@ -1,4 +1,4 @@
-"""Checks of the numbers that a program passes; those of other libraries, such as NumPy, become Python's own."""
+"""Checks of numbers passed by programs; numbers of other libraries, such as NumPy, become Python numbers."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from servolink.errors import EncodeError
 from servolink.escaping import quote
 
 LEAST_SECONDS, MOST_SECONDS = 0.001, 3600.0
-"""Limits of the time to wait for a response."""
+"""Shortest and longest time to wait for a response, in seconds."""
 
 
 def as_number(value: Any) -> Any:
-    """Return a number as an int or a float. Anything else, bools and angles too, is returned as it is."""
+    """Return a number as an int or a float, any other value, including bools and angles, unchanged."""
     if value is None or isinstance(value, int | str):
         return value
     if isinstance(value, float):
-        return float(value)  # also if its type is derived from float
+        return float(value)  # a subclass of float becomes a plain float
     try:
         return index(value)
     except TypeError:
@@ -46,14 +46,14 @@ def check_seconds(name: str, value: object) -> None:
 
 
 def checked_flag(name: str, value: object) -> int:
-    """Return 0 or 1 for False or True. Raise EncodeError, which begins with `name`, for anything else."""
+    """Return 0 or 1 for False or True. Raise EncodeError, with a text beginning with `name`, for other values."""
     if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
         raise EncodeError(f"{name} must be True or False, not {quote(value)}")
     return int(value == 1)
 
 
 def checked_servo_id(where: str, servo_id: object) -> int:
-    """Return `servo_id`. Raise EncodeError, which begins with `where`, if it is not 0..254."""
+    """Return `servo_id`. Raise EncodeError, with a text beginning with `where`, for values outside 0..254."""
     servo_id = as_number(servo_id)
     if not is_integer(servo_id) or not 0 <= servo_id <= 0xFE:
         raise EncodeError(f"{where}: servo id {quote(servo_id)} is outside 0..254")

@@ -1,4 +1,4 @@
-"""Growing pauses between attempts, and connections that are opened again after each loss."""
+"""Growing pauses between attempts, and connections reopened after each loss."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LONGEST_PAUSE = 5.0
 
 
 class Pauses:
-    """Pauses in seconds, each twice as long as the one before, up to `longest`."""
+    """Pauses in seconds, each twice as long as the previous pause, up to `longest`."""
 
     def __init__(
         self, first: float = FIRST_PAUSE, longest: float = LONGEST_PAUSE, jitter: Callable[[], float] = lambda: 1.0
@@ -36,14 +36,14 @@ class Pauses:
 
 
 class Reconnecting(AsyncIterator[T], Generic[T]):
-    """Asynchronous iterator over connections: the first at once, each further one after a pause.
+    """Asynchronous iterator over connections: the first immediately, each later connection after a pause.
 
-    An attempt that fails is repeated after a pause if `retry`, called with the error, returns True; otherwise the error
-    is raised. Call `pauses.restart` when a connection has proved to work.
+    A failed attempt is repeated after a pause if `retry`, called with the error, returns True; otherwise the error is
+    raised. Call `pauses.restart` when a connection has proved to work.
     """
 
     def __init__(self, open_: Callable[[], Awaitable[T]], pauses: Pauses, retry: Callable[[Exception], bool]) -> None:
-        """Open each connection with `open_`, which leaves nothing open when it raises."""
+        """Open each connection with `open_`, which must leave nothing open after an error."""
         self._open = open_
         self._pauses = pauses
         self._retry = retry

@@ -1,4 +1,4 @@
-"""Run a script so that a failure ends it with one line and an exit code, not with a traceback."""
+"""Run a script; a failure ends with one line of text and an exit code instead of a traceback."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
 
 
 def exit_code(error: ServolinkError) -> int:
-    """Return the exit code of a program that ends with `error`."""
+    """Return the exit code for a program ended by `error`."""
     if isinstance(error, InvalidAddress | SeveralBoards):
         return USAGE
     is_absent = isinstance(error, TransportError) and not isinstance(error, ProfileError)
@@ -28,11 +28,11 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
 @overload
 def run(main: Callable[[], T]) -> T: ...
 def run(main: Any) -> Any:
-    """Run a script: call `main`, which may be an async function, and return its result.
+    """Run a script: call `main`, a plain or async function, and return the result.
 
-    If it raises a ServolinkError, print file, line and text on standard error, and end the program with the exit code
-    of the command line: 3 if there is no board, 2 for a wrong address or if several boards are here, otherwise 1.
-    Ctrl-C ends it with 130. Other errors are defects of the script and raised; `python -X dev` raises all of them.
+    For a ServolinkError, print file, line and text on standard error, and end the program with the exit code of the
+    command line: 3 if no board was found, 2 for a wrong address or several boards, otherwise 1. For Ctrl-C, end the
+    program with 130. Other errors are defects of the script and are raised; `python -X dev` raises all errors.
     """
     try:
         return _call(main)
@@ -45,7 +45,7 @@ def run(main: Any) -> Any:
 
 
 def _ending(main: Any, error: ServolinkError | KeyboardInterrupt) -> tuple[str, int]:
-    """Return the line and the exit code with which a script ends."""
+    """Return the last line of a script and its exit code."""
     if isinstance(error, KeyboardInterrupt):
         return "interrupted", INTERRUPTED
     return f"{_place(main, error)}: {error}", exit_code(error)
@@ -76,7 +76,7 @@ def _has_loop() -> bool:
 
 
 def _place(main: Any, error: BaseException) -> str:
-    """Return file and line of the script where `error` was raised, or of the call that raised it."""
+    """Return file and line of the script where `error` was raised, or of the call from the script."""
     code = getattr(main, "__code__", None) or getattr(main, "cr_code", None)
     place, traceback = "servolink", error.__traceback__
     while traceback is not None:

@@ -1,4 +1,4 @@
-"""Tasks: those that run in the background, and end with whoever began them."""
+"""Background tasks with an owner, cancelled when the owner closes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ T = TypeVar("T")
 
 
 class Tasks:
-    """Tasks that nobody waits for; they are kept here, as the event loop does not keep its tasks."""
+    """Set of background tasks. References are kept here: the event loop keeps weak references only."""
 
     def __init__(self) -> None:
-        """Start without any, in the running event loop."""
+        """Start with no tasks, in the running event loop."""
         self._loop = asyncio.get_running_loop()
         self._under_way = set[asyncio.Task[Any]]()
 
     def __len__(self) -> int:
-        """Return how many are under way."""
+        """Return the number of unfinished tasks."""
         return len(self._under_way)
 
     def begin(self, doing: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
@@ -29,10 +29,10 @@ class Tasks:
         return task
 
     async def close(self, *, linger: float = 0.0) -> None:
-        """Cancel those that do not end within `linger` seconds, and wait until all have ended."""
+        """Cancel tasks still running after `linger` seconds, and wait until all tasks have ended."""
         if self._under_way and linger:
             await asyncio.wait(self._under_way, timeout=linger)
-        while self._under_way:  # one that ends may begin another
+        while self._under_way:  # a task may begin another task at its end
             for task in self._under_way:
                 task.cancel()
             await asyncio.wait(self._under_way)

@@ -83,7 +83,7 @@ def test_a_write_protected_file_is_left_alone(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(
         os, "access", lambda asked, mode: access(asked, mode) and not (asked == path and mode & os.W_OK)
     )
-    with pytest.raises(PermissionError, match="is write-protected; allow writing to it first"):
+    with pytest.raises(PermissionError, match="is write-protected; allow writing first"):
         write_atomically(path, b"after")
     assert path.read_bytes() == b"before"
     assert list(tmp_path.iterdir()) == [path]
@@ -176,7 +176,7 @@ def test_files_up_to_the_limit_are_read(tmp_path: Path) -> None:
         path.write_bytes(content)
         assert read_file(path, 10) == content
     path.write_bytes(b"x" * 11)
-    with pytest.raises(OSError, match="is larger than 10 bytes, the most that is read") as refused:
+    with pytest.raises(OSError, match="is larger than 10 bytes, the limit") as refused:
         read_file(path, 10)
     assert refused.value.errno == errno.EFBIG
 

@@ -81,11 +81,9 @@ BACKLOG: dict[str, dict[str, float]] = {
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 155},
     "listeners": {"riddles": 4.5, "pronouns": 8, "short": 23},
     "motion": {"pronouns": 6.5, "short": 12},
-    "platforms": {"riddles": 3.5, "pronouns": 7, "short": 15},
     "profiles": {"pronouns": 9.5},
     "project": {"riddles": 4, "pronouns": 9.5},
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
-    "servolink": {"riddles": 4.5, "pronouns": 7.5},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 158, "short": 18},
     "studio/web": {"riddles": 8, "pronouns": 11, "lines": 77},
@@ -93,7 +91,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "transports": {"riddles": 6, "pronouns": 9, "lines": 172},
     "usbip": {"pronouns": 8.5},
     "virtual": {"riddles": 4, "pronouns": 9.5, "lines": 164, "short": 19},
-    "wireshark": {"pronouns": 8, "lines": 96},
 }
 """Figures of packages that do not hold the measure yet, each as the bound of that package."""
 SLACK = {"riddles": 1.0, "pronouns": 1.0, "lines": 5.0, "short": 3.0}

@@ -1,1 +1,1 @@
-"""Differences between operating systems: each module gives one thing, and contains the way of every system to it."""
+"""Differences between operating systems: each module offers one service, implemented for every system."""

@@ -1,4 +1,4 @@
-"""The keyboard: single keys without echo, and lines, while an event loop goes on."""
+"""Keyboard input, as single keys without echo or as lines, while the event loop keeps running."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ else:
     import termios
     import tty
 
-_LOOK = 0.02  # seconds between looks at the keys of a Windows console, for which no event loop can wait
-_MOST_KEYS = 64  # at one look
+_LOOK = 0.02  # seconds between polls of a Windows console: no event loop can wait for its keys
+_MOST_KEYS = 64  # most keys read in one poll
 _ARROWS = {"H": "\x1b[A", "P": "\x1b[B", "M": "\x1b[C", "K": "\x1b[D", "t": "\x1b[1;2C", "s": "\x1b[1;2D"}
 """Escape sequences for the second half of an arrow key in a Windows console.
 
-Ctrl with an arrow becomes Shift with it, which the console does not report.
+Ctrl with an arrow is reported as Shift with an arrow, which the console itself never reports.
 """
 _INTERRUPT = "\x03"
 
 
 async def read_line() -> str:
-    """Return the next line from standard input, which must be a terminal; without a line end at the end of input."""
+    """Return the next line from standard input, a terminal; the last line may have no line end."""
     if sys.platform == "win32":
         return await asyncio.to_thread(sys.stdin.readline)
     else:
-        # Not in a thread: nothing interrupts its read, and the process waits for the thread before it exits.
+        # Not in a thread: a read in a thread cannot be interrupted, and delays the exit of the process.
         loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
         typed = asyncio.Event()
         loop.add_reader(terminal, typed.set)
@@ -40,14 +40,14 @@ async def read_line() -> str:
             loop.remove_reader(terminal)
         try:
             return os.read(terminal, 4096).decode(errors="replace")  # a terminal returns one line
-        except OSError:  # it is gone
+        except OSError:  # the terminal was closed
             return ""
 
 
 def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
-    """Call `typed` with each pressed key, without echo, and with an empty text when the keyboard is gone.
+    """Call `typed` with each pressed key, without echo, and with an empty text when the keyboard is disconnected.
 
-    Return a function that ends these calls; None without a keyboard.
+    Return a function to end these calls; None without a keyboard.
     """
     if sys.stdin is None or not sys.stdin.isatty():
         return None
@@ -67,7 +67,7 @@ if sys.platform == "win32":
             nonlocal timer
             try:
                 text = _pressed()
-            except OSError:  # the console is gone
+            except OSError:  # the console was closed
                 typed("")
                 return
             timer = loop.call_later(_LOOK, look)
@@ -81,7 +81,7 @@ if sys.platform == "win32":
         return end
 
     def _pressed() -> str:
-        """Return the keys that were pressed since the last look, as a terminal would type them."""
+        """Return the keys pressed since the last poll, encoded as by a terminal."""
         keys = ""
         for _ in range(_MOST_KEYS):
             if not msvcrt.kbhit():
@@ -99,9 +99,11 @@ else:
     def _read_terminal(typed: Callable[[str], None]) -> Callable[[], None] | None:
         loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()
         try:
-            if os.tcgetpgrp(terminal) != os.getpgrp():  # a background process that reads from a terminal is stopped
+            if (
+                os.tcgetpgrp(terminal) != os.getpgrp()
+            ):  # the system stops a background process when reading from a terminal
                 return None
-        except OSError:  # standard input is not the terminal of this process
+        except OSError:  # standard input belongs to no terminal of the process
             return None
 
         def read() -> None:
@@ -109,12 +111,12 @@ else:
                 data = os.read(terminal, 1024)
             except OSError:
                 data = b""
-            if not data:  # the terminal is gone
+            if not data:  # the terminal was closed
                 loop.remove_reader(terminal)
             typed(data.decode(errors="replace"))
 
         def end() -> None:
-            with suppress(termios.error):  # it may be gone
+            with suppress(termios.error):  # the terminal may be closed already
                 termios.tcsetattr(terminal, termios.TCSANOW, before)
             loop.remove_reader(terminal)
 

@@ -1,4 +1,4 @@
-"""Named sockets between programs of one user on one machine.
+"""Named sockets between programs of the same user on the same machine.
 
 A name stands for a Unix socket in the runtime folder of the user. Python on Windows has no Unix sockets: a name stands
 for a private file there, with a port of the loopback interface and a token that clients must send.
@@ -27,7 +27,7 @@ from servolink.platforms.private_files import refuse_foreign
 
 _BACKLOG = 1024
 _FULL_PAUSE = 0.01  # seconds between attempts while too many programs wait to be accepted
-_SEND_BUFFER = 32768  # requests are short; see TCP
+_SEND_BUFFER = 32768  # bytes; requests are short, as on TCP
 _LONGEST_PATH = 103  # bytes in the address of a Unix socket on macOS; Linux takes four more
 _LONGEST_DOOR = 4096
 _PRIVATE = 0o600
@@ -41,9 +41,9 @@ class LocalSocket:
 
     listening: socket.socket
     path: Path
-    """File that makes the socket known, to be removed at the end."""
+    """File under which programs find the socket, to be removed at the end."""
     token: str
-    """Secret that clients must send; empty for a Unix socket, which the system protects."""
+    """Secret required from clients; empty for a Unix socket, protected by the system."""
 
 
 class _Door(Struct):
@@ -54,7 +54,7 @@ class _Door(Struct):
 
 
 def has_unix_sockets() -> bool:
-    """Return whether the system gives this program Unix sockets, and owners to their files."""
+    """Return whether Unix sockets are available, and their files have owners."""
     if sys.platform == "win32":
         return False
     else:
@@ -68,7 +68,7 @@ def has_unix_sockets() -> bool:
 def listen(name: str) -> LocalSocket:
     """Listen under `name` in the runtime folder, which must exist. Raise OSError.
 
-    Replace the file of a program that was killed; the caller must have made sure that no program uses the name.
+    Replace the file of a killed program; the caller must have made sure that no program uses the name.
     """
     folder = user_folder("runtime")
     if sys.platform == "win32" or not has_unix_sockets():
@@ -90,7 +90,7 @@ def listen(name: str) -> LocalSocket:
 
 
 async def connect(name: str) -> tuple[socket.socket, str]:
-    """Connect to the program that listens under `name`; return the socket, and the token to send.
+    """Connect to the program listening under `name`; return the socket, and the token to send.
 
     Raise OSError or ValueError; FileNotFoundError and ConnectionRefusedError if none is running.
     """
@@ -104,17 +104,17 @@ async def connect(name: str) -> tuple[socket.socket, str]:
             path = socket_path(short, name)
             status = os.lstat(path)
             if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.geteuid():
-                raise PermissionError(errno.EPERM, f"{name}.sock in {folder} is not a socket of this user")
+                raise PermissionError(errno.EPERM, f"{name}.sock in {folder} must be a socket of this user")
             connection = await _connected(socket.AF_UNIX, path)
         if not is_allowed(connection):
             connection.close()
-            raise PermissionError(errno.EPERM, "what listens there belongs to another user")
+            raise PermissionError(errno.EPERM, "the program listening there belongs to another user")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         return connection, ""
 
 
 def is_allowed(connection: socket.socket) -> bool:
-    """Return whether this user or root has the other end of a Unix socket; True if the system does not tell."""
+    """Return whether the peer of a Unix socket is the same user or root; True if the system cannot tell."""
     if sys.platform == "win32" or connection.family != socket.AF_UNIX or not hasattr(socket, "SO_PEERCRED"):
         return True
     else:
@@ -126,10 +126,10 @@ def is_allowed(connection: socket.socket) -> bool:
 
 @contextmanager
 def socket_folder() -> Iterator[Path]:
-    """Yield a path to the runtime folder for the time of this context. Raise OSError if others can write to the folder.
+    """Yield a path to the runtime folder, valid inside the context. Raise OSError if others can write to the folder.
 
-    On Linux the path leads to the checked folder even if that is renamed, and is short: the address of a socket has
-    room for about 100 bytes.
+    On Linux the path leads to the checked folder even after the folder was renamed, and is short: the address of a
+    socket has room for about 100 bytes.
     """
     folder = user_folder("runtime")
     if sys.platform == "win32":
@@ -154,22 +154,22 @@ def socket_path(folder: Path, name: str) -> str:
 
 
 def _remove_stale(place: str) -> None:
-    """Remove the socket of a program that was killed."""
+    """Remove the socket file of a killed program."""
     with suppress(FileNotFoundError):
         if not stat.S_ISSOCK(os.lstat(place).st_mode):
-            raise FileExistsError(f"{Path(place).name} is there and is not a socket; remove it")
+            raise FileExistsError(f"{Path(place).name} exists and must be a socket; remove the file")
         Path(place).unlink()
 
 
 async def _connected(family: int, place: str | tuple[str, int]) -> socket.socket:
-    # With the number of the protocol, by which asyncio knows that it must not keep short requests back.
+    # With the protocol number of TCP: only then asyncio sets TCP_NODELAY, so that short requests are sent immediately.
     connection = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP if family == socket.AF_INET else 0)
     try:
         connection.settimeout(0)
         while True:
             try:
                 await asyncio.get_running_loop().sock_connect(connection, place)
-                connection.getpeername()  # asyncio takes a full queue of a Unix socket for success
+                connection.getpeername()  # raises for a full queue, taken for success by asyncio on a Unix socket
             except OSError as error:
                 if error.errno not in {errno.ENOTCONN, errno.EAGAIN}:
                     raise

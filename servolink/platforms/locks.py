@@ -1,4 +1,4 @@
-"""Files and devices of which one program has exclusive use. A lock ends with the process, however that ends."""
+"""Locks of files and devices for exclusive use by one program. The system releases each lock with the process."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-_FAR = 2**30  # position of a byte that is never written, as a lock on Windows makes its bytes unreadable for others
+_FAR = 2**30  # position of the locked byte, beyond all content: on Windows other programs cannot read locked bytes
 
 
 def lock(file: BinaryIO, *, wait: bool) -> bool:
-    """Lock a file until it is closed. Return whether the file is locked now."""
+    """Lock a file until the file is closed. Return whether the lock was acquired."""
     try:
         if sys.platform == "win32":
             file.seek(_FAR)
@@ -38,7 +38,7 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
 
 
 def open_locked(path: Path) -> BinaryIO | None:
-    """Open the file at `path`, create it if necessary, and lock it. Return None if the file is locked already.
+    """Open or create the file at `path`, and lock the file. Return None if another lock exists.
 
     A file must be removed while it is locked. Raise OSError if the file cannot be opened.
     """
@@ -88,7 +88,7 @@ def claim_device(path: str) -> AbstractContextManager[object]:
 
 
 def _is_at(path: Path, file: BinaryIO) -> bool:
-    """Return whether the file is still the one at `path`: a program that ended may have removed it meanwhile."""
+    """Return whether `path` still leads to the file: the previous owner of the lock may have removed the file."""
     try:
         return os.path.samestat(os.fstat(file.fileno()), path.lstat())
     except FileNotFoundError:

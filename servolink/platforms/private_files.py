@@ -1,4 +1,4 @@
-"""Private files and folders of this user."""
+"""Private files and folders of the user of the process."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _PRIVATE = 0o700
 
 
 def private_folder() -> Path:
-    """Return the runtime folder of this user, created if necessary. Raise OSError if others can write to the folder."""
+    """Return the runtime folder of the user, created if necessary. Raise OSError if others can write to the folder."""
     folder = user_folder("runtime")
     folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)
     refuse_foreign(folder, folder.lstat())  # a foreign folder or a link could redirect all writing
@@ -22,15 +22,16 @@ def private_folder() -> Path:
 
 
 def refuse_foreign(folder: Path, status: os.stat_result) -> None:
-    """Raise PermissionError unless this is the status of a folder of this user."""
+    """Raise PermissionError unless `status` describes a private folder of the user."""
     if not is_ours(status):
         raise PermissionError(
-            errno.EPERM, f"{folder} belongs to another user, or others can write to it; correct or remove it"
+            errno.EPERM,
+            f"{folder} belongs to another user, or is writable for others; correct or remove the folder",
         )
 
 
 def is_ours(status: os.stat_result) -> bool:
-    """Return whether this is the status of a folder, and no link, in which only this user can create files."""
+    """Return whether `status` describes a folder, not a link, where only the user can create files."""
     if sys.platform == "win32":
         return stat.S_ISDIR(status.st_mode)  # inside the user's profile
     else:

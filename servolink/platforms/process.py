@@ -1,4 +1,4 @@
-"""User, groups and limits of this process, and the names of other users."""
+"""User, groups and limits of the process, and the names of other users."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if sys.platform != "win32":
 
 
 def login_name() -> str:
-    """Return the name under which the user of this process logged in; empty if the system does not know the name."""
+    """Return the login name of the user of the process; empty if unknown to the system."""
     with suppress(KeyError, OSError, ImportError):  # ImportError: Windows without USERNAME, before Python 3.13
         return getpass.getuser()
     return ""
 
 
 def own_name() -> str:
-    """Return the name of the user of this process; empty on Windows."""
+    """Return the name of the effective user of the process; empty on Windows."""
     if sys.platform == "win32":
         return ""
     else:
@@ -29,7 +29,7 @@ def own_name() -> str:
 
 
 def own_groups() -> frozenset[str]:
-    """Return the groups of this process."""
+    """Return the names of the groups of the process."""
     if sys.platform == "win32":
         return frozenset()
     else:
@@ -53,7 +53,7 @@ def group_name(number: int) -> str:
 
 
 def members(group: str) -> list[str] | None:
-    """Return the members of `group`, including users who must log in again; None for an unknown group."""
+    """Return the members of `group`, including users still logged in without the group; None for an unknown group."""
     if sys.platform != "win32":
         with suppress(KeyError):
             return grp.getgrnam(group).gr_mem
@@ -61,7 +61,7 @@ def members(group: str) -> list[str] | None:
 
 
 def most_open_files() -> int | None:
-    """Return the number of files and connections that this process may have open; None for no limit."""
+    """Return the most files and connections the process can have open; None for no limit."""
     if sys.platform == "win32":
         return None
     else:

@@ -1,7 +1,8 @@
-"""Pseudo-terminals: serial ports without hardware. This program has one end, the other end has a name.
+"""Pseudo-terminals: serial ports without hardware, with our end in the program and a named end for other programs.
 
-Programs open and close the end with the name as they like. Systems differ in how they say so: while no program has it
-open, reading fails on Linux and returns nothing on macOS, and both call it readable. Windows has no pseudo-terminals.
+Other programs open and close the named end at any time. Systems report a closed terminal in different ways: reading
+our end fails on Linux and returns nothing on macOS, and both systems call our end readable. Windows has no
+pseudo-terminals.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ if sys.platform != "win32":
     import tty
 
 AVAILABLE = sys.platform != "win32"
-"""Whether this system has pseudo-terminals."""
+"""Whether the system has pseudo-terminals."""
 
 _CHUNK = 4096
 _TCGETS2 = 0x802C542A
@@ -44,7 +45,7 @@ def open_pair() -> tuple[int, int, str]:
 
 
 class PseudoTerminal:
-    """Our end of a pseudo-terminal. Programs open and close the other end, one after the other."""
+    """Our end of a pseudo-terminal. Programs open and close the other end, one after another."""
 
     def __init__(self) -> None:
         """Make the pseudo-terminal. Raise TransportUnavailable on Windows."""
@@ -59,21 +60,21 @@ class PseudoTerminal:
         os.close(self._ours)
 
     def on_readable(self, act: Callable[[], object] | None) -> None:
-        """Call `act` while bytes can be read, and while the terminal is closed; call nothing for None."""
+        """Call `act` whenever bytes are readable or the terminal is closed; None ends the calls."""
         if act is None:
             self._loop.remove_reader(self._ours)
         else:
             self._loop.add_reader(self._ours, act)
 
     def on_writable(self, act: Callable[[], object] | None) -> None:
-        """Call `act` while bytes can be written; call nothing for None."""
+        """Call `act` whenever bytes are writable; None ends the calls."""
         if act is None:
             self._loop.remove_writer(self._ours)
         else:
             self._loop.add_writer(self._ours, act)
 
     def read(self) -> bytes | None:
-        """Read available bytes, or none; return None if the terminal is closed."""
+        """Read available bytes, possibly zero; return None if the terminal is closed."""
         try:
             return os.read(self._ours, _CHUNK) or None
         except BlockingIOError:
@@ -109,7 +110,7 @@ class PseudoTerminal:
             return any(event & select.POLLHUP for _, event in poll.poll(0))
 
     def renew(self, baudrate: int = 0) -> None:
-        """Drop unread bytes and reset the settings of the terminal; set `baudrate` unless that is 0."""
+        """Drop unread bytes and reset the settings of the terminal; set `baudrate` unless 0."""
         if sys.platform != "win32":
             with suppress(OSError, termios.error):
                 theirs = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)

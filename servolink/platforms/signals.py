@@ -1,4 +1,4 @@
-"""Signals that end programs, and their way into an event loop of any kind."""
+"""Termination signals, and their delivery to any kind of event loop."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from contextlib import contextmanager
 
 if sys.platform == "win32":
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGBREAK)
-    """Ctrl-C, an end asked for by another program, and a closed console."""
+    """Ctrl-C, termination by another program, and a closed console."""
     SAVING: tuple[signal.Signals, ...] = ()
-    """Signals that save the ring of a recorder; Windows has none."""
+    """Signals to save the ring of a recorder: no signal on Windows."""
     WAIT: float | None = 0.1
-    """Seconds that one wait for a thread may take, as Ctrl-C does not interrupt such a wait on Windows."""
+    """Longest wait for a thread, in seconds: on Windows, Ctrl-C does not interrupt such a wait."""
 else:
     ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     """Ctrl-C, `kill` and a closed terminal."""
     SAVING: tuple[signal.Signals, ...] = (signal.SIGUSR1,)
-    """Signals that save the ring of a recorder."""
+    """Signals to save the ring of a recorder."""
     WAIT: float | None = None
-    """Seconds that one wait for a thread may take; None for no limit."""
+    """Longest wait for a thread, in seconds; None for no limit."""
 
 
 def not_ignored(numbers: Sequence[signal.Signals] = ENDING) -> list[signal.Signals]:
-    """Return the signals that are not ignored; `nohup` and background jobs ignore some."""
+    """Return the signals not ignored by the process; `nohup` and background jobs ignore some signals."""
     return [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
 
 
@@ -36,9 +36,9 @@ def handled(
     *,
     again: Callable[[], object] | None = None,
 ) -> Iterator[None]:
-    """Call `act` on the running loop for each signal that arrives meanwhile; ignored signals stay ignored.
+    """Call `act` on the running loop for each signal inside the context; ignored signals stay ignored.
 
-    With `again`, call `act` for the first signal only, and `again` for further ones: at once, even if the loop is busy.
+    With `again`, call `act` for the first signal only, and `again` for later signals, even while the loop is busy.
     """
     loop = asyncio.get_running_loop()
     before = {number: signal.getsignal(number) for number in not_ignored(numbers)}
@@ -51,7 +51,7 @@ def handled(
         received = True
         loop.call_soon_threadsafe(act)
 
-    for number in before:  # not with add_signal_handler, which Windows has not
+    for number in before:  # not with add_signal_handler, absent on Windows
         signal.signal(number, receive)
     try:
         yield

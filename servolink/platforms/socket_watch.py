@@ -1,4 +1,4 @@
-"""Watch of a socket that another package reads and writes, on any event loop.
+"""Watch of a socket used by another package, on any event loop.
 
 The event loop of Windows has no `add_reader`: there a thread waits for the socket, and the event loop does the rest.
 """
@@ -41,7 +41,7 @@ class SocketWatch:
 
 
 class ThreadedSocketWatch:
-    """Watch by a thread, which has the event loop call the functions and waits until they have returned."""
+    """Watch by a thread; each callback runs in the event loop while the thread waits for the return."""
 
     def __init__(self, sock: socket.socket, on_readable: Callable[[], None], on_writable: Callable[[], None]) -> None:
         """Call `on_readable` while `sock` can be read."""
@@ -104,7 +104,7 @@ class ThreadedSocketWatch:
 def watch_socket(
     sock: socket.socket, on_readable: Callable[[], None], on_writable: Callable[[], None]
 ) -> SocketWatch | ThreadedSocketWatch:
-    """Return a watch that calls `on_readable` while the socket can be read, and `on_writable` when that is wanted."""
+    """Return a watch of `sock`, which calls `on_readable`, and after `watch_writing(True)` also `on_writable`."""
     try:
         return SocketWatch(sock, on_readable, on_writable)
     except NotImplementedError:

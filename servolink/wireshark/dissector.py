@@ -1,4 +1,4 @@
-"""Dissector for Wireshark: Lua tables made from the packet declarations, the code behind them, and its installation."""
+"""Dissector for Wireshark: Lua tables made from the packet declarations, Lua code, and the installation."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet, Response, Result, Value, bare, counted, group, value
 
 FIRST_LINE = "-- A Wireshark dissector for servo control boards, written by `servolink wireshark`."
-"""By it, an installed dissector is known to be one of ours."""
+"""First line of each dissector by servolink: a file with another first line is never replaced."""
 
 ENCODINGS = ("utf-8", "big5", "gb18030", "utf-16-le", "utf-16-be", "latin-1")
-"""The caption encodings among which the dissector lets people choose, in the order of its preference."""
+"""Caption encodings offered in the preferences of the dissector, in this order."""
 
 _BYTE_ORDERS: tuple[ByteOrder | None, ...] = (None, "little", "big")
 _MEANING = re.compile(r"(\d+) (?:for )?([a-z][a-zA-Z ]*)")
 
 
 def dissector(byte_order: ByteOrder | None = None, caption_encoding: str = "utf-8") -> str:
-    """Return the dissector in Lua; byte order (None: found for each frame) and encoding are its preferences at first.
+    """Return the dissector in Lua, with byte order (None: detected in each frame) and encoding as default preferences.
 
-    Raise ValueError for an encoding that is not one of ENCODINGS.
+    Raise ValueError for an encoding outside ENCODINGS.
     """
     if caption_encoding not in ENCODINGS:
         raise ValueError(f"Wireshark can read captions in {', '.join(ENCODINGS)}, not in {caption_encoding}")
@@ -44,6 +44,7 @@ def dissector(byte_order: ByteOrder | None = None, caption_encoding: str = "utf-
 
 
 def _tables(defaults: dict[str, int]) -> Iterator[str]:
+    """Yield the lines of the Lua tables: default preferences, fields, packets, and characters of Big5."""
     yield f"local DEFAULTS = {_lua(defaults)}"
     yield "local FIELDS = {"
     yield from (f"  {_lua(field)}," for field in _fields())
@@ -76,7 +77,7 @@ def _fields() -> list[tuple[str, str, str]]:
 
 
 def _packet(declared: type[Packet]) -> dict[str, Any]:
-    """Return what the dissector has to know of a packet."""
+    """Return the description of a packet for the dissector, as a table."""
     rule = layout(declared, "little").rule
     described: dict[str, Any] = {
         "name": declared.__name__,
@@ -111,14 +112,14 @@ def _group(name: str, hint: Any, count: str, size: int) -> dict[str, Any]:
 
 
 def _value(declared: Value, hint: Any) -> list[Any]:
-    """Return name, `struct` code and the meanings of numbers, which stand in the description: "0 failed, 1 done"."""
+    """Return name, `struct` code and meanings of numbers, taken from a description such as "0 failed, 1 done"."""
     meanings = {int(number): text.strip() for number, text in _MEANING.findall(_meaning(hint))}
     is_list = re.match(r"\d+ (?!in )", _meaning(hint)) is not None
     return [declared.name, declared.code, *([meanings] if is_list else [])]
 
 
 def _echoed(declared: type[Packet]) -> str:
-    """Return the field of a request by which its response is recognised among others; empty if there is none."""
+    """Return the request field that identifies its response among others; empty without such a field."""
     response = PACKETS.get(declared.packet_id + 1)
     if response is None:
         return ""
@@ -143,7 +144,7 @@ def _code(name: str, hint: Any) -> str:
 
 
 def _meaning(hint: Any) -> str:
-    """Return how a field is described; empty if it is not."""
+    """Return the description of a field; empty if missing."""
     notes = list(getattr(hint, "__metadata__", ()))
     for choice in get_args(bare(hint)):
         notes += getattr(choice, "__metadata__", ())
@@ -151,14 +152,14 @@ def _meaning(hint: Any) -> str:
 
 
 def _big5() -> Iterator[tuple[int, str]]:
-    """Yield each lead byte of Big5, which Wireshark does not know, and the characters of its trail bytes in order."""
+    """Yield each lead byte of Big5, an encoding unknown to Wireshark, and the characters of its trail bytes."""
     trails = [*range(0x40, 0x7F), *range(0xA1, 0xFF)]
     for lead in range(0xA1, 0xFA):
         yield lead, "".join(bytes((lead, trail)).decode("big5", "replace")[0] for trail in trails)
 
 
 def _lua(found: Any) -> str:
-    """Return a value as Lua writes it."""
+    """Return a value as Lua source text."""
     match found:
         case bool():
             return "true" if found else "false"
@@ -175,10 +176,11 @@ def _lua(found: Any) -> str:
 
 
 FILE_NAME = "servolink.lua"
+"""Name of the dissector in the folder of plugins."""
 
 
 def plugin_folder(platform: str = sys.platform, environment: Mapping[str, str] = os.environ) -> Path:
-    """Return the folder of personal Lua plugins that the User's Guide of Wireshark names, whether it exists or not.
+    """Return the folder of personal Lua plugins, existing or not, as in the User's Guide of Wireshark.
 
     Raise ServolinkError for a user without a home.
     """
@@ -186,16 +188,20 @@ def plugin_folder(platform: str = sys.platform, environment: Mapping[str, str] =
         ("APPDATA", "Wireshark/plugins") if platform == "win32" else ("HOME", ".local/lib/wireshark/plugins")
     )
     if not (home := environment.get(variable)):
-        raise ServolinkError(f"{variable} is not set, so Wireshark has no personal plugins; set it, or print the text")
+        raise ServolinkError(
+            f"{variable} is not set, so Wireshark has no personal plugins; set the variable, or print the text"
+        )
     return Path(home, folders)
 
 
 def install(text: str) -> Path:
-    """Write the dissector into the folder of personal plugins and return its path. Replace only an older one."""
+    """Write the dissector into the folder of personal plugins and return the path. Replace only an older dissector."""
     path = plugin_folder() / FILE_NAME
     try:
         if path.exists() and not read_file(path, MIB).startswith(FIRST_LINE.encode()):
-            raise ServolinkError(f"{path} was not written by servolink; remove it, or print the text and keep both")
+            raise ServolinkError(
+                f"{path} was not written by servolink; remove the file, or print the text and keep both"
+            )
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, text.encode())
     except (OSError, ValueError) as error:

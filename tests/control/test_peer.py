@@ -152,7 +152,7 @@ def request(**fields: Any) -> str:
         ("", None, Code.PARSE_ERROR, "is not JSON"),
         ("[" * 100_000, None, Code.PARSE_ERROR, "nested too deeply"),
         ('{"a":' * 50_000 + "1" + "}" * 50_000, None, Code.PARSE_ERROR, "nested too deeply"),
-        ('{"id": 1, "id": 2}', None, Code.PARSE_ERROR, "'id' is there twice"),
+        ('{"id": 1, "id": 2}', None, Code.PARSE_ERROR, "'id' is a duplicate key"),
         (f'{{"id": {"9" * 5000}}}', None, Code.PARSE_ERROR, "thousands of digits"),
         ('{"id": NaN}', None, Code.PARSE_ERROR, "NaN is not a number"),
         (" " * (MOST_BYTES + 1), None, Code.PARSE_ERROR, "larger than 1 MiB"),

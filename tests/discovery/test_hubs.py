@@ -141,12 +141,12 @@ def test_a_name_is_letters_digits_and_dashes(name: str) -> None:
 def test_no_hub_runs_where_others_can_put_files(folder: Path, tmp_path: Path) -> None:
     (others := tmp_path / "others").mkdir(mode=0o700)
     folder.symlink_to(others)
-    with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
+    with pytest.raises(OpenError, match="belongs to another user, or is writable for others"):
         run(claim_hub("rex"))
     folder.unlink()
     folder.mkdir()
     folder.chmod(0o770)
-    with pytest.raises(OpenError, match="belongs to another user, or others can write to it"):
+    with pytest.raises(OpenError, match="belongs to another user, or is writable for others"):
         run(claim_hub("rex"))
     folder.chmod(0o700)
     (folder / "rex.hub").symlink_to(tmp_path / "victim")

@@ -307,7 +307,7 @@ HOSTILE: list[tuple[bytes, str | None, str]] = [
     (b'{"method": "battery"}', None, "'id' is missing"),
     (b'{"id": 7, "method": "battery"}', None, "id: must be text"),
     (b'{"id": "a/b", "method": "battery"}', None, "id:"),
-    (b'{"id": "a", "id": "b", "method": "battery"}', None, "is there twice"),
+    (b'{"id": "a", "id": "b", "method": "battery"}', None, "is a duplicate key"),
     (b'{"id": "1"}', "1", "'method' is missing"),
     (b'{"id": "2", "method": "battery", "params": []}', "2", "params: must be an object"),
     (b'{"id": "3", "method": "battery", "params": {"x": NaN}}', None, "NaN"),

@@ -157,7 +157,7 @@ def test_another_user_is_disconnected_at_both_ends(
             monkeypatch.setattr(local_sockets, "is_allowed", lambda _: False)
             with RawLine(raw_socket()) as line:
                 assert await line.until_end() == b""
-            with pytest.raises(OpenError, match="what listens there belongs to another user"):
+            with pytest.raises(OpenError, match="the program listening there belongs to another user"):
                 await connect("share://rex")
             await until(lambda: caplog.text.count("was disconnected: it belongs to another user") == 2)
             assert not hub.programs
@@ -246,7 +246,7 @@ def test_what_is_not_a_socket_is_left_alone(folder: Path) -> None:
     (folder / "rex.sock").write_text("mine")
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
-        with pytest.raises(OpenError, match=r"rex.sock is there and is not a socket; remove it"):
+        with pytest.raises(OpenError, match=r"rex.sock exists and must be a socket; remove the file"):
             await sharing(hub).__aenter__()
 
     on_hub(use)

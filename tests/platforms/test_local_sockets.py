@@ -97,5 +97,5 @@ def test_a_folder_of_others_is_refused(has_unix_sockets: bool, folder: Path, mon
     monkeypatch.setattr(local_sockets, "has_unix_sockets", lambda: has_unix_sockets)
     assert folder == user_folder("runtime")
     folder.chmod(0o777)
-    with pytest.raises(PermissionError, match="others can write to it; correct or remove it"):
+    with pytest.raises(PermissionError, match="is writable for others; correct or remove the folder"):
         asyncio.run(local_sockets.connect("rex"))

@@ -190,7 +190,7 @@ def test_what_is_no_file_is_refused_at_once(path: Path) -> None:
     _refused("it is a link to nothing")
     path.unlink()
     path.write_bytes(b"#" * (1 << 16) + b"\n")
-    _refused("is larger than 65,536 bytes, the most that is read")
+    _refused("is larger than 65,536 bytes, the limit")
     path.unlink()
     path.parent.rmdir()
     path.parent.touch()

@@ -191,7 +191,7 @@ def replaced(old: str, new: str) -> str:
             replaced("_ms", ""),
             "actions[1].steps[1]: 'interval' is not a field; the fields are servo_id, degree, interval_ms",
         ),
-        (replaced("degree", "servo_id"), "actions[1].steps[1]: 'servo_id' is there twice; keep one of them"),
+        (replaced("degree", "servo_id"), "actions[1].steps[1]: 'servo_id' is a duplicate key; keep one entry"),
         (ACTIONS.format("[]"), "actions[1].steps[0]: must be an object, not []"),
         ('"actions": {}', "actions: must be a list, not {}"),
         ('"actions": [{"action_id": 1, "action_caption": 5}]', "actions[0].action_caption: must be text, not 5"),
@@ -235,9 +235,9 @@ def replaced(old: str, new: str) -> str:
             MACROS.format('{"type": "\\udc00"}'),
             "macros[0].commands[0].type: must be one of action, delay, macro, not '\ufffd'",
         ),
-        ('"project_id": 1, "x": {"y": [0, {"z": 1, "z": 2}]}', "x.y[1]: 'z' is there twice; keep one of them"),
-        ('"x": {"z": 1, "z": {"y": 1, "y": 2}}', "x: 'z' is there twice; keep one of them"),
-        (f'"{"x" * 300}": [{{"z": 1, "z": 2}}]', f"{'x' * 197}...: 'z' is there twice; keep one of them"),
+        ('"project_id": 1, "x": {"y": [0, {"z": 1, "z": 2}]}', "x.y[1]: 'z' is a duplicate key; keep one entry"),
+        ('"x": {"z": 1, "z": {"y": 1, "y": 2}}', "x: 'z' is a duplicate key; keep one entry"),
+        (f'"{"x" * 300}": [{{"z": 1, "z": 2}}]', f"{'x' * 197}...: 'z' is a duplicate key; keep one entry"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str, said: str) -> None:
@@ -252,8 +252,8 @@ def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str,
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "is not JSON: Expecting value in line 1, column 1; correct it there"),
-        ('{"schema": 1,\n  "actions": [}', "is not JSON: Expecting value in line 2, column 15; correct it there"),
+        ("", "is not JSON: Expecting value in line 1, column 1; correct the text there"),
+        ('{"schema": 1,\n  "actions": [}', "is not JSON: Expecting value in line 2, column 15; correct the text there"),
         ("[1]", "is not a project file: it needs a JSON object, not [1]"),
         ("null", "is not a project file: it needs a JSON object, not null"),
         ("{}", '"schema" is missing; a project file begins with "schema": 1'),
@@ -261,13 +261,13 @@ def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str,
         ('{"schema": 0}', "schema: must be 1, the version of the format, not 0"),
         ('{"schema": "1"}', "schema: must be 1, the version of the format, not '1'"),
         ('{"schema": true}', "schema: must be 1, the version of the format, not true"),
-        ('{"schema": 1, "schema": 1}', "'schema' is there twice; keep one of them"),
+        ('{"schema": 1, "schema": 1}', "'schema' is a duplicate key; keep one entry"),
         ('{"schema": NaN}', "is not JSON: NaN is not a number"),
         ('{"schema": ' + "1" * 5000, "contains an integer of thousands of digits"),
         ("[" * 200_000, "is nested too deeply"),
-        (b'{"schema": "\xe9"}', "is not text in UTF-8 (byte 12); save it as UTF-8"),
-        (b"\xff\xfe{\0}\0", "is not text in UTF-8 (byte 0); save it as UTF-8"),
-        (b" " * (MAX_SIZE + 1), "is larger than 16 MiB, the most that is read"),
+        (b'{"schema": "\xe9"}', "is not text in UTF-8 (byte 12); save the file as UTF-8"),
+        (b"\xff\xfe{\0}\0", "is not text in UTF-8 (byte 0); save the file as UTF-8"),
+        (b" " * (MAX_SIZE + 1), "is larger than 16 MiB, the limit"),
     ],
     ids=lambda value: str(value[:20]),
 )
@@ -281,7 +281,7 @@ def test_a_path_takes_memory_for_one_place_only() -> None:
     text = f'{{"{"k" * 20_000}": [{{"a": 1, "a": 1}}{", [], {}" * 2000}]}}'
     tracemalloc.start()
     try:
-        with pytest.raises(ProjectError, match="is there twice"):
+        with pytest.raises(ProjectError, match="is a duplicate key"):
             parse_project(text)
         _, peak = tracemalloc.get_traced_memory()
     finally:

@@ -67,7 +67,7 @@ def test_the_file_of_somebody_else_is_left_alone(home: Path, capsys: pytest.Capt
     path.write_text("-- mine")
     said = call(capsys, "wireshark", "--install")
     assert said.code == 1
-    assert f"{path} was not written by servolink; remove it" in said.err
+    assert f"{path} was not written by servolink; remove the file" in said.err
     assert path.read_text() == "-- mine"
     (home / ".local/lib/wireshark/plugins/servolink.lua").unlink()
     path.parent.rmdir()
