@@ -151,7 +151,7 @@ def figures(paths: Iterable[Path]) -> Figures:
 def sources(place: Path) -> list[Path]:
     """Return the Python and JavaScript files in a folder, except those of other projects, or the file itself."""
     files = [place] if place.is_file() else sorted([*place.rglob("*.py"), *place.rglob("*.js")])
-    return [file for file in files if "vendor" not in file.parts]
+    return [file for file in files if not {"vendor", "node_modules"} & set(file.parts)]
 
 
 def main(places: list[str]) -> None:

@@ -85,7 +85,7 @@ BACKLOG: dict[str, dict[str, float]] = {
     "project": {"riddles": 4, "pronouns": 9.5},
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "spy": {"pronouns": 8, "lines": 121},
-    "studio": {"pronouns": 11, "lines": 158, "short": 18},
+    "studio": {"pronouns": 11, "lines": 158},
     "studio/web": {"riddles": 8, "pronouns": 11, "lines": 77},
     "sync": {"pronouns": 8, "lines": 173, "short": 36},
     "transports": {"riddles": 6, "pronouns": 9, "lines": 172},

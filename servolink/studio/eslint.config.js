@@ -9,6 +9,25 @@ const BROWSER = [
   "TextEncoder", "URL", "URLSearchParams", "WebSocket", "window", "Worker",
 ];
 
+// The compiler cannot tell a signal from an input by the name `value`, and neither can a selector. So variables that hold an
+// input, or refer to one, have one of these names, and any other `value` counts as that of a signal.
+const FIELD = "/^(field|slider)$/";
+const VALUE = ":matches(MemberExpression[property.name='value'], MemberExpression[property.value='value'])";
+const SIGNAL = `${VALUE}:not([object.name=${FIELD}], [object.object.name=${FIELD}][object.property.name='current'])`;
+const WRITES = "signals are written in state/ only: call a function there that names what happens";
+// Each place of the syntax in which a member is given a value: assignment, step, loop and destructuring.
+const ONLY_STATE_WRITES_SIGNALS = [
+  { selector: `:matches(AssignmentExpression, AssignmentPattern) > ${SIGNAL}.left`, message: WRITES },
+  { selector: `:matches(ForOfStatement, ForInStatement) > ${SIGNAL}.left`, message: WRITES },
+  { selector: `UpdateExpression > ${SIGNAL}`, message: WRITES },
+  { selector: `ArrayPattern > ${SIGNAL}, ObjectPattern > Property > ${SIGNAL}.value`, message: WRITES },
+];
+// Screens that make signals would soon share them with each other, past the functions of `state/`.
+const ONLY_STATE_MAKES_SIGNALS = {
+  selector: "ImportSpecifier[imported.name=/^(signal|useSignal)$/]",
+  message: "signals live in state/, or useState holds what only one component knows",
+};
+
 export default [
   { ignores: ["**/vendor/**"] },
   {
@@ -50,5 +69,15 @@ export default [
         { property: "dangerouslySetInnerHTML", message: "texts of others become text nodes only" },
       ],
     },
+  },
+  {
+    files: ["web/**/*.js"],
+    ignores: ["web/state/**"],
+    rules: { "no-restricted-syntax": ["error", ...ONLY_STATE_WRITES_SIGNALS, ONLY_STATE_MAKES_SIGNALS] },
+  },
+  {
+    // This module makes the signal of the language: modules of `state/` need texts, so it cannot import from them.
+    files: ["web/texts/text.js"],
+    rules: { "no-restricted-syntax": ["error", ...ONLY_STATE_WRITES_SIGNALS] },
   },
 ];

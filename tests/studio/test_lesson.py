@@ -16,7 +16,7 @@ from tests.studio.web_code import call_all, needs_node
 
 pytestmark = needs_node
 
-_LESSON = "screens/teach/lesson.js"
+_LESSON = "state/lesson.js"
 _EMPTY: dict[str, Any] = {**project_to_form(Project()), "actions": [], "macros": []}
 _TIMES = [1.0, 1.204, 1.274, 1.28, 4.0, 900.0]
 _POSES = [{2: 0, 3: 10}, {2: 15, 3: 10}, {2: -90, 3: 0}, {2: -90, 3: 0}, {2: 0, 3: 1}, {2: 0, 3: 0}]

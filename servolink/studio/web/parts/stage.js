@@ -6,7 +6,7 @@ import { isMine } from "../state/robot.js";
 
 /** @typedef {import("../figure/figure.js").Figure} Figure */
 /** @typedef {import("../figure/stage.js").Scene} Scene */
-/** @typedef {"front" | "side" | "free"} ViewName */
+/** @typedef {import("../state/view.js").ViewName} ViewName */
 
 /** @type {Set<Stage>} */
 const stages = new Set();

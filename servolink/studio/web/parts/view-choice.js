@@ -1,12 +1,13 @@
-// From where a figure is seen.
+// Direction from which the figure of a screen is seen.
 
 import { html } from "../html.js";
+import { lookFrom, views } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { Segments } from "./segments.js";
 
-/** @param {{ view: { value: import("./stage.js").ViewName } }} props */
-export function ViewChoice({ view }) {
-  return html`<${Segments} label=${t("live.view")} small value=${view.value} onChoose=${(/** @type {typeof view.value} */ name) => (view.value = name)}
+/** @param {{ of: keyof typeof views }} props */
+export function ViewChoice({ of }) {
+  return html`<${Segments} label=${t("live.view")} small value=${views[of].value} onChoose=${(/** @type {import("../state/view.js").ViewName} */ name) => lookFrom(of, name)}
     choices=${[
       { value: "front", label: t("live.front") },
       { value: "side", label: t("live.side") },

@@ -9,8 +9,9 @@ import { MacrosScreen } from "../screens/macros/index.js";
 import { ProjectScreen } from "../screens/project/index.js";
 import { RecordScreen } from "../screens/record/index.js";
 import { TeachScreen } from "../screens/teach/index.js";
+import { Icon } from "../parts/icon.js";
+import { toasts } from "../state/toasts.js";
 import { screen, showsKeys } from "../state/view.js";
-import { Toasts } from "../parts/toasts.js";
 import { t } from "../texts/text.js";
 import { Banner } from "./banner.js";
 import { Header, StopButton } from "./header.js";
@@ -50,4 +51,19 @@ export function App(tools) {
     <${Toasts} />
     ${showsKeys.value && html`<${KeyList} />`}
   `;
+}
+
+function Toasts() {
+  return html`<div class="toasts" role="status" aria-live="polite">
+    ${toasts.value.map(
+      (message) => html`<div key=${message.id} class="toast ${message.kind ?? ""}">
+        <${Icon} name=${message.icon ?? (message.kind === "bad" ? "warn" : "check")} />
+        <div class="grow">
+          <b>${message.title}</b>
+          ${message.detail && html`<p class="mut">${message.detail}</p>`}
+        </div>
+        ${message.action && html`<button class="btn s" onClick=${message.action.run}>${message.action.label}</button>`}
+      </div>`,
+    )}
+  </div>`;
 }

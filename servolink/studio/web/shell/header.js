@@ -3,11 +3,11 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../parts/toasts.js";
+import { toast } from "../state/toasts.js";
 import { battery, boardState, linkState, welcome } from "../state/robot.js";
-import { theme } from "../state/settings.js";
-import { showsKeys } from "../state/view.js";
-import { language, t } from "../texts/text.js";
+import { changeLanguage, changeTheme, theme } from "../state/settings.js";
+import { showKeys } from "../state/view.js";
+import { t } from "../texts/text.js";
 import { Control } from "./control.js";
 import { Edits } from "./edits.js";
 
@@ -30,7 +30,7 @@ export function Header(tools) {
       <button class="btn ic ghost" aria-label=${t("app.theme")} onClick=${changeTheme}>
         <${Icon} name=${theme.value === "dark" ? "sun" : "moon"} />
       </button>
-      <button class="btn ic ghost hide-n" aria-label=${t("app.keys")} onClick=${() => (showsKeys.value = true)}>
+      <button class="btn ic ghost hide-n" aria-label=${t("app.keys")} onClick=${() => showKeys(true)}>
         <${Icon} name="help" />
       </button>
       <${StopButton} ...${tools} />
@@ -82,9 +82,6 @@ function place() {
   if (boardState.value !== "connected") return t("board.lost");
   return welcome.value?.is_virtual ? t("board.in_this_computer") : safeText(welcome.value?.url ?? "");
 }
-
-const changeTheme = () => (theme.value = theme.value === "dark" ? "light" : "dark");
-const changeLanguage = () => (language.value = language.value === "zh" ? "en" : "zh");
 
 const Logo = () => html`<svg viewBox="0 0 32 32" aria-hidden="true">
   <rect class="logo-ground" width="32" height="32" rx="9" />

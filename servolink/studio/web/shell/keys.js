@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
 import { isMine } from "../state/robot.js";
-import { showsKeys } from "../state/view.js";
+import { showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { redoEdit, undoEdit } from "./edits.js";
 import { stop } from "./header.js";
@@ -67,7 +67,7 @@ const LIST = [
 ];
 
 export function KeyList() {
-  return html`<${Dialog} title=${t("app.keys")} onClose=${() => (showsKeys.value = false)}>
+  return html`<${Dialog} title=${t("app.keys")} onClose=${() => showKeys(false)}>
     <div class="keys">
       ${LIST.map(
         ([title, keys]) => html`<h3>${t(title)}</h3>
@@ -100,7 +100,7 @@ export function listenToKeys({ motion }) {
   addEventListener("keydown", (event) => {
     if (isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
     const entry = ENTRIES[Number(event.key) - 1];
-    if (event.key === "?") showsKeys.value = true;
+    if (event.key === "?") showKeys(true);
     else if (event.key.toLowerCase() === "l" && isMine.value) motion.leave();
     else if (entry !== undefined) location.hash = entry.name;
   });

@@ -4,10 +4,11 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../parts/toasts.js";
+import { toast } from "../state/toasts.js";
 import {
   another,
   boardState,
+  dismissProblem,
   hold,
   isLive,
   isOthers,
@@ -48,7 +49,7 @@ function StoppedNote({ motion }) {
 function ProblemNote() {
   if (problem.value === "") return null;
   return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.problem")} detail=${safeText(problem.value)}>
-    <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${() => (problem.value = "")}><${Icon} name="close" /></button>
+    <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${dismissProblem}><${Icon} name="close" /></button>
   </${Note}></div>`;
 }
 

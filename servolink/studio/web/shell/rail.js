@@ -3,7 +3,7 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { differences } from "../state/project.js";
-import { screen } from "../state/view.js";
+import { screen, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
@@ -41,7 +41,7 @@ const link = (
 export function followAddress() {
   const read = () => {
     const name = location.hash.slice(1);
-    if (ENTRIES.some((entry) => entry.name === name)) screen.value = name;
+    if (ENTRIES.some((entry) => entry.name === name)) showScreen(name);
   };
   addEventListener("hashchange", read);
   read();

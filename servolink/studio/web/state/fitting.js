@@ -1,10 +1,58 @@
-// A figure while it is fitted to a robot: which servo turns which part, which way, and from where.
+// A figure while it is fitted to a robot: the part that each servo turns, its direction and its zero.
+
+import { signal } from "../html.js";
+import { figure, ownFigure, templates } from "./figure.js";
+import { servoIds } from "./robot.js";
 
 /** @typedef {import("../figure/figure.js").FigureData} FigureData */
 /** @typedef {import("../figure/figure.js").JointData} JointData */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
 /** The figure as it will be saved, and its joints that a servo may turn. @typedef {{ data: FigureData, parts: string[] }} Fit */
 /** @typedef {Partial<Pick<JointData, "sign" | "offset" | "limits">>} Change */
+
+/** The figure that is being fitted, null for none. */
+export const fit = signal(/** @type {Fit | null} */ (null));
+/** The servo that is asked about. */
+export const asked = signal(0);
+/** The template with which the fit began, by its index; -1 for the figure as it was. */
+export const origin = signal(0);
+
+/** Begin with the figure as it is, or with a template if there is none. */
+export function beginFit() {
+  const count = servoIds.value.length;
+  const closest = templates.value.map(({ servoIds: ids }) => Math.abs(ids.length - count));
+  askAbout(servoIds.value[0] ?? 0);
+  fitFrom(figure.value ? -1 : closest.indexOf(Math.min(...closest)));
+}
+
+/**
+ * Begin again with a template.
+ * @param {number} number of the template, -1 for the figure as it was
+ */
+export function fitFrom(number) {
+  origin.value = number;
+  const from = number < 0 ? figure.value : templates.value[number];
+  if (from) fit.value = begin(from.data, servoIds.value);
+}
+
+/** @param {Fit} next */
+export function changeFit(next) {
+  fit.value = next;
+}
+
+/** End the fit: it was saved, or is not wanted any more. */
+export function endFit() {
+  fit.value = null;
+}
+
+/** @param {number} servo */
+export function askAbout(servo) {
+  asked.value = servo;
+}
+
+/** Return the name of the figure. */
+export const nameOfFit = () =>
+  (origin.value < 0 ? ownFigure.value?.name : templates.value[origin.value].data.name) ?? figure.value?.data.name ?? "";
 
 /**
  * Begin to fit a figure: its joints with a servo can be given others. Servos that the robot does not have are taken out.

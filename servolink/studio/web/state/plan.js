@@ -107,3 +107,9 @@ const nothing = () => ({
 
 /** @param {unknown} error */
 const textOf = (error) => (error instanceof Error ? error.message : String(error));
+
+/** Forget the latest plan, and how the latest writing ended: the board is read again. */
+export function dropPlan() {
+  outcome.value = NO_OUTCOME;
+  plan.value = null;
+}

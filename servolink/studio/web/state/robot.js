@@ -149,3 +149,8 @@ function take(frame) {
 /** Return the angles that the servos report now, for drawing. */
 export const actualPose = () =>
   Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));
+
+/** Hide what the hub found wrong last. */
+export function dismissProblem() {
+  problem.value = "";
+}

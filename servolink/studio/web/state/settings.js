@@ -41,3 +41,19 @@ function write(settings) {
     // the browser keeps nothing, as in a private window: the settings last as long as the page
   }
 }
+
+export function changeTheme() {
+  theme.value = theme.value === "dark" ? "light" : "dark";
+}
+
+export function changeLanguage() {
+  language.value = language.value === "zh" ? "en" : "zh";
+}
+
+/**
+ * Set the name under which people at other pages see this one.
+ * @param {string} name
+ */
+export function renamePage(name) {
+  who.value = name;
+}

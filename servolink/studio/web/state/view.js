@@ -1,15 +1,18 @@
-// What this page shows: the screen, the chosen servo, and what is drafted for the servos.
+// What this page shows: the screen, what is chosen on it, and the targets that were set and not sent.
 
 import { signal } from "../html.js";
 
 /** @typedef {import("../figure/figure.js").Pose} Pose */
+/** Direction from which a figure is seen. @typedef {"front" | "side" | "free"} ViewName */
+/** @typedef {"preview" | "robot"} Mode */
+/** @typedef {import("./history.js").Quantity} Quantity */
 
 /** The screen, as in the part of the address behind `#`. */
 export const screen = signal("live");
 /** The chosen servo: the same one on every screen. */
 export const chosen = signal(/** @type {number | null} */ (null));
 /** Whether dragging moves the robot, or a draft. */
-export const mode = signal(/** @type {"preview" | "robot"} */ ("preview"));
+export const mode = signal(/** @type {Mode} */ ("preview"));
 /** The targets that were set in Preview and not sent. */
 export const draft = signal(/** @type {Pose} */ ({}));
 /** Whether the list of keys is shown. */
@@ -17,3 +20,74 @@ export const showsKeys = signal(false);
 /** The chosen action and macro, by id. */
 export const chosenAction = signal(0);
 export const chosenMacro = signal(0);
+/** The limb that the screen Live shows on a phone. */
+export const shownLimb = signal("");
+/** The readings that the screen Live plots. */
+export const plottedQuantity = signal(/** @type {Quantity} */ ("angle"));
+
+const view = () => signal(/** @type {ViewName} */ ("free"));
+/** Direction from which the figure of each screen is seen. */
+export const views = { live: view(), actions: view(), macros: view(), teach: view() };
+
+/** @param {string} name */
+export function showScreen(name) {
+  screen.value = name;
+}
+
+/** @param {number | null} id */
+export function chooseServo(id) {
+  chosen.value = id;
+}
+
+/** @param {Mode} name */
+export function chooseMode(name) {
+  mode.value = name;
+}
+
+/**
+ * Set the target of a servo, to be sent later.
+ * @param {number} id
+ * @param {number} angle
+ */
+export function draftTarget(id, angle) {
+  draft.value = { ...draft.value, [id]: angle };
+}
+
+/** Forget the targets that were not sent. */
+export function dropTargets() {
+  draft.value = {};
+}
+
+/** @param {boolean} isShown */
+export function showKeys(isShown) {
+  showsKeys.value = isShown;
+}
+
+/** @param {number} id */
+export function chooseAction(id) {
+  chosenAction.value = id;
+}
+
+/** @param {number} id */
+export function chooseMacro(id) {
+  chosenMacro.value = id;
+}
+
+/** @param {string} limb */
+export function showLimb(limb) {
+  shownLimb.value = limb;
+}
+
+/** @param {Quantity} quantity */
+export function plotQuantity(quantity) {
+  plottedQuantity.value = quantity;
+}
+
+/**
+ * Look at the figure of a screen from another direction.
+ * @param {keyof typeof views} name
+ * @param {ViewName} from
+ */
+export function lookFrom(name, from) {
+  views[name].value = from;
+}

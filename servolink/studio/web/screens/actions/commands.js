@@ -1,6 +1,6 @@
 // What can be done to the action on the screen as a whole.
 
-import { editToast } from "../../parts/edit-toast.js";
+import { editToast } from "../../state/toasts.js";
 import { withDegrees, withEnoughTime, withSteps, withTime } from "../../state/edit-action.js";
 import { capOf, within } from "../../state/limits.js";
 import { mirrored, rightToLeft } from "../../state/mirror.js";
@@ -8,7 +8,15 @@ import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutAction } from "../../state/records.js";
 import { actualPose, servoIds } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
-import { action, add, change, ghostAction, mirror, nameOfAction, startPose } from "./current.js";
+import {
+  action,
+  addAction,
+  changeAction,
+  ghostAction,
+  mirror,
+  nameOfAction,
+  startPose,
+} from "../../state/shown-action.js";
 
 /** @typedef {import("../../state/motion.js").Part} Part */
 /** @typedef {import("../../state/records.js").Action} Action */
@@ -24,14 +32,14 @@ export function addTaken() {
     degree: within(servo_id, pose[servo_id] ?? 0),
     interval_ms: TIME,
   }));
-  add("actions.did_add", t("actions.new_name", { number }), steps);
+  addAction("actions.did_add", t("actions.new_name", { number }), steps);
 }
 
 /** Add a copy. */
 export function duplicate() {
   if (action.value === null) return;
   const { action_caption, steps } = action.value;
-  add("actions.did_duplicate", t("actions.copy_of", { name: action_caption }), steps);
+  addAction("actions.did_duplicate", t("actions.copy_of", { name: action_caption }), steps);
 }
 
 /** Delete the action, also where macros run it. */
@@ -49,19 +57,19 @@ export function remove() {
 /** Exchange left and right. */
 export function mirrorAction() {
   if (mirror.value.size === 0) return;
-  change("actions.did_mirror", (one) => withSteps(one, mirrored(one.steps, mirror.value)));
+  changeAction("actions.did_mirror", (one) => withSteps(one, mirrored(one.steps, mirror.value)));
   editToast({ icon: "mirror", title: t("actions.mirrored") });
 }
 
 /** Make the left half the image of the right half. */
 export function copyRight() {
-  change("actions.did_copy", (one) => withSteps(one, rightToLeft(one.steps, mirror.value)));
+  changeAction("actions.did_copy", (one) => withSteps(one, rightToLeft(one.steps, mirror.value)));
 }
 
 /** Take the angles of the robot for the servos that take part, or for all if none does. */
 export function take() {
   const pose = actualPose();
-  change("actions.did_take", (one) => {
+  changeAction("actions.did_take", (one) => {
     const ids = one.steps.length > 0 ? one.steps.map((step) => step.servo_id) : servoIds.value;
     return withDegrees(one, Object.fromEntries(ids.filter((id) => id in pose).map((id) => [id, Math.round(pose[id])])));
   });
@@ -71,11 +79,11 @@ export function take() {
  * Give all servos the same time.
  * @param {number} seconds
  */
-export const timeForAll = (seconds) => change("actions.did_time_all", (one) => withTime(one, seconds * 1000));
+export const timeForAll = (seconds) => changeAction("actions.did_time_all", (one) => withTime(one, seconds * 1000));
 
 /** Give the servos that are too fast as much time as they need. */
 export const moreTime = () =>
-  change("actions.did_more_time", (one) => withEnoughTime(one, startPose(ghostAction.value), capOf));
+  changeAction("actions.did_more_time", (one) => withEnoughTime(one, startPose(ghostAction.value), capOf));
 
 /**
  * Return the movements of an action from where the robot is, none faster than it may be.

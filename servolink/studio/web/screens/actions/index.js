@@ -7,7 +7,7 @@ import { Reading } from "../../parts/reading.js";
 import { draft } from "../../state/project.js";
 import { t } from "../../texts/text.js";
 import { addTaken, duplicate, mirrorAction } from "./commands.js";
-import { add, showsGhost } from "./current.js";
+import { addAction, toggleGhost } from "../../state/shown-action.js";
 import { PoseList } from "./pose-list.js";
 import { StageCard } from "./stage-card.js";
 import { StepsCard } from "./steps-card.js";
@@ -17,7 +17,7 @@ import { Toolbar } from "./toolbar.js";
 
 /** @param {Tools} tools */
 export function ActionsScreen(tools) {
-  useKeys({ m: mirrorAction, g: () => (showsGhost.value = !showsGhost.value), "Control+d": duplicate });
+  useKeys({ m: mirrorAction, g: toggleGhost, "Control+d": duplicate });
   if (draft.value === null) return html`<${Reading} link=${tools.link} icon="actions" />`;
   if (draft.value.actions.length === 0) return html`<${NoActions} />`;
   return html`<h1 class="sr">${t("screen.actions")}</h1>
@@ -34,7 +34,7 @@ const NoActions = () => html`<div class="card empty">
   <p>${t("actions.none_detail")}</p>
   <div class="row wrap">
     <button class="btn pri" onClick=${addTaken}><${Icon} name="camera" />${t("actions.take_first")}</button>
-    <button class="btn" onClick=${() => add("actions.did_add", t("actions.new_name", { number: 1 }), [])}>
+    <button class="btn" onClick=${() => addAction("actions.did_add", t("actions.new_name", { number: 1 }), [])}>
       <${Icon} name="plus" />${t("actions.start_empty")}
     </button>
   </div>

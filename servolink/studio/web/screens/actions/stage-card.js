@@ -1,6 +1,6 @@
 // The figure as the editor of a pose, with the pose before, pale.
 
-import { html, signal } from "../../html.js";
+import { html } from "../../html.js";
 import { HoldButton } from "../../parts/hold-button.js";
 import { Icon } from "../../parts/icon.js";
 import { FigureStage } from "../../parts/stage.js";
@@ -11,15 +11,22 @@ import { within } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { actualPose } from "../../state/robot.js";
-import { chosen } from "../../state/view.js";
+import { chooseServo, chosen, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { trialOf } from "./commands.js";
-import { action, change, ghostAction, ghostChoice, nameOfAction, showsGhost } from "./current.js";
+import {
+  action,
+  changeAction,
+  chooseGhost,
+  ghostAction,
+  ghostChoice,
+  nameOfAction,
+  showsGhost,
+  toggleGhost,
+} from "../../state/shown-action.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
-/** @typedef {import("../../parts/stage.js").ViewName} ViewName */
 
-const view = signal(/** @type {ViewName} */ ("free"));
 /** The action whose limb is dragged: the screen shows another one if somebody else deletes it. */
 let dragged = /** @type {number | undefined} */ (undefined);
 
@@ -32,8 +39,8 @@ export function StageCard({ motion }) {
     motion.play(parts, seconds);
   };
   return html`<section class="stage" aria-label=${t("actions.editor")}>
-    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene()} label=${t("actions.editor_aria")} view=${view.value} onKey=${press} />`}
-    <div class="tl col"><${ViewChoice} view=${view} /></div>
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene()} label=${t("actions.editor_aria")} view=${views.actions.value} onKey=${press} />`}
+    <div class="tl col"><${ViewChoice} of="actions" /></div>
     <div class="tr"><${GhostChoice} /></div>
     <div class="bl hide-n"><span class="chip hint"><${Icon} name="hand" />${t("actions.drag")}</span></div>
     <div class="br"><${HoldButton} label=${t("actions.hold_to_try")} onBegin=${trial} onEnd=${() => motion.end()} /></div>
@@ -44,11 +51,11 @@ function GhostChoice() {
   /** @param {Event} event */
   const choose = (event) => {
     const { value } = /** @type {HTMLSelectElement} */ (event.currentTarget);
-    ghostChoice.value = value === "robot" || value === "before" ? value : Number(value);
+    chooseGhost(value === "robot" || value === "before" ? value : Number(value));
   };
   const usual = ghostChoice.value === "before" && ghostAction.value ? `: ${nameOfAction(ghostAction.value)}` : "";
   return html`<div class="ghost row">
-    <label class="sw"><input type="checkbox" aria-label=${t("actions.ghost")} checked=${showsGhost.value} onChange=${() => (showsGhost.value = !showsGhost.value)} /><span>${t("actions.ghost")}</span></label>
+    <label class="sw"><input type="checkbox" aria-label=${t("actions.ghost")} checked=${showsGhost.value} onChange=${toggleGhost} /><span>${t("actions.ghost")}</span></label>
     <select class="inp s" aria-label=${t("actions.ghost_of")} onChange=${choose} value=${String(ghostChoice.value)}>
       <option value="before">${t("actions.ghost_before")}${usual}</option>
       <option value="robot">${t("actions.ghost_robot")}</option>
@@ -66,7 +73,7 @@ function scene() {
       showsGhost.value ? { ...pose(), ...(ghostAction.value ? poseOf(ghostAction.value) : actualPose()) } : null,
     chosen: () => chosen.value,
     hasGizmo: true,
-    onPick: (id) => (chosen.value = id),
+    onPick: chooseServo,
     onGrab: () => (dragged = action.value?.action_id),
     onDrag: (id, angle) => dragged === action.value?.action_id && turn(id, angle, "drag"),
     onRelease: settle,
@@ -83,7 +90,10 @@ export function turn(id, angle, merge = "") {
   const degree = within(id, angle);
   if (action.value && poseOf(action.value)[id] === degree) return;
   const values = { servo: nameOf(id), degree };
-  change("actions.did_turn", (one) => withDegrees(one, { [id]: degree }), { values, merge: merge && `${merge} ${id}` });
+  changeAction("actions.did_turn", (one) => withDegrees(one, { [id]: degree }), {
+    values,
+    merge: merge && `${merge} ${id}`,
+  });
 }
 
 /**
@@ -97,7 +107,7 @@ function press({ key, shiftKey, ctrlKey, altKey, metaKey }) {
   const degree = action.value && chosen.value !== null ? (poseOf(action.value)[chosen.value] ?? 0) : 0;
   const way = { ArrowLeft: -1, ArrowRight: 1 }[key],
     next = { ArrowUp: -1, ArrowDown: 1 }[key];
-  if (next !== undefined) chosen.value = ids[(at + next + ids.length) % ids.length] ?? null;
+  if (next !== undefined) chooseServo(ids[(at + next + ids.length) % ids.length] ?? null);
   else if (chosen.value === null) return false;
   else if (way !== undefined) turn(chosen.value, degree + way * (shiftKey ? 10 : 1), "keys");
   else if (key === "0") turn(chosen.value, 0);

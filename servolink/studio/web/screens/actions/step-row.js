@@ -7,9 +7,9 @@ import { limitsOf, nameOf } from "../../state/figure.js";
 import { capOf, within } from "../../state/limits.js";
 import { settle } from "../../state/project.js";
 import { LONGEST } from "../../state/records.js";
-import { chosen } from "../../state/view.js";
+import { chooseServo, chosen } from "../../state/view.js";
 import { degrees, seconds, t } from "../../texts/text.js";
-import { change, ghostAction, startPose } from "./current.js";
+import { changeAction, ghostAction, startPose } from "../../state/shown-action.js";
 import { turn } from "./stage-card.js";
 
 /** @typedef {import("../../state/records.js").Step} Step */
@@ -24,17 +24,17 @@ export function StepRow({ id, step, speed, longest }) {
   }, [isChosen]);
   const join = () => {
     const degree = within(id, startPose(ghostAction.value)[id] ?? 0);
-    change(
+    changeAction(
       step ? "actions.did_leave" : "actions.did_join",
       (one) => (step ? withoutServo(one, id) : withDegrees(one, { [id]: degree })),
       { values: { servo: name } },
     );
   };
   const [low, high] = limitsOf(id);
-  return html`<div ref=${row} class="step ${step ? "" : "off"} ${isChosen ? "sel" : ""}" onPointerDown=${() => (chosen.value = id)}>
+  return html`<div ref=${row} class="step ${step ? "" : "off"} ${isChosen ? "sel" : ""}" onPointerDown=${() => chooseServo(id)}>
     <input type="checkbox" checked=${step !== undefined} aria-label=${t("actions.takes_part", { id, name })} onChange=${join} />
     <span class="sid">${id}</span>
-    <button class="nm ell" aria-pressed=${String(isChosen)} onClick=${() => (chosen.value = id)}>${name}</button>
+    <button class="nm ell" aria-pressed=${String(isChosen)} onClick=${() => chooseServo(id)}>${name}</button>
     ${
       step
         ? html`<${NumberField} classes="s deg" value=${step.degree} format=${degrees} low=${low} high=${high} label=${t("actions.target_of", { name })} onChange=${(/** @type {number} */ degree) => turn(id, degree)} />
@@ -52,7 +52,7 @@ function TimeBar({ id, step, speed, longest }) {
     speedText = speed === Infinity ? "\u221e" : `${Math.round(speed)}°/s`;
   /** @param {number} milliseconds @param {string} [merge] */
   const set = (milliseconds, merge = "") =>
-    change("actions.did_time", (one) => withTime(one, milliseconds, id), {
+    changeAction("actions.did_time", (one) => withTime(one, milliseconds, id), {
       values: { servo: nameOf(id) },
       merge: merge && `${merge} ${id}`,
     });

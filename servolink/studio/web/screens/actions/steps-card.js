@@ -11,7 +11,7 @@ import { capOf } from "../../state/limits.js";
 import { fitCaption } from "../../state/records.js";
 import { t } from "../../texts/text.js";
 import { duplicate, moreTime, remove } from "./commands.js";
-import { action, change, ghostAction, nameOfAction, startPose } from "./current.js";
+import { action, changeAction, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { StepRow } from "./step-row.js";
 
 const SHORTEST_BAR = 200; // milliseconds that fill a bar at least
@@ -57,7 +57,7 @@ function Name() {
   const rename = (name) => {
     const action_caption = fitCaption(name);
     if (action_caption !== one.action_caption)
-      change("actions.did_rename", (each) => ({ ...each, action_caption }), {
+      changeAction("actions.did_rename", (each) => ({ ...each, action_caption }), {
         values: { to: safeText(action_caption) },
       });
     return action_caption;

@@ -7,7 +7,7 @@ import { LONGEST, secondsOf } from "../../state/records.js";
 import { isLive } from "../../state/robot.js";
 import { seconds, t } from "../../texts/text.js";
 import { copyRight, mirrorAction, take, timeForAll } from "./commands.js";
-import { action, mirror } from "./current.js";
+import { action, mirror } from "../../state/shown-action.js";
 
 export function Toolbar() {
   const one = action.value,

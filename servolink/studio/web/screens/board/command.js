@@ -3,7 +3,7 @@
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { safeText } from "../../parts/safe-text.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 
 /** @param {{ text: string }} props */

@@ -2,12 +2,12 @@
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { safeText } from "../../parts/safe-text.js";
 import { figure, ownFigure, saveFigure } from "../../state/figure.js";
+import { beginFit } from "../../state/fitting.js";
 import { isLive, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
-import { beginFit } from "./fit.js";
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 export function FigureCard({ link }) {

@@ -1,12 +1,13 @@
 // Board: which boards are here, what is known of this one, what is wrong with it, and who else uses it.
 
 import { html } from "../../html.js";
+import { fit } from "../../state/fitting.js";
 import { t } from "../../texts/text.js";
 import { About } from "./about.js";
 import { BoardList } from "./board-list.js";
 import { Doctor } from "./doctor.js";
 import { FigureCard } from "./figure-card.js";
-import { FitCard, fit } from "./fit.js";
+import { FitCard } from "./fit.js";
 import { LinkCard } from "./links.js";
 import { People } from "./people.js";
 

@@ -4,7 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";

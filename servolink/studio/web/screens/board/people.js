@@ -3,14 +3,17 @@
 import { html } from "../../html.js";
 import { safeText } from "../../parts/safe-text.js";
 import { lease, programs, welcome } from "../../state/robot.js";
-import { who } from "../../state/settings.js";
+import { renamePage, who } from "../../state/settings.js";
 import { t } from "../../texts/text.js";
 
 /** @typedef {import("../../state/robot.js").Program} Program */
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 export function People({ link }) {
-  const rename = (/** @type {string} */ name) => link.rename((who.value = name));
+  const rename = (/** @type {string} */ name) => {
+    renamePage(name);
+    link.rename(name);
+  };
   const mine = welcome.value?.session;
   return html`<section class="card">
     <header><h2>${t("board.people")}</h2></header>

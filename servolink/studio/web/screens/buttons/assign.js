@@ -6,7 +6,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { edit, settle } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
-import { chosenMacro } from "../../state/view.js";
+import { chooseMacro } from "../../state/view.js";
 import { seconds, t } from "../../texts/text.js";
 import { buttonOf, SLOTS, withButton } from "./edits.js";
 
@@ -71,7 +71,7 @@ function SlotRow({ project, slot, value, secondsOf, onChange }) {
     <div><b>${t(title)}</b><small>${t(hint)}</small></div>
     ${
       value !== 0 && !isMissing
-        ? html`<a class="btn s ic ghost" href="#macros" aria-label=${t("buttons.show_macro")} title=${t("buttons.show_macro")} onClick=${() => (chosenMacro.value = value)}><${Icon} name="play" /></a>`
+        ? html`<a class="btn s ic ghost" href="#macros" aria-label=${t("buttons.show_macro")} title=${t("buttons.show_macro")} onClick=${() => chooseMacro(value)}><${Icon} name="play" /></a>`
         : html`<span></span>`
     }
     <select class="inp" aria-label=${t(title)} onChange=${(/** @type {Event} */ event) => onChange(Number(/** @type {HTMLSelectElement} */ (event.currentTarget).value))}>

@@ -1,11 +1,9 @@
 // A gamepad at this computer presses the buttons of the pad.
 
-import { signal, useEffect } from "../../html.js";
+import { useEffect } from "../../html.js";
 import { safeText } from "../../parts/safe-text.js";
+import { nameGamepad } from "../../state/pad.js";
 import { BY_GAMEPAD } from "./layout.js";
-
-/** What the browser calls the gamepad, empty without one. */
-export const gamepadName = signal("");
 
 /**
  * Call `onPress` and `onRelease` with the ids of buttons while the component is shown and the page is in front. Buttons
@@ -24,7 +22,7 @@ export function useGamepad(onPress, onRelease, onLost) {
       frame = requestAnimationFrame(look);
       const gamepad = navigator.getGamepads().find((each) => each?.connected && each.mapping === "standard");
       const name = safeText(gamepad?.id ?? "");
-      if (gamepadName.value !== name) gamepadName.value = name;
+      nameGamepad(name);
       const now = new Set(downOn(gamepad));
       if (gamepad === undefined && before.size > 0) onLost();
       else if (!isFirst && document.hasFocus()) {

@@ -1,40 +1,41 @@
 // Buttons: which macros the buttons of the remote control start; and presses of them, here or on a gamepad.
 
-import { html, signal, useEffect, useRef } from "../../html.js";
+import { html, useEffect, useRef, useState } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { down, heard } from "../../state/button-events.js";
 import { durations } from "../../state/durations.js";
 import { refusal, running } from "../../state/motion.js";
 import { draft, isCurrent, stored } from "../../state/project.js";
 import { isLive, mayMove } from "../../state/robot.js";
-import { mode } from "../../state/view.js";
+import { chooseMode, mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { Assign, macroName } from "./assign.js";
 import { buttonOf, isSet } from "./edits.js";
-import { gamepadName, useGamepad } from "./gamepad.js";
+import { useGamepad } from "./gamepad.js";
 import { Grid } from "./grid.js";
 import { isGamepad, PLACES } from "./layout.js";
 import { EventCount, EventLog } from "./log.js";
 import { Pad } from "./pad.js";
-import { pressed, Presses } from "./presses.js";
+import {
+  chooseButton,
+  chooseTable,
+  chosenButton,
+  chosenTable,
+  gamepadName,
+  pressed,
+  Presses,
+} from "../../state/pad.js";
 import { addTable, Tables } from "./tables.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 /** @typedef {import("../../state/records.js").Project} Project */
 /** @typedef {import("../../state/records.js").Table} Table */
 
-/** Too narrow to hit the buttons of a drawn gamepad. */
-const isNarrow = signal(false);
-const narrow = matchMedia("(max-width: 760px)");
-narrow.onchange = () => (isNarrow.value = narrow.matches);
-isNarrow.value = narrow.matches;
-
-const chosenTable = signal(/** @type {number | null} */ (null));
-const chosenButton = signal(1);
+const narrow = matchMedia("(max-width: 760px)"); // too narrow to hit the buttons of a drawn gamepad
 
 /** @param {Tools} tools */
 export function ButtonsScreen(tools) {
@@ -47,11 +48,12 @@ export function ButtonsScreen(tools) {
 
 /** @param {{ project: Project, table: Table } & Tools} props */
 function Content({ project, table, motion }) {
-  const secondsOf = totals(project);
+  const secondsOf = totals(project),
+    isNarrow = useIsNarrow();
   const { press, release, end } = usePresses(motion);
   /** @param {number} id */
   const choose = (id) => {
-    chosenButton.value = id;
+    chooseButton(id);
     if (mode.value === "robot") press(id);
   };
   useGamepad(choose, release, end);
@@ -70,14 +72,14 @@ function Content({ project, table, motion }) {
   return html`<div class="btns">
     <section class="card pad2">
       <header class="wrap"><h1>${t("screen.buttons")}</h1>
-        <${Tables} ...${{ project, table }} onChoose=${chooseTable} />
+        <${Tables} ...${{ project, table }} onChoose=${show} />
       </header>
       <div class="row pad0 wrap">
         <${Mode} />
         <${Hint} />
         <span class="grow"></span><${EventCount} />
       </div>
-      ${isGamepad(ids) && !isNarrow.value ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${(/** @type {number} */ id) => (chosenButton.value = id)} ...${shown} />`}
+      ${isGamepad(ids) && !isNarrow ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${chooseButton} ...${shown} />`}
       <${EventLog} macroOf=${(/** @type {number} */ id, /** @type {string} */ kind) => macroName(stored.value, startedBy(id, kind))} />
     </section>
     <${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, secondsOf }} id=${chosenButton.value} />
@@ -107,7 +109,7 @@ function Hint() {
 function Mode() {
   if (!mayMove.value) return null;
   return html`<${Segments} small label=${t("live.robot_mode")} value=${isLive.value ? mode.value : "preview"}
-    onChoose=${(/** @type {typeof mode.value} */ chosen) => (mode.value = chosen)}
+    onChoose=${chooseMode}
     choices=${[
       { value: "preview", label: t("buttons.assign"), icon: "eye" },
       { value: "robot", label: t("live.robot_mode"), icon: "live" },
@@ -115,9 +117,21 @@ function Mode() {
 }
 
 /** @param {number} id */
-function chooseTable(id) {
-  chosenTable.value = id;
-  chosenButton.value = draft.value?.joystick_tables.find((table) => table.table_id === id)?.buttons[0]?.button_id ?? 1;
+function show(id) {
+  chooseTable(id);
+  chooseButton(draft.value?.joystick_tables.find((table) => table.table_id === id)?.buttons[0]?.button_id ?? 1);
+}
+
+/** Return whether the page is too narrow for the drawn gamepad, now and after each change. */
+function useIsNarrow() {
+  const [isNarrow, setNarrow] = useState(narrow.matches);
+  useEffect(() => {
+    const look = () => setNarrow(narrow.matches);
+    look();
+    narrow.addEventListener("change", look);
+    return () => narrow.removeEventListener("change", look);
+  }, []);
+  return isNarrow;
 }
 
 /** @param {{ project: Project }} props */
@@ -126,7 +140,7 @@ const NoTables = ({ project }) => html`<div class="card empty">
   <h1>${t("buttons.none")}</h1>
   <p>${t("buttons.none_detail")}</p>
   <div class="row">
-    <button class="btn pri" onClick=${() => (chosenTable.value = addTable(project))}>${t("buttons.begin")}</button>
+    <button class="btn pri" onClick=${() => chooseTable(addTable(project))}>${t("buttons.begin")}</button>
     <a class="btn" href="#project">${t("buttons.open_file")}</a>
   </div>
 </div>`;

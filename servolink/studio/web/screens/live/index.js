@@ -1,8 +1,9 @@
 // Live: the robot as it is now, every servo beside its limb, and what happened in the last seconds.
 
-import { html, signal } from "../../html.js";
+import { html } from "../../html.js";
 import { limbName, limbs } from "../../state/figure.js";
 import { isFresh, isLive, servoIds } from "../../state/robot.js";
+import { showLimb, shownLimb } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { Icon } from "../../parts/icon.js";
 import { Inspector } from "./inspector.js";
@@ -11,9 +12,6 @@ import { PlotCard } from "./plot-card.js";
 import { StageCard } from "./stage-card.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
-
-/** The limb that a phone shows. */
-const shownLimb = signal("");
 
 /** @param {Tools} tools */
 export function LiveScreen(tools) {
@@ -30,7 +28,7 @@ export function LiveScreen(tools) {
       <${StageCard} ...${tools} />
       <div class="limbtabs seg only-n" role="group" aria-label=${t("live.figure")}>
         ${all.map(
-          ({ limb }) => html`<button aria-pressed=${String(limb === shown)} onClick=${() => (shownLimb.value = limb)}>
+          ({ limb }) => html`<button aria-pressed=${String(limb === shown)} onClick=${() => showLimb(limb)}>
             ${limbName(limb)}
           </button>`,
         )}

@@ -1,7 +1,7 @@
 // The chosen servo: its numbers, and what can be done to it.
 
 import { html, useRef, useSignalEffect } from "../../html.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { limbOf, nameOf } from "../../state/figure.js";
 import { isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
 import { chosen } from "../../state/view.js";

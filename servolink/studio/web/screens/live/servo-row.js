@@ -5,7 +5,7 @@ import { effect, html, useComputed, useLayoutEffect, useRef } from "../../html.j
 import { limitsOf, nameOf } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
 import { isFresh, isOthers, isRead, mayMove, servos } from "../../state/robot.js";
-import { chosen, draft, mode } from "../../state/view.js";
+import { chooseServo, chosen, draft, draftTarget, mode } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
@@ -26,7 +26,7 @@ export function ServoRow({ id, motion }) {
   const begin = () => {
     if (isOff) return; // a slider that is disabled is still told of presses
     isDragged.current = true;
-    chosen.value = id;
+    chooseServo(id);
     if (mode.value === "robot") motion.begin();
   };
   const end = () => {
@@ -44,7 +44,7 @@ export function ServoRow({ id, motion }) {
   );
   return html`<li ref=${row} class=${chosen.value === id ? "sv sel" : "sv"}>
     <span class="sid">${id}</span>
-    <button class="nm ell" aria-pressed=${String(chosen.value === id)} onClick=${() => (chosen.value = id)}>${nameOf(id)}</button>
+    <button class="nm ell" aria-pressed=${String(chosen.value === id)} onClick=${() => chooseServo(id)}>${nameOf(id)}</button>
     <span class="val num"><span data-part="angle"></span><small data-part="target"></small></span>
     <div class="track">
       <div class="bg"></div>
@@ -76,7 +76,7 @@ const knows = (id) => isRead.value && servos.value.has(id);
 export function drag(id, angle, motion) {
   if (!knows(id)) return;
   if (mode.value === "robot") motion.towards({ [id]: angle });
-  else draft.value = { ...draft.value, [id]: angle };
+  else draftTarget(id, angle);
 }
 
 /**

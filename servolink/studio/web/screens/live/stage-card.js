@@ -1,6 +1,6 @@
 // The figure of the robot in the middle of the screen, with the draft beside it, pale.
 
-import { html, signal, useEffect, useState } from "../../html.js";
+import { html, useEffect, useState } from "../../html.js";
 import { Hold } from "../../parts/hold.js";
 import { Icon } from "../../parts/icon.js";
 import { Segments } from "../../parts/segments.js";
@@ -9,7 +9,7 @@ import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
 import { actualPose, isFresh, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
-import { chosen, draft, mode } from "../../state/view.js";
+import { chooseMode, chooseServo, chosen, draft, dropTargets, mode, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { drag } from "./servo-row.js";
 
@@ -18,15 +18,13 @@ import { drag } from "./servo-row.js";
 
 const LIMP = /** @type {Vector} */ ([0.82, 0.41, 0.12]);
 
-const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("free"));
-
 /** @param {Tools} tools */
 export function StageCard({ motion }) {
   return html`<section class="stage" aria-label=${t("live.figure")}>
-    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene(motion)} label=${t("live.figure_aria")} view=${view.value} />`}
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene(motion)} label=${t("live.figure_aria")} view=${views.live.value} />`}
     ${!figure.value && html`<div class="nofigure"><p class="mut">${t("figure.none")}</p><a class="btn" href="#board">${t("figure.fit")}</a></div>`}
     <div class="tl col">
-      <${ViewChoice} view=${view} />
+      <${ViewChoice} of="live" />
       <${Draft} />
     </div>
     <div class="tr hide-n"><span class="legend">
@@ -58,7 +56,7 @@ function HoldToMove({ motion }) {
 function Draft() {
   const count = Object.keys(draft.value).length;
   if (count === 0 || mode.value === "robot") return null;
-  return html`<button class="chip acc plain" onClick=${() => (draft.value = {})}>${t("live.not_sent", { count })}</button>`;
+  return html`<button class="chip acc plain" onClick=${dropTargets}>${t("live.not_sent", { count })}</button>`;
 }
 
 function AsSeen() {
@@ -73,8 +71,8 @@ function AsSeen() {
 
 /** @param {typeof mode.value} chosenMode */
 function choose(chosenMode) {
-  mode.value = chosenMode;
-  draft.value = {};
+  chooseMode(chosenMode);
+  dropTargets();
 }
 
 /**
@@ -91,7 +89,7 @@ function scene(motion) {
     chosen: () => chosen.value,
     hasGizmo: true,
     tintOf: (joint) => (servos.value.get(joint.servo ?? -1)?.is_hold === false ? { tint: LIMP, amount: 0.7 } : null),
-    onPick: (id) => (chosen.value = id),
+    onPick: chooseServo,
     onDrag: canDrag ? (id, angle) => drag(id, Math.round(angle), motion) : undefined,
     onGrab: () => mode.value === "robot" && motion.begin(),
     onRelease: () => mode.value === "robot" && motion.end(),

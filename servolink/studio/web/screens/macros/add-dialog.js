@@ -8,7 +8,7 @@ import { callable } from "../../state/edit-macro.js";
 import { draft } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { t } from "../../texts/text.js";
-import { insert, macro, nameOfMacro } from "./current.js";
+import { insertCommand, macro, nameOfMacro } from "../../state/shown-macro.js";
 
 /** @param {{ type: "action" | "macro", onClose: () => void }} props */
 export function AddDialog({ type, onClose }) {
@@ -18,7 +18,7 @@ export function AddDialog({ type, onClose }) {
   /** @param {number} id */
   const choose = (id) => {
     onClose();
-    insert(type, id);
+    insertCommand(type, id);
   };
   return html`<${Dialog} title=${t(type === "action" ? "macros.add_action" : "macros.add_macro")} onClose=${onClose}>
     ${count === 0 && html`<p class="mut">${t("macros.nothing_to_add")}</p>`}

@@ -1,14 +1,14 @@
 // The commands of the macro as clips: they are dragged to another place, and at the right edge to another speed.
 
-import { html, signal, useEffect, useRef } from "../../html.js";
+import { html, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { PosePicture } from "../../parts/pose-picture.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { seconds, t } from "../../texts/text.js";
 import { move, stretch } from "./commands.js";
-import { chosenClip, course, macro, nameOfCommand } from "./current.js";
-import { frozen, place, share, span } from "./scale.js";
+import { chooseClip, chosenClip, course, macro, nameOfCommand } from "../../state/shown-macro.js";
+import { dragClip, dragged, endDrag, freezeScale, place, releaseScale, share, span } from "../../state/timeline.js";
 
 /** @typedef {import("../../state/macro-time.js").Clip} Clip */
 
@@ -16,9 +16,6 @@ const THRESHOLD = 4; // pixels before a press becomes a drag
 const PICTURE = 0.07,
   TIME = 0.028; // share of the timeline from which picture or time fit a clip
 const MOST_MARKS = 50;
-
-/** The clip that is dragged, and its place if it is dropped now. */
-const dragged = signal(/** @type {{ index: number, to: number } | null} */ (null));
 
 export function ClipsLane() {
   const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0);
@@ -48,7 +45,7 @@ function TopClip({ clip, all }) {
     what = nameOfCommand(command);
   const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
   return html`<button class="clip ${command.type}" style=${place(clip)} aria-pressed=${String(index === chosenClip.value)} title=${label}
-    onClick=${() => (chosenClip.value = index)} onFocus=${() => (chosenClip.value = index)} ...${handlers}>
+    onClick=${() => chooseClip(index)} onFocus=${() => chooseClip(index)} ...${handlers}>
     ${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
     <${ClipLabel} clip=${clip} />
     <${Edge} clip=${clip} />
@@ -80,8 +77,8 @@ function Edge({ clip }) {
     event.stopPropagation();
     const edge = /** @type {HTMLElement} */ (event.currentTarget);
     edge.setPointerCapture(event.pointerId);
-    chosenClip.value = clip.index;
-    frozen.value = span.value;
+    chooseClip(clip.index);
+    freezeScale();
     grip.current = { x: event.clientX, perPixel: span.value / (edge.closest(".bd")?.clientWidth ?? 1), clip };
   };
   /** @param {PointerEvent} event */
@@ -93,7 +90,7 @@ function Edge({ clip }) {
   const release = () => {
     if (grip.current === null) return;
     grip.current = null;
-    frozen.value = null;
+    releaseScale();
     settle();
   };
   useEffect(() => release, []); // somebody else may delete what is dragged
@@ -125,17 +122,17 @@ function useReorder(clip, all) {
     element.style.transform = `translateX(${by}px)`;
     const middle = (clip.from + clip.until) / 2 + by * perPixel;
     const to = all.filter((other) => other !== clip && (other.from + other.until) / 2 < middle).length;
-    if (dragged.value?.to !== to) dragged.value = { index: clip.index, to };
+    dragClip(clip.index, to);
   };
   const cancel = () => {
     grip.current?.element.classList.remove("drag");
     grip.current?.element.style.removeProperty("transform");
-    grip.current = dragged.value = null;
+    grip.current = null;
+    return endDrag();
   };
   useEffect(() => () => grip.current && cancel(), []);
   const drop = () => {
-    const drag = dragged.value;
-    cancel();
+    const drag = cancel();
     if (drag?.index === clip.index) move(drag.index, drag.to);
   };
   return { onPointerDown: grab, onPointerMove: pull, onPointerUp: drop, onPointerCancel: cancel };

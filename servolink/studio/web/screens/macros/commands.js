@@ -1,11 +1,19 @@
 // What can be done to the chosen command, and to the macro as a whole.
 
-import { editToast } from "../../parts/edit-toast.js";
+import { editToast } from "../../state/toasts.js";
 import { withCommand, withCommandAt, withMoved, withoutCommandAt } from "../../state/edit-macro.js";
 import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutMacro } from "../../state/records.js";
 import { seconds, t } from "../../texts/text.js";
-import { add, change, chosenClip, macro, nameOfCommand, nameOfMacro } from "./current.js";
+import {
+  addMacro,
+  changeMacro,
+  chooseClip,
+  chosenClip,
+  macro,
+  nameOfCommand,
+  nameOfMacro,
+} from "../../state/shown-macro.js";
 
 export const SLOWEST = 1,
   FASTEST = 100; // percent
@@ -23,11 +31,11 @@ export function duplicate() {
     at = chosenClip.value;
   if (one === null) return;
   if (command === null || at === null)
-    return add("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
-  change("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), {
+    return addMacro("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
+  changeMacro("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), {
     values: { what: nameOfCommand(command) },
   });
-  chosenClip.value = at + 1;
+  chooseClip(at + 1);
 }
 
 /** Take the chosen command out of the macro. */
@@ -35,8 +43,8 @@ export function removeChosen() {
   const command = chosenCommand(),
     at = chosenClip.value;
   if (command === null || at === null) return;
-  change("macros.did_remove", (each) => withoutCommandAt(each, at), { values: { what: nameOfCommand(command) } });
-  chosenClip.value = at > 0 ? at - 1 : null;
+  changeMacro("macros.did_remove", (each) => withoutCommandAt(each, at), { values: { what: nameOfCommand(command) } });
+  chooseClip(at > 0 ? at - 1 : null);
 }
 
 /**
@@ -47,10 +55,10 @@ export function removeChosen() {
 export function move(from, to) {
   const one = macro.value;
   if (one === null || from === to || to < 0 || to >= one.commands.length) return;
-  change("macros.did_move", (each) => withMoved(each, from, to), {
+  changeMacro("macros.did_move", (each) => withMoved(each, from, to), {
     values: { what: nameOfCommand(one.commands[from]) },
   });
-  chosenClip.value = to;
+  chooseClip(to);
 }
 
 /**
@@ -72,7 +80,7 @@ export function setSpeed(at, percent, merge = "") {
     ratio = Math.max(SLOWEST, Math.min(FASTEST, Math.round(percent)));
   if (!command || command.ratio_percent === ratio) return;
   const values = { what: nameOfCommand(command), ratio };
-  change("macros.did_speed", (each) => withCommand(each, at, { ratio_percent: ratio }), {
+  changeMacro("macros.did_speed", (each) => withCommand(each, at, { ratio_percent: ratio }), {
     values,
     merge: merge && `${merge} ${at}`,
   });
@@ -87,7 +95,7 @@ export function setRepeats(at, loop) {
   const command = macro.value?.commands[at],
     count = Math.round(loop);
   if (command)
-    change("macros.did_repeat", (each) => withCommand(each, at, { loop: count }), {
+    changeMacro("macros.did_repeat", (each) => withCommand(each, at, { loop: count }), {
       values: { what: nameOfCommand(command), count },
     });
 }
@@ -102,7 +110,7 @@ export function setPause(at, milliseconds, merge = "") {
   const delay_ms = Math.max(0, Math.round(milliseconds / UNIT) * UNIT);
   if (macro.value?.commands[at]?.delay_ms === delay_ms) return;
   const values = { time: seconds(delay_ms / 1000) };
-  change("macros.did_wait", (each) => withCommand(each, at, { delay_ms }), {
+  changeMacro("macros.did_wait", (each) => withCommand(each, at, { delay_ms }), {
     values,
     merge: merge && `${merge} ${at}`,
   });
@@ -138,6 +146,6 @@ export function removeMacro() {
   );
   const isUsed = callersOf(project, "macro", id).length > 0 || starts.includes(id);
   edit(["macros.did_delete", { name }], (before) => withoutMacro(before, id));
-  chosenClip.value = null;
+  chooseClip(null);
   editToast({ title: t("macros.deleted", { name }), detail: isUsed ? t("macros.deleted_from") : "" });
 }

@@ -5,13 +5,12 @@ import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { Reading } from "../../parts/reading.js";
 import { draft } from "../../state/project.js";
-import { actualPose } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { duplicate, moveChosen, removeChosen } from "./commands.js";
-import { addEmpty, macro, start } from "./current.js";
+import { addEmptyMacro, macro, startFromRobot } from "../../state/shown-macro.js";
 import { Inspector } from "./inspector.js";
 import { MacroList } from "./macro-list.js";
-import { isPlaying, seek, time, togglePlay } from "./preview.js";
+import { pause, seek, time, togglePlay } from "../../state/macro-preview.js";
 import { StageCard } from "./stage-card.js";
 import { Timeline } from "./timeline.js";
 
@@ -22,8 +21,8 @@ const STEP = 0.01; // seconds
 /** @param {Tools} tools */
 export function MacrosScreen(tools) {
   useEffect(() => {
-    start.value = actualPose();
-    return () => (isPlaying.value = false);
+    startFromRobot();
+    return pause;
   }, []);
   useKeys({
     " ": togglePlay,
@@ -52,7 +51,7 @@ const NoMacros = () => html`<div class="card empty">
   <h1>${t("macros.none")}</h1>
   <p>${t("macros.none_detail")}</p>
   <div class="row wrap">
-    <button class="btn pri" onClick=${addEmpty}><${Icon} name="plus" />${t("macros.new")}</button>
+    <button class="btn pri" onClick=${addEmptyMacro}><${Icon} name="plus" />${t("macros.new")}</button>
     <a class="btn" href="#actions"><${Icon} name="actions" />${t("macros.make_actions")}</a>
   </div>
 </div>`;

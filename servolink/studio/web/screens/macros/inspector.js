@@ -25,8 +25,17 @@ import {
   setSpeed,
   SLOWEST,
 } from "./commands.js";
-import { change, chosenClip, course, fastTurns, macro, nameOfCommand, nameOfMacro, secondsOfMacro } from "./current.js";
-import { show } from "./macro-list.js";
+import {
+  changeMacro,
+  chosenClip,
+  course,
+  fastTurns,
+  macro,
+  nameOfCommand,
+  nameOfMacro,
+  secondsOfMacro,
+  showMacro,
+} from "../../state/shown-macro.js";
 
 /** @typedef {import("../../state/records.js").Command} Command */
 
@@ -47,7 +56,9 @@ function Whole() {
   const rename = (name) => {
     const macro_caption = fitCaption(name);
     if (macro_caption !== one.macro_caption)
-      change("macros.did_rename", (each) => ({ ...each, macro_caption }), { values: { to: safeText(macro_caption) } });
+      changeMacro("macros.did_rename", (each) => ({ ...each, macro_caption }), {
+        values: { to: safeText(macro_caption) },
+      });
     return macro_caption;
   };
   const takes = secondsOfMacro(one),
@@ -106,7 +117,7 @@ function One({ command, at }) {
             .map(nameOfCommand)
             .join(", "),
         })}</p>
-        <button class="btn s" onClick=${() => show(called.macro_id)}>${t("macros.open", { name: nameOfMacro(called) })}<${Icon} name="arrow" /></button>`
+        <button class="btn s" onClick=${() => showMacro(called.macro_id)}>${t("macros.open", { name: nameOfMacro(called) })}<${Icon} name="arrow" /></button>`
       }
     </div>`;
 }

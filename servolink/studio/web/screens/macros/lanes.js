@@ -4,10 +4,10 @@ import { computed, html } from "../../html.js";
 import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { speedOf } from "../../state/macro-time.js";
-import { chosen } from "../../state/view.js";
+import { chooseServo, chosen } from "../../state/view.js";
 import { degrees } from "../../texts/text.js";
-import { course } from "./current.js";
-import { place, span } from "./scale.js";
+import { course } from "../../state/shown-macro.js";
+import { place, span } from "../../state/timeline.js";
 
 /** @typedef {import("../../state/macro-time.js").Turn} Turn */
 
@@ -36,7 +36,7 @@ export const movedServos = computed(() => {
 export const ServoLanes = () =>
   movedServos.value.map(
     (id) => html`<div class="lane" key=${id} data-g=${limbOf(id)}>
-    <button class="lb plain" aria-pressed=${String(chosen.value === id)} onClick=${() => (chosen.value = id)}><span class="sid">${id}</span><span class="ell">${nameOf(id)}</span></button>
+    <button class="lb plain" aria-pressed=${String(chosen.value === id)} onClick=${() => chooseServo(id)}><span class="sid">${id}</span><span class="ell">${nameOf(id)}</span></button>
     <div class="bd">${(turns.value.get(id) ?? []).slice(0, MOST_BARS).map(bar)}</div>
   </div>`,
   );

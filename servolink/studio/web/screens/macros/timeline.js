@@ -5,10 +5,10 @@ import { nameOf } from "../../state/figure.js";
 import { servoIds } from "../../state/robot.js";
 import { seconds, t } from "../../texts/text.js";
 import { ClipsLane, InnerLanes } from "./clips.js";
-import { chosenClip, course, macro, nameOfMacro } from "./current.js";
+import { chooseClip, chosenClip, course, macro, nameOfMacro } from "../../state/shown-macro.js";
 import { LimbLanes, movedServos, ServoLanes } from "./lanes.js";
-import { seek, time } from "./preview.js";
-import { lanes, share, span, zoom } from "./scale.js";
+import { seek, time } from "../../state/macro-preview.js";
+import { lanes, share, span, zoom } from "../../state/timeline.js";
 import { TimelineBar } from "./timeline-bar.js";
 
 const MOST_TICKS = 14;
@@ -27,7 +27,7 @@ export function Timeline() {
       <div class="tlin" style=${{ minWidth: `max(var(--least-timeline), ${zoom.value * 100}%)` }}>
         <${Ruler} />
         <div class="lane clips">
-          <button class="lb plain" aria-pressed=${String(chosenClip.value === null)} onClick=${() => (chosenClip.value = null)}>
+          <button class="lb plain" aria-pressed=${String(chosenClip.value === null)} onClick=${() => chooseClip(null)}>
             <b class="ell">${macro.value && nameOfMacro(macro.value)}</b>
           </button>
           <${ClipsLane} key=${macro.value?.macro_id} />

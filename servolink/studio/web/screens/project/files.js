@@ -2,7 +2,7 @@
 
 import { RequestError } from "../../link/link.js";
 import { saveBytes } from "../../parts/save-bytes.js";
-import { toast } from "../../parts/toasts.js";
+import { toast } from "../../state/toasts.js";
 import { safeText } from "../../parts/safe-text.js";
 import { ownFigure, saveFigure } from "../../state/figure.js";
 import { draft, edit } from "../../state/project.js";

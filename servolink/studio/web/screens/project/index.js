@@ -5,17 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
-import {
-  NO_OUTCOME,
-  apply,
-  isPlanning,
-  makePlan,
-  outcome,
-  plan,
-  planError,
-  progress,
-  readBackups,
-} from "../../state/plan.js";
+import { apply, dropPlan, isPlanning, makePlan, plan, planError, progress, readBackups } from "../../state/plan.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
@@ -73,10 +63,10 @@ function Head({ link, mayWrite, isCurrent, made }) {
   const isRefused = made?.found.some(({ severity }) => severity === "error") ?? false;
   const mayBegin = mayWrite && isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
   const choose = () => {
-    const element = /** @type {HTMLInputElement} */ (input.current),
-      file = element.files?.[0];
+    const field = /** @type {HTMLInputElement} */ (input.current),
+      file = field.files?.[0];
     if (file) openFile(link, file);
-    element.value = ""; // so that the same file can be chosen again
+    field.value = ""; // so that the same file can be chosen again
   };
   return html`<header class="wrap">
     <div class="grow"><h1>${title(count, isRefused)}</h1><p class="mut">${t(isPlanning.value ? "project.comparing" : made || isLive.value ? "project.kept_here" : "project.compared_later")}</p></div>
@@ -90,8 +80,7 @@ function Head({ link, mayWrite, isCurrent, made }) {
 
 /** @param {Link} link */
 async function again(link) {
-  outcome.value = NO_OUTCOME;
-  plan.value = null;
+  dropPlan();
   await reread(link);
   makePlan(link);
 }

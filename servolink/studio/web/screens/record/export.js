@@ -1,14 +1,13 @@
 // What becomes of a recording: a file of the hub, a table of what is plotted, or actions of the marked poses.
 
 import { saveBytes } from "../../parts/save-bytes.js";
-import { editToast } from "../../parts/edit-toast.js";
-import { toast } from "../../parts/toasts.js";
+import { editToast, toast } from "../../state/toasts.js";
 import { LENGTH, QUANTITIES } from "../../state/history.js";
 import { draft, edit } from "../../state/project.js";
 import { history } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
-import { SHORTEST, whyNot, withLesson } from "../teach/lesson.js";
-import { frozen, marks, plotted, say, status } from "./current.js";
+import { SHORTEST, whyNot, withLesson } from "../../state/lesson.js";
+import { frozen, marks, plotted, say, status } from "../../state/recording.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {import("../../state/history.js").History} History */

@@ -10,7 +10,17 @@ import { history, isLive, servoIds } from "../../state/robot.js";
 import { theme } from "../../state/settings.js";
 import { chosen } from "../../state/view.js";
 import { t } from "../../texts/text.js";
-import { freeze, frozen, mark, marks, mayRecord, plotted, refresh, startOrStop, status } from "./current.js";
+import {
+  freeze,
+  frozen,
+  mark,
+  marks,
+  mayRecord,
+  plotted,
+  refresh,
+  startOrStop,
+  status,
+} from "../../state/recording.js";
 import { Export } from "./export-menu.js";
 import { ServoList } from "./servo-list.js";
 
@@ -72,7 +82,7 @@ function Head({ link }) {
   </header>`;
 }
 
-/** @param {import("./current.js").Status | null} now */
+/** @param {import("../../state/recording.js").Status | null} now */
 function factsOf(now) {
   const facts = [
     t("record.servos", { count: servoIds.value.length }),

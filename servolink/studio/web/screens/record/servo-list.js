@@ -4,7 +4,7 @@ import { html } from "../../html.js";
 import { limbName, limbs, nameOf } from "../../state/figure.js";
 import { servoIds, servos } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
-import { plotServos, plotted } from "./current.js";
+import { plotServos, plotted } from "../../state/recording.js";
 
 export function ServoList() {
   const isAll = plotted.value.length === servoIds.value.length;

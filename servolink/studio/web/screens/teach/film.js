@@ -4,10 +4,18 @@ import { html, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { NumberField } from "../../parts/number-field.js";
 import { PosePicture } from "../../parts/pose-picture.js";
+import {
+  choosePose,
+  chosenPose,
+  film,
+  isLimp,
+  leastOf,
+  previewTime,
+  setSeconds,
+  togglePreview,
+} from "../../state/teaching.js";
 import { degrees, seconds, t } from "../../texts/text.js";
-import { chosenPose, film, isLimp, leastOf, setSeconds } from "./current.js";
-import { LONGEST, totalOf } from "./lesson.js";
-import { time, togglePreview } from "./preview.js";
+import { LONGEST, totalOf } from "../../state/lesson.js";
 
 const STEP = 0.1; // seconds
 const FEW = 2; // angles below a picture
@@ -18,7 +26,7 @@ export function Film() {
   useEffect(() => {
     list.current?.scrollTo({ left: list.current.scrollWidth });
   }, [count]);
-  const isPlaying = time.value !== null;
+  const isPlaying = previewTime.value !== null;
   return html`<section class="card film" aria-label=${t("teach.taken")}>
     <header>
       <h2>${t("teach.taken")} <span class="mut num" role="status">${t("teach.taken_count", { count, time: seconds(totalOf(film.value), 1) })}</span></h2>
@@ -44,7 +52,7 @@ function Pose({ at }) {
   const { pose, ids } = film.value[at],
     isChosen = chosenPose.value === at;
   return html`<li>
-    <button class="pose" aria-pressed=${String(isChosen)} onClick=${() => (chosenPose.value = isChosen ? null : at)}>
+    <button class="pose" aria-pressed=${String(isChosen)} onClick=${() => choosePose(isChosen ? null : at)}>
       <${PosePicture} pose=${pose} />
       <div>
         <b>${t("teach.pose", { number: at + 1 })}</b>

@@ -6,10 +6,9 @@ import { useKeys } from "../../parts/keys.js";
 import { heard } from "../../state/button-events.js";
 import { open } from "../../state/project.js";
 import { isLive, servoIds } from "../../state/robot.js";
+import { endPreview, forgetLast, holdAgain, isLimp, takePose } from "../../state/teaching.js";
 import { t } from "../../texts/text.js";
-import { forgetLast, holdAgain, isLimp, take } from "./current.js";
 import { Film } from "./film.js";
-import { endPreview } from "./preview.js";
 import { StageCard } from "./stage-card.js";
 import { Steps } from "./steps.js";
 
@@ -22,7 +21,7 @@ export function TeachScreen({ link }) {
     if (canRead) open(link); // the names that are taken already
   }, [canRead]);
   useEffect(() => leave, []);
-  useKeys({ " ": (event) => event.repeat || take(), u: forgetLast });
+  useKeys({ " ": (event) => event.repeat || takePose(), u: forgetLast });
   useRobotButtons();
   if (isLive.value && servoIds.value.length === 0) return html`<${NoServos} />`;
   return html`<h1 class="sr">${t("teach.title")}</h1>
@@ -41,7 +40,7 @@ function leave() {
 /** @param {string} kind */
 function press(kind) {
   if (!isLimp.peek()) return;
-  if (kind === "press") take();
+  if (kind === "press") takePose();
   if (kind !== "long_press") return;
   forgetLast();
   holdAgain();

@@ -1,35 +1,33 @@
 // The robot with its limp limbs in orange, and the pose of the film that is chosen, pale.
 
-import { html, signal } from "../../html.js";
+import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { figure, limbName, limbOf, limbs } from "../../state/figure.js";
 import { actualPose, servos } from "../../state/robot.js";
+import { chosenLimbs, chosenPose, film, isLimp, previewPose, previewTime, toggleLimb } from "../../state/teaching.js";
+import { views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
-import { chosenLimbs, chosenPose, film, isLimp, toggleLimb } from "./current.js";
-import { released } from "./limp.js";
-import { previewPose, time } from "./preview.js";
+import { released } from "../../state/limp.js";
 
 /** @typedef {import("../../figure/matrix.js").Vector} Vector */
 
 const LIMP = /** @type {Vector} */ ([0.82, 0.41, 0.12]);
-
-const view = signal(/** @type {import("../../parts/stage.js").ViewName} */ ("free"));
 
 export function StageCard() {
   const names = limbs.value
     .filter(({ ids }) => ids.some((id) => released.value.has(id)))
     .map(({ limb }) => limbName(limb));
   return html`<section class="stage" aria-label=${t("teach.stage")}>
-    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${SCENE} label=${t("teach.stage_aria")} view=${view.value} />`}
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${SCENE} label=${t("teach.stage_aria")} view=${views.teach.value} />`}
     <div class="tl col">
-      <${ViewChoice} view=${view} />
+      <${ViewChoice} of="teach" />
       ${names.length > 0 && html`<span class="chip limp"><${Icon} name="feather" />${t("teach.limp", { limbs: names.join(", ") })}</span>`}
     </div>
     <div class="tr">
       ${
-        time.value !== null
+        previewTime.value !== null
           ? html`<span class="chip acc"><${Icon} name="eye" />${t("teach.preview_only")}</span>`
           : html`<span class="chip">${isLimp.value ? t("teach.rest_held") : t("teach.all_held")}</span>`
       }
@@ -37,7 +35,7 @@ export function StageCard() {
   </section>`;
 }
 
-const isPreview = () => time.value !== null;
+const isPreview = () => previewTime.value !== null;
 
 /** @type {import("../../figure/stage.js").Scene} */
 const SCENE = {

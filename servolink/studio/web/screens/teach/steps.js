@@ -1,4 +1,4 @@
-// The three steps: choose limbs and let them go, pose and take, name and save.
+// The three steps: choose and release limbs, pose and take, name and save.
 
 import { html, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
@@ -7,7 +7,6 @@ import { safeText } from "../../parts/safe-text.js";
 import { limbName, limbs } from "../../state/figure.js";
 import { reading } from "../../state/project.js";
 import { isOthers, mayMove } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
 import {
   chosenIds,
   chosenLimbs,
@@ -15,16 +14,18 @@ import {
   forgetLast,
   holdAgain,
   isLimp,
-  letGo,
-  mayLetGo,
+  mayRelease,
   maySave,
   name,
+  nameLesson,
   problem,
-  save,
-  take,
+  releaseLimbs,
+  saveLesson,
+  takePose,
   toggleLimb,
-} from "./current.js";
-import { failure } from "./limp.js";
+} from "../../state/teaching.js";
+import { t } from "../../texts/text.js";
+import { failure } from "../../state/limp.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 
@@ -67,7 +68,7 @@ function Choose({ link }) {
     ${
       isLimp.value
         ? html`<button class="btn" onClick=${holdAgain}><${Icon} name="lock" />${t("teach.hold")}</button>`
-        : html`<button class="btn letgo" disabled=${!mayLetGo.value || chosenIds.value.length === 0} onClick=${() => letGo(link)}>
+        : html`<button class="btn letgo" disabled=${!mayRelease.value || chosenIds.value.length === 0} onClick=${() => releaseLimbs(link)}>
           <${Icon} name="feather" />${reason || t("teach.let_go")}
         </button>`
     }
@@ -80,7 +81,7 @@ function Take() {
   useEffect(() => {
     if (isReady) button.current?.focus(); // Space takes a pose now, and does not press what was pressed before
   }, [isReady]);
-  return html`<button ref=${button} class="btn pri big" disabled=${!isReady} onClick=${take}>
+  return html`<button ref=${button} class="btn pri big" disabled=${!isReady} onClick=${takePose}>
       <${Icon} name="camera" />${t("teach.take")} <kbd>${t("teach.space")}</kbd>
     </button>
     <div class="row wrap">
@@ -97,13 +98,13 @@ function Keep() {
   /** @param {Event} event */
   const submit = (event) => {
     event.preventDefault();
-    if (maySave.value) save();
+    if (maySave.value) saveLesson();
   };
   const why = state === "failed" ? t("project.not_read") : problem.value ? t(problem.value) : "";
   return html`<form class="row" onSubmit=${submit}>
       <input class="inp grow" aria-label=${t("teach.name")} placeholder=${t("teach.name")} maxlength=${MOST_CHARACTERS} value=${name.value}
         autocomplete="off" aria-describedby="teach-keep" aria-invalid=${String(why !== "")}
-        onInput=${(/** @type {Event} */ event) => (name.value = /** @type {HTMLInputElement} */ (event.currentTarget).value)} />
+        onInput=${(/** @type {Event} */ event) => nameLesson(/** @type {HTMLInputElement} */ (event.currentTarget).value)} />
       <button class="btn" disabled=${!maySave.value}>${t("teach.save")}</button>
     </form>
     <p id="teach-keep" class=${why ? "bad" : "mut"} aria-live="polite">

@@ -1,29 +1,29 @@
-// The servos that were let go. They are held again, where they are, before anything else happens: when the screen or the
-// page is left, when somebody stops the robot, and when another program gets the lease.
+// Servos that were released to be posed by hand. They are held again, where they are, before anything else happens: when
+// the screen or the page is left, when somebody stops the robot, and when another program gets the lease.
 
-import { effect, signal } from "../../html.js";
-import { Beats } from "../../link/beats.js";
-import { isLive, isMine, lease, readAt, servos } from "../../state/robot.js";
+import { effect, signal } from "../html.js";
+import { Beats } from "../link/beats.js";
+import { isLive, isMine, lease, readAt, servos } from "./robot.js";
 
-/** @typedef {import("../../link/link.js").Link} Link */
+/** @typedef {import("../link/link.js").Link} Link */
 
 // Limp servos do not move, so a slow page does no harm; but one that is gone for so long is gone, and the hub's stop holds
-// what it has let go.
+// the released servos.
 const DEAD_MAN = 3; // seconds
 const RENEW = 3000; // milliseconds: the hub ends a lease under which nothing moves after 10 s
 const AGAIN = 1000; // milliseconds after which holding is tried again
 const SETTLED = 300; // milliseconds after which readings show what was sent
 
-/** Servos that were let go here and are not held again, and whether each was started before. */
+/** Servos that were released here and are not held again, and whether each was started before. */
 export const released = signal(/** @type {ReadonlyMap<number, boolean>} */ (new Map()));
-/** Why they are not held although they should be, empty if there is no such reason. */
+/** Reason why released servos could not be held again, empty if there is none. */
 export const failure = signal("");
 
-/** Lets servos go, and holds them. */
+/** Releases servos, and holds them. */
 export class Limp {
   /**
    * @param {Link} link
-   * @param {() => void} onHeld called when they were held for another reason than that somebody here wanted it
+   * @param {() => void} onHeld called when servos were held although nobody here asked for that
    */
   constructor(link, onHeld) {
     this._link = link;
@@ -31,7 +31,7 @@ export class Limp {
     this._beats = new Beats(() => link.tell("lease.beat"));
     /** @type {Promise<void> | null} */
     this._holding = null;
-    this._letGoAt = Infinity; // milliseconds of `performance.now()`
+    this._releasedAt = Infinity; // milliseconds of `performance.now()`
     this._timer = 0;
     effect(() => {
       if (!isMine.value) this._beats.stop();
@@ -42,13 +42,13 @@ export class Limp {
   }
 
   /**
-   * Let servos go: they go limp. Rejects, with all of them held, if that fails.
+   * Release servos: they go limp. Rejects, with all of them held, if that fails.
    * @param {number[]} ids
    */
-  async letGo(ids) {
+  async release(ids) {
     lease.value = (await this._link.call("lease.take", { dead_man: DEAD_MAN })).lease;
     this._beats.start();
-    this._letGoAt = Infinity;
+    this._releasedAt = Infinity;
     released.value = new Map(ids.map((id) => [id, servos.value.get(id)?.is_start ?? false]));
     // All at once: what waits in the hub when somebody stops the robot is not sent any more.
     const done = await Promise.allSettled(ids.map((servo) => this._set(servo, false, false)));
@@ -56,13 +56,13 @@ export class Limp {
     if (refused) await this.hold({ start: false });
     if (refused) throw refused.reason;
     if (released.peek().size === 0 || this._holding !== null) return;
-    this._letGoAt = performance.now();
+    this._releasedAt = performance.now();
     this._timer = setInterval(() => this._renew(), RENEW);
   }
 
   /**
-   * Hold them where they are. Only then those are started that were before: one that is started while it is limp may
-   * turn to its last target.
+   * Hold the released servos where they are, then start those that were started before: a servo that is started while
+   * it is limp may turn to its last target.
    * @param {{ start?: boolean }} [options]
    */
   async hold({ start = true } = {}) {
@@ -73,10 +73,10 @@ export class Limp {
   /** @param {boolean} start */
   async _hold(start) {
     clearInterval(this._timer);
-    const servosLetGo = [...released.peek()];
-    if (servosLetGo.length === 0) return;
+    const limp = [...released.peek()];
+    if (limp.length === 0) return;
     try {
-      await Promise.all(servosLetGo.map(([servo]) => this._set(servo, false, true)));
+      await Promise.all(limp.map(([servo]) => this._set(servo, false, true)));
     } catch (error) {
       failure.value = error instanceof Error ? error.message : String(error);
       setTimeout(() => this._lost(), AGAIN);
@@ -84,7 +84,7 @@ export class Limp {
     }
     this._forget();
     if (!start || !isMine.peek()) return;
-    const started = servosLetGo.filter(([, wasStarted]) => wasStarted);
+    const started = limp.filter(([, wasStarted]) => wasStarted);
     await Promise.allSettled(started.map(([servo]) => this._set(servo, true, true)));
   }
 
@@ -99,21 +99,21 @@ export class Limp {
 
   _forget() {
     clearInterval(this._timer);
-    this._letGoAt = Infinity;
+    this._releasedAt = Infinity;
     failure.value = "";
     released.value = new Map();
   }
 
-  /** Hold them because they may not stay limp. */
+  /** Hold the released servos because they may not stay limp. */
   async _lost() {
     if (this._holding !== null || released.peek().size === 0) return;
     await this.hold({ start: false });
     if (released.peek().size === 0) this._onHeld();
   }
 
-  /** See whether somebody else has held them: everybody may stop the robot. */
+  /** Forget the released servos if somebody else has held them: everybody may stop the robot. */
   _compare() {
-    if (released.value.size === 0 || readAt.value < this._letGoAt + SETTLED) return;
+    if (released.value.size === 0 || readAt.value < this._releasedAt + SETTLED) return;
     if ([...released.peek().keys()].every((id) => servos.peek().get(id)?.is_hold)) this._forget();
   }
 
@@ -121,10 +121,10 @@ export class Limp {
     this._link.call("lease.take", { dead_man: DEAD_MAN }).catch(() => {}); // a notification says who has it
   }
 
-  /** Hold them when this page is not looked at any more; before `Motion`, which then gives the lease back. */
+  /** Hold the released servos when the page is left; before `Motion`, which then gives the lease back. */
   _listen() {
     const leave = () => this._lost();
-    // Capturing gets it before Motion does, but also gets what comes from elements.
+    // Capturing comes before Motion, but also gets the events of elements.
     window.addEventListener("blur", (event) => event.target === window && leave(), { capture: true });
     window.addEventListener("pagehide", () => released.peek().size > 0 && this._link.tell("stop"), { capture: true });
     document.addEventListener("visibilitychange", () => document.hidden && leave(), { capture: true });

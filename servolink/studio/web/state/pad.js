@@ -1,14 +1,36 @@
-// Presses of the pad on the screen and of a gamepad: in Robot mode they start macros as the board's own buttons do.
+// The pad of the screen Buttons: its table and button that are chosen, and presses of it or of a gamepad, which start
+// macros in Robot mode as the board's own buttons do.
 
-import { signal } from "../../html.js";
+import { signal } from "../html.js";
 
-/** @typedef {import("../../state/records.js").Button} Button */
+/** @typedef {import("./records.js").Button} Button */
 /** @typedef {{ button: (id: number) => Button, seconds: (macroId: number) => number, run: (macroId: number, seconds: number) => void }} Robot */
 
 const LONG = 800; // milliseconds until a press is a long one
 
 /** The ids of the buttons that are pressed on this page or on a gamepad. */
 export const pressed = signal(/** @type {ReadonlySet<number>} */ (new Set()));
+
+/** Name of the gamepad in the browser, empty without one. */
+export const gamepadName = signal("");
+/** The chosen table, by id; null for the active one. */
+export const chosenTable = signal(/** @type {number | null} */ (null));
+export const chosenButton = signal(1);
+
+/** @param {string} name */
+export function nameGamepad(name) {
+  if (gamepadName.value !== name) gamepadName.value = name;
+}
+
+/** @param {number} id */
+export function chooseButton(id) {
+  chosenButton.value = id;
+}
+
+/** @param {number} id */
+export function chooseTable(id) {
+  chosenTable.value = id;
+}
 
 /** Turns buttons going down and up into macros. */
 export class Presses {

@@ -1,18 +1,18 @@
-// The action on the screen, the pose before it, and how both are changed.
+// The action on the screen, the pose from which it starts, and changes of both.
 
-import { computed, signal } from "../../html.js";
-import { figure } from "../../state/figure.js";
-import { mirrorOf } from "../../state/mirror.js";
-import { draft, edit } from "../../state/project.js";
-import { fitCaption, freeId, poseOf, withRecord } from "../../state/records.js";
-import { actualPose, captions } from "../../state/robot.js";
-import { chosenAction } from "../../state/view.js";
-import { safeText } from "../../parts/safe-text.js";
-import { t } from "../../texts/text.js";
+import { computed, signal } from "../html.js";
+import { figure } from "./figure.js";
+import { mirrorOf } from "./mirror.js";
+import { draft, edit } from "./project.js";
+import { fitCaption, freeId, poseOf, withRecord } from "./records.js";
+import { actualPose, captions } from "./robot.js";
+import { chooseAction, chosenAction } from "./view.js";
+import { safeText } from "../parts/safe-text.js";
+import { t } from "../texts/text.js";
 
-/** @typedef {import("../../state/records.js").Action} Action */
-/** @typedef {import("../../state/records.js").Pose} Pose */
-/** @typedef {import("../../state/undo.js").Label} Label */
+/** @typedef {import("./records.js").Action} Action */
+/** @typedef {import("./records.js").Pose} Pose */
+/** @typedef {import("./undo.js").Label} Label */
 
 /** The action that is edited; the first one if the chosen one is gone. */
 export const action = computed(() => {
@@ -20,16 +20,33 @@ export const action = computed(() => {
   return actions.find((one) => one.action_id === chosenAction.value) ?? actions[0] ?? null;
 });
 
-/** The pose before: of an action, where the robot is, or of the action that usually comes before. */
+/** Pose before the action: of another action, of the robot, or of the action that usually comes before. */
 export const ghostChoice = signal(/** @type {number | "robot" | "before"} */ ("before"));
 export const showsGhost = signal(true);
+/** Text that the actions of the list contain; empty for all. */
+export const searchText = signal("");
+
+/** @param {typeof ghostChoice.value} choice */
+export function chooseGhost(choice) {
+  ghostChoice.value = choice;
+}
+
+/** Show the pose before the action, or hide it. */
+export function toggleGhost() {
+  showsGhost.value = !showsGhost.value;
+}
+
+/** @param {string} text */
+export function searchActions(text) {
+  searchText.value = text;
+}
 
 /** The action from which the ghost is taken; null for the robot itself. */
 export const ghostAction = computed(() => {
   const choice = ghostChoice.value,
     actions = draft.value?.actions ?? [];
   if (choice === "robot" || action.value === null) return null;
-  if (choice === "before") return before(action.value);
+  if (choice === "before") return actionBefore(action.value);
   return actions.find((one) => one.action_id === choice) ?? null;
 });
 
@@ -44,7 +61,7 @@ export const mirror = computed(() =>
  * Return the action that comes before another one: in a macro, or else in the list.
  * @param {Action} one
  */
-export function before(one) {
+export function actionBefore(one) {
   const { actions = [], macros = [] } = draft.value ?? {};
   const runs = macros.map((macro) =>
     macro.commands.filter((command) => command.type === "action").map((command) => command.action_id),
@@ -76,7 +93,7 @@ export const nameOfAction = (one) => safeText(one.action_caption) || t("actions.
  * @param {(action: Action) => Action} change
  * @param {{ values?: Record<string, string | number>, merge?: string }} [options]
  */
-export function change(key, change, { values = {}, merge = "" } = {}) {
+export function changeAction(key, change, { values = {}, merge = "" } = {}) {
   const one = action.value;
   if (one === null) return;
   const after = change(one);
@@ -94,10 +111,10 @@ export function change(key, change, { values = {}, merge = "" } = {}) {
  * @param {string} caption
  * @param {Action["steps"]} steps
  */
-export function add(key, caption, steps) {
+export function addAction(key, caption, steps) {
   edit([key, { name: safeText(caption) }], (project) => {
     const action_id = freeId("actions", project);
-    chosenAction.value = action_id;
+    chooseAction(action_id);
     return withRecord(project, "actions", { action_id, action_caption: fitCaption(caption), steps });
   });
 }

@@ -1,20 +1,21 @@
-// The macro on the screen, what it does when, and how it is changed.
+// The macro on the screen, its chosen command, what it does in time, and changes of it.
 
-import { computed, effect, signal } from "../../html.js";
-import { safeText } from "../../parts/safe-text.js";
-import { durations } from "../../state/durations.js";
-import { commandOf, withCommandAt } from "../../state/edit-macro.js";
-import { capOf, slowness } from "../../state/limits.js";
-import { courseOf, speedOf } from "../../state/macro-time.js";
-import { draft, edit } from "../../state/project.js";
-import { fitCaption, freeId, targetOf, withRecord } from "../../state/records.js";
-import { chosenMacro } from "../../state/view.js";
-import { seconds, t } from "../../texts/text.js";
+import { computed, effect, signal } from "../html.js";
+import { safeText } from "../parts/safe-text.js";
+import { durations } from "./durations.js";
+import { commandOf, withCommandAt } from "./edit-macro.js";
+import { capOf, slowness } from "./limits.js";
+import { courseOf, speedOf } from "./macro-time.js";
+import { draft, edit } from "./project.js";
+import { fitCaption, freeId, targetOf, withRecord } from "./records.js";
+import { actualPose } from "./robot.js";
+import { chooseMacro, chosenMacro } from "./view.js";
+import { seconds, t } from "../texts/text.js";
 
-/** @typedef {import("../../state/records.js").Macro} Macro */
-/** @typedef {import("../../state/records.js").Command} Command */
-/** @typedef {import("../../state/records.js").Pose} Pose */
-/** @typedef {import("../../state/undo.js").Label} Label */
+/** @typedef {import("./records.js").Macro} Macro */
+/** @typedef {import("./records.js").Command} Command */
+/** @typedef {import("./records.js").Pose} Pose */
+/** @typedef {import("./undo.js").Label} Label */
 
 /** The macro that is edited; the first one if the chosen one is gone. */
 export const macro = computed(() => {
@@ -27,11 +28,33 @@ export const chosenClip = signal(/** @type {number | null} */ (null));
 
 const shown = computed(() => macro.value?.macro_id);
 effect(() => {
-  if (shown.value !== undefined) chosenClip.value = null; // also if somebody else has deleted the macro before it
+  if (shown.value !== undefined) chooseClip(null); // also if somebody else has deleted the macro before it
 });
+
+/**
+ * Choose a command of the macro on the screen.
+ * @param {number | null} index null for the macro as a whole
+ */
+export function chooseClip(index) {
+  chosenClip.value = index;
+}
+
+/**
+ * Show a macro as a whole.
+ * @param {number} id
+ */
+export function showMacro(id) {
+  chooseMacro(id);
+  chooseClip(null);
+}
 
 /** The pose from which the preview starts: where the robot was when the screen was opened. */
 export const start = signal(/** @type {Pose} */ ({}));
+
+/** Let the preview start where the robot is now. */
+export function startFromRobot() {
+  start.value = actualPose();
+}
 
 /** What the macro does; null if it never ends. */
 export const course = computed(() =>
@@ -77,7 +100,7 @@ export function nameOfCommand(command) {
  * @param {(macro: Macro) => Macro} change
  * @param {{ values?: Record<string, string | number>, merge?: string }} [options]
  */
-export function change(key, change, { values = {}, merge = "" } = {}) {
+export function changeMacro(key, change, { values = {}, merge = "" } = {}) {
   const one = macro.value;
   if (one === null) return;
   const label = /** @type {Label} */ ([key, { name: nameOfMacro(one), ...values }]);
@@ -90,30 +113,30 @@ export function change(key, change, { values = {}, merge = "" } = {}) {
  * @param {string} caption
  * @param {readonly Command[]} commands
  */
-export function add(key, caption, commands) {
+export function addMacro(key, caption, commands) {
   edit([key, { name: safeText(caption) }], (project) => {
     const macro_id = freeId("macros", project);
-    chosenMacro.value = macro_id;
+    chooseMacro(macro_id);
     return withRecord(project, "macros", { macro_id, macro_caption: fitCaption(caption), commands });
   });
-  chosenClip.value = null;
+  chooseClip(null);
 }
 
 /** Add an empty macro. */
-export const addEmpty = () =>
-  add("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
+export const addEmptyMacro = () =>
+  addMacro("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
 
 /**
  * Put a command in after the chosen one, or at the end, and choose it.
  * @param {"action" | "macro" | "delay"} type
  * @param {number} value id, or milliseconds
  */
-export function insert(type, value) {
+export function insertCommand(type, value) {
   const one = macro.value;
   if (one === null) return;
   const at = chosenClip.value === null ? one.commands.length : Math.min(chosenClip.value + 1, one.commands.length);
   const command = commandOf(type, value);
   const what = type === "delay" ? seconds(value / 1000) : nameOfCommand(command);
-  change("macros.did_insert", (each) => withCommandAt(each, at, command), { values: { what } });
-  chosenClip.value = at;
+  changeMacro("macros.did_insert", (each) => withCommandAt(each, at, command), { values: { what } });
+  chooseClip(at);
 }

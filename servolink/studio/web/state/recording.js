@@ -1,16 +1,16 @@
-// The recording of the hub as this page knows it, the marks, and what is plotted.
+// The recording of the hub as this page knows it, the marks, and the servos that are plotted.
 
-import { computed, signal } from "../../html.js";
-import { RequestError } from "../../link/link.js";
-import { safeText } from "../../parts/safe-text.js";
-import { toast } from "../../parts/toasts.js";
-import { LENGTH } from "../../state/history.js";
-import { actualPose, history, isLive, servoIds, welcome } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
+import { computed, signal } from "../html.js";
+import { RequestError } from "../link/link.js";
+import { safeText } from "../parts/safe-text.js";
+import { toast } from "./toasts.js";
+import { LENGTH } from "./history.js";
+import { actualPose, history, isLive, servoIds, welcome } from "./robot.js";
+import { t } from "../texts/text.js";
 
-/** @typedef {import("../../link/link.js").Link} Link */
-/** @typedef {import("../../figure/figure.js").Pose} Pose */
-/** @typedef {import("../../state/history.js").History} History */
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {import("../figure/figure.js").Pose} Pose */
+/** @typedef {import("./history.js").History} History */
 /** @typedef {{ is_recording: boolean, name: string, file: string, seconds: number, size_bytes: number, messages: number, dropped: number, problem: string }} Status */
 /** A moment, with the pose of the robot then. @typedef {{ number: number, time: number, pose: Pose }} Mark */
 

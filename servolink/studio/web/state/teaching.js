@@ -1,21 +1,20 @@
-// What is being taught: the limbs that may go limp, the poses that were taken, and what can be done to them.
+// Teaching by hand: the limbs that may go limp, the poses that were taken of them, and their preview on the figure.
 
-import { computed, effect, signal } from "../../html.js";
-import { editToast } from "../../parts/edit-toast.js";
-import { safeText } from "../../parts/safe-text.js";
-import { toast } from "../../parts/toasts.js";
-import { limbs } from "../../state/figure.js";
-import { capOf } from "../../state/limits.js";
-import { draft, edit } from "../../state/project.js";
-import { actualPose, isLive, isOthers, mayMove, servoIds } from "../../state/robot.js";
-import { chosenAction, chosenMacro } from "../../state/view.js";
-import { t } from "../../texts/text.js";
-import { leastSeconds, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
+import { computed, effect, signal } from "../html.js";
+import { safeText } from "../parts/safe-text.js";
+import { editToast, toast } from "./toasts.js";
+import { limbs } from "./figure.js";
+import { capOf } from "./limits.js";
+import { draft, edit } from "./project.js";
+import { actualPose, isLive, isOthers, mayMove, servoIds } from "./robot.js";
+import { chooseAction, chooseMacro } from "./view.js";
+import { t } from "../texts/text.js";
+import { leastSeconds, poseAt, totalOf, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
 import { Limp, released } from "./limp.js";
 
 /** @typedef {import("./lesson.js").Taken} Taken */
 /** @typedef {import("./lesson.js").Start} Start */
-/** @typedef {import("../../link/link.js").Link} Link */
+/** @typedef {import("../link/link.js").Link} Link */
 
 const KEY = "servolink.taught";
 const GENTLE = 120; // degrees per second that are fast enough for what a hand has shown
@@ -27,15 +26,18 @@ export const chosenLimbs = signal(/** @type {ReadonlySet<string>} */ (new Set())
 export const film = signal(read());
 /** The pose of the film that is shown beside the robot, by its index. */
 export const chosenPose = signal(/** @type {number | null} */ (null));
+/** Name under which the poses will be saved. */
 export const name = signal("");
+/** Seconds from the beginning of the preview, null while nothing is played. */
+export const previewTime = signal(/** @type {number | null} */ (null));
 
 export const chosenIds = computed(() =>
   limbs.value.filter(({ limb }) => chosenLimbs.value.has(limb)).flatMap(({ ids }) => ids),
 );
 export const isLimp = computed(() => released.value.size > 0);
-/** Whether limbs may be let go from this page now. */
-export const mayLetGo = computed(() => isLive.value && mayMove.value && !isOthers.value);
-/** Why it cannot be saved under this name. */
+/** Whether this page may release limbs now. */
+export const mayRelease = computed(() => isLive.value && mayMove.value && !isOthers.value);
+/** Reason why the poses cannot be saved under this name, empty if there is none. */
 export const problem = computed(() =>
   draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length),
 );
@@ -70,15 +72,15 @@ export function toggleLimb(limb) {
 }
 
 /**
- * Let the chosen limbs go: they fall. Return whether they are limp.
+ * Release the chosen limbs: they fall. Return whether they are limp.
  * @param {Link} link
  */
-export async function letGo(link) {
-  if (!mayLetGo.value || isLimp.value || chosenIds.value.length === 0) return false;
+export async function releaseLimbs(link) {
+  if (!mayRelease.value || isLimp.value || chosenIds.value.length === 0) return false;
   start = { pose: actualPose(), at: now() };
   chosenPose.value = null;
   try {
-    await limpOf(link).letGo(chosenIds.value);
+    await limpOf(link).release(chosenIds.value);
   } catch (error) {
     toast({ kind: "bad", title: t("teach.not_let_go"), detail: error instanceof Error ? safeText(error.message) : "" });
   }
@@ -91,7 +93,7 @@ export async function holdAgain() {
 }
 
 /** Take the pose in which the limp limbs are. */
-export function take() {
+export function takePose() {
   if (!isLimp.value || !isLive.value) return;
   film.value = withPose(film.value, start, { pose: actualPose(), ids: [...released.value.keys()], at: now() }, caps());
   chosenPose.value = film.value.length - 1;
@@ -101,6 +103,19 @@ export function take() {
 export function forgetLast() {
   film.value = film.value.slice(0, -1);
   chosenPose.value = film.value.length > 0 ? film.value.length - 1 : null;
+}
+
+/**
+ * Show a pose of the film beside the robot; null for none.
+ * @param {number | null} at
+ */
+export function choosePose(at) {
+  chosenPose.value = at;
+}
+
+/** @param {string} text */
+export function nameLesson(text) {
+  name.value = text;
 }
 
 /**
@@ -125,15 +140,15 @@ export function setSeconds(at, seconds) {
 }
 
 /** Hold the limbs, then add the poses to the draft. */
-export async function save() {
+export async function saveLesson() {
   await holdAgain();
   const caption = name.value.trim(),
     poses = film.value;
   if (!maySave.value || isLimp.value) return;
   edit(["teach.did_save", { name: safeText(caption) }], (project) => {
     const made = withLesson(project, caption, poses);
-    chosenAction.value = made.actionId;
-    chosenMacro.value = made.macroId ?? chosenMacro.value;
+    chooseAction(made.actionId);
+    if (made.macroId !== null) chooseMacro(made.macroId);
     return made.project;
   });
   const detail = poses.length > 1 ? t("teach.saved_macro", { count: poses.length }) : t("teach.saved_action");
@@ -141,6 +156,29 @@ export async function save() {
   film.value = [];
   chosenPose.value = null;
   name.value = "";
+}
+
+/** Return the pose of the figure in the preview, null without one. */
+export const previewPose = () =>
+  previewTime.value === null ? null : poseAt(film.value, poseBefore(0), previewTime.value);
+
+/** Play the film on the figure from its beginning, or end that. The robot stays still. */
+export function togglePreview() {
+  if (previewTime.value !== null || film.value.length === 0) return endPreview();
+  const begin = performance.now();
+  previewTime.value = 0;
+  const tick = (/** @type {number} */ now) => {
+    if (previewTime.value === null) return;
+    const next = Math.max(0, now - begin) / 1000;
+    previewTime.value = next < totalOf(film.value) ? next : null;
+    requestAnimationFrame(tick);
+  };
+  requestAnimationFrame(tick);
+}
+
+/** Show the robot itself again. */
+export function endPreview() {
+  previewTime.value = null;
 }
 
 /**

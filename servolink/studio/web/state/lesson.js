@@ -1,11 +1,11 @@
 // The poses that were taken, with the times between them, and the records that are made of them. The rules are those of
 // `servolink/project/teaching.py`.
 
-import { commandOf } from "../../state/edit-macro.js";
-import { fitCaption, freeId, withRecord } from "../../state/records.js";
+import { commandOf } from "./edit-macro.js";
+import { fitCaption, freeId, withRecord } from "./records.js";
 
-/** @typedef {import("../../figure/figure.js").Pose} Pose */
-/** @typedef {import("../../state/records.js").Project} Project */
+/** @typedef {import("../figure/figure.js").Pose} Pose */
+/** @typedef {import("./records.js").Project} Project */
 /**
  * A pose that was taken.
  * @typedef {object} Taken
@@ -24,7 +24,7 @@ const HUNDREDTHS = 100;
 /**
  * Return the film with another pose, which gets the time since the one before, or as much as its servos need.
  * @param {readonly Taken[]} film
- * @param {Start} start where the servos were let go
+ * @param {Start} start where the servos were released
  * @param {{ pose: Pose, ids: number[], at: number }} taken
  * @param {Caps} caps
  * @returns {Taken[]}

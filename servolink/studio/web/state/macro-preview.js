@@ -1,14 +1,14 @@
 // Plays a macro on the figure, and while something is held on the robot. Figure and playhead always show the same time.
 
-import { effect, signal } from "../../html.js";
-import { poseAt } from "../../state/macro-time.js";
-import { pace } from "../../state/motion.js";
-import { actualPose } from "../../state/robot.js";
-import { course, macro, start } from "./current.js";
+import { effect, signal } from "../html.js";
+import { poseAt } from "./macro-time.js";
+import { pace } from "./motion.js";
+import { actualPose } from "./robot.js";
+import { course, macro, start } from "./shown-macro.js";
 
-/** @typedef {import("../../state/motion.js").Motion} Motion */
-/** @typedef {import("../../state/motion.js").Part} Part */
-/** @typedef {import("../../state/macro-time.js").Course} Course */
+/** @typedef {import("./motion.js").Motion} Motion */
+/** @typedef {import("./motion.js").Part} Part */
+/** @typedef {import("./macro-time.js").Course} Course */
 
 const NEAR = 2; // degrees from where the robot need not be brought to the pose of the preview
 const SHORTEST = 0.1; // seconds
@@ -32,6 +32,16 @@ const total = () => course.value?.seconds ?? 0;
 /** The pose of the figure. */
 export const pose = () => (course.value ? poseAt(course.value, start.value, time.value) : start.value);
 
+/** Go on from the start at the end, or stay there. */
+export function toggleLoop() {
+  isLooping.value = !isLooping.value;
+}
+
+/** Pause the preview: its screen is left. */
+export function pause() {
+  isPlaying.value = false;
+}
+
 /** Play the preview, or pause it. The robot stays still. */
 export function togglePlay() {
   if (isRunning.value) return;
@@ -51,7 +61,7 @@ export function togglePlay() {
 }
 
 /**
- * Go to a moment, and stay there.
+ * Go to a moment and pause there.
  * @param {number} seconds
  */
 export function seek(seconds) {
@@ -64,7 +74,7 @@ export function seek(seconds) {
  * Play on the robot from the present moment, as long as it is held. First it is brought to the pose of the preview.
  * @param {Motion} motion
  */
-export async function run(motion) {
+export async function runOnRobot(motion) {
   const whole = course.value;
   if (whole === null || whole.isCut || !(await motion.begin())) return;
   isPlaying.value = false;

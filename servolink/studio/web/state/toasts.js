@@ -1,0 +1,36 @@
+// Short messages: what was done, and how to undo it. Each goes away by itself.
+
+import { signal } from "../html.js";
+import { t } from "../texts/text.js";
+import { undo, undoLabel } from "./project.js";
+
+/** A message takes the place of one with the same `name`, and `lasts` some milliseconds. */
+/** @typedef {{ name?: string, lasts?: number, kind?: "ok" | "bad", icon?: string, title: string, detail?: string, action?: { label: string, run: () => void } }} Message */
+
+const LASTS = 6000; // milliseconds
+const MOST = 4;
+
+/** The messages on the screen. */
+export const toasts = signal(/** @type {(Message & { id: number })[]} */ ([]));
+let lastId = 0;
+
+/**
+ * Show a message for some seconds.
+ * @param {Message} message
+ */
+export function toast(message) {
+  const id = ++lastId;
+  const others = toasts.value.filter(({ name }) => name === undefined || name !== message.name);
+  toasts.value = [...others, { ...message, id }].slice(-MOST);
+  setTimeout(() => (toasts.value = toasts.value.filter((each) => each.id !== id)), message.lasts ?? LASTS);
+}
+
+/**
+ * Show what the latest edit did, with a button that undoes it. The button does nothing once there are later edits.
+ * @param {{ icon?: string, title: string, detail?: string }} message
+ */
+export function editToast(message) {
+  const label = undoLabel.peek();
+  const run = () => undoLabel.peek() === label && undo();
+  toast({ name: "edit", ...message, action: { label: t("edit.undo"), run } });
+}
