@@ -148,7 +148,7 @@ class MqttClient:
 
         Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before.
         """
-        info = self._client.publish(*message[:4], properties=_properties(message))
+        info = self._client.publish(*message[:4], properties=_publish_properties(message))
         if not message.qos and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS and info.is_published():
             return None
         return await self._answer(info.rc, info.mid)
@@ -180,7 +180,11 @@ class MqttClient:
                 self._access.address.port,
                 KEEPALIVE,
                 clean_start=not self._options.session_seconds,
-                properties=_connect_properties(self._options),
+                properties=_properties(
+                    PacketTypes.CONNECT,
+                    MaximumPacketSize=_LARGEST,
+                    SessionExpiryInterval=self._options.session_seconds or None,
+                ),
             )
         except Exception as raised:  # noqa: BLE001 - raised again where the connection is waited for
             error = raised
@@ -298,7 +302,7 @@ def _new_client(access: BrokerAccess, options: ConnectionOptions) -> paho.Client
     if access.tls is not None:
         client.tls_set_context(access.tls)
     if (will := options.will) is not None:
-        client.will_set(*will[:4], properties=_properties(will))
+        client.will_set(*will[:4], properties=_publish_properties(will))
     return client
 
 
@@ -343,25 +347,19 @@ def _received(message: paho.MQTTMessage) -> Received:
     )
 
 
-def _connect_properties(options: ConnectionOptions) -> Properties:
-    properties = _new_properties(PacketTypes.CONNECT)
-    properties.MaximumPacketSize = _LARGEST
-    if options.session_seconds:
-        properties.SessionExpiryInterval = options.session_seconds
+def _publish_properties(message: Publication) -> Properties:
+    return _properties(
+        PacketTypes.PUBLISH,
+        ContentType=message.content_type,
+        MessageExpiryInterval=message.expiry,
+        ResponseTopic=message.response_topic,
+        CorrelationData=message.correlation,
+    )
+
+
+def _properties(packet_type: int, **values: object) -> Properties:
+    properties = Properties(packet_type)  # type: ignore[no-untyped-call] # its attributes are made as it runs
+    for name, value in values.items():
+        if value is not None:
+            setattr(properties, name, value)
     return properties
-
-
-def _properties(message: Publication) -> Properties:
-    properties = _new_properties(PacketTypes.PUBLISH)
-    properties.ContentType = message.content_type
-    if message.expiry is not None:
-        properties.MessageExpiryInterval = message.expiry
-    if message.response_topic is not None:
-        properties.ResponseTopic = message.response_topic
-    if message.correlation is not None:
-        properties.CorrelationData = message.correlation
-    return properties
-
-
-def _new_properties(packet_type: int) -> Properties:
-    return Properties(packet_type)  # type: ignore[no-untyped-call] # its attributes are made as it runs
