@@ -189,8 +189,14 @@ def test_every_command_is_typed_to() -> None:
     assert {*below("")} <= {word for pattern in TYPED for word in pattern.split()}
 
 
-@pytest.mark.parametrize("kind", TEXTS)
-@pytest.mark.parametrize("pattern", TYPED)
+@pytest.mark.parametrize(
+    ("pattern", "kind"),
+    [
+        pytest.param(pattern, kind, marks=() if (at + nth) % len(TEXTS) == 0 or kind == "short" else pytest.mark.slow)
+        for at, pattern in enumerate(TYPED)
+        for nth, kind in enumerate(TEXTS)
+    ],
+)
 def test_what_was_typed_is_shown_as_text(pattern: str, kind: str, caplog: pytest.LogCaptureFixture) -> None:
     typed = arguments(pattern, TEXTS[kind])
     said = in_pipe(*typed)

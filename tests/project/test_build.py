@@ -141,7 +141,7 @@ def test_what_is_no_part_of_a_macro_is_refused(pause: Any) -> None:
 
 @pytest.mark.parametrize("started", ["wave", 3, UP])
 def test_buttons_start_macros_only(started: Any) -> None:
-    with pytest.raises(EncodeError, match="long_press: must be a Macro, as made by Macro.of"):
+    with pytest.raises(EncodeError, match=r"long_press: must be a Macro, as made by Macro\.of"):
         Button.of(1, long_press=started)
 
 
