@@ -12,13 +12,13 @@ from pkgutil import walk_packages
 
 from servolink import cli
 from servolink.cli.command import Command
-from servolink.cli.index import PATH, Entry, declared
+from servolink.cli.index import PATH, IndexEntry, declared
 from servolink.cli.parser import WHOLE, parser_of
 
 _SEVERAL = {argparse.ZERO_OR_MORE, argparse.ONE_OR_MORE}
 
 
-def entries() -> dict[str, Entry]:
+def entries() -> dict[str, IndexEntry]:
     """Return an entry for each command that is declared, in the order of the file that there is."""
     found = {"": _entry(WHOLE, "parser")}
     for module in walk_packages(cli.__path__, "servolink.cli."):
@@ -34,7 +34,7 @@ def text() -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
-def _entry(command: Command, module: str) -> Entry:
+def _entry(command: Command, module: str) -> IndexEntry:
     parser = parser_of(command)
     flags, arguments = dict[str, str | None](), list[str]()
     for action in parser._actions:  # noqa: SLF001 - argparse has no other way to walk over them
@@ -42,7 +42,7 @@ def _entry(command: Command, module: str) -> Entry:
         if not action.option_strings and action.nargs != argparse.PARSER:
             arguments.append(f"{value}{'...' if action.nargs in _SEVERAL else ''}")
         flags |= dict.fromkeys(action.option_strings, value if action.nargs != 0 else None)
-    return Entry(module, command.topic, command.help, flags, arguments)
+    return IndexEntry(module, command.topic, command.help, flags, arguments)
 
 
 def _value(action: argparse.Action) -> str:

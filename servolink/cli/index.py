@@ -18,7 +18,7 @@ from servolink.cli.command import Command
 PATH = Path(__file__).with_name("commands.json")
 
 
-class Entry(NamedTuple):
+class IndexEntry(NamedTuple):
     """A command as `servolink --help` and completion need it."""
 
     module: str
@@ -32,12 +32,12 @@ class Entry(NamedTuple):
 
 
 @cache
-def index() -> dict[str, Entry]:
+def index() -> dict[str, IndexEntry]:
     """Return all commands by name, in the order of the help."""
-    return {name: Entry(*entry) for name, entry in json.loads(PATH.read_bytes()).items()}
+    return {name: IndexEntry(*entry) for name, entry in json.loads(PATH.read_bytes()).items()}
 
 
-def below(name: str) -> dict[str, Entry]:
+def below(name: str) -> dict[str, IndexEntry]:
     """Return the subcommands of a command by their last word; of the empty name, all commands."""
     found = {each.rpartition(" "): entry for each, entry in index().items()}
     return {word: entry for (start, _, word), entry in found.items() if start == name and word}

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from servolink.cli.arguments import caption_encoding, not_empty, timeout
 from servolink.cli.command import TOPICS, Command, Group, flag, group, option
-from servolink.cli.index import Entry, below, load
+from servolink.cli.index import IndexEntry, below, load
 from servolink.cli.usage import usage_error
 from servolink.escaping import escape
 
@@ -179,7 +179,7 @@ def _usage(command: Command) -> str:
     return f"servolink {command.name} {'[COMMAND ...]' if command.run else 'COMMAND ...'}"
 
 
-def _description(command: Command, subcommands: Mapping[str, Entry]) -> str:
+def _description(command: Command, subcommands: Mapping[str, IndexEntry]) -> str:
     parts = [f"{command.help[:1].upper()}{command.help[1:]}."]
     if command.details:
         parts.append(command.details)

@@ -14,7 +14,7 @@ from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
 from servolink.protocol.records import MAX_NESTING, Action, Macro
 
 if TYPE_CHECKING:  # imported late: most programs run no stored records
-    from servolink.project.speed import Run
+    from servolink.project.speed import RecordRun
 
 _MOST = ACTION.list_limit + MACRO.list_limit  # bound of all lists of records
 
@@ -52,7 +52,7 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
     )
 
 
-def check_can_wait(run: Run, servos: Iterable[Servo]) -> None:
+def check_can_wait(run: RecordRun, servos: Iterable[Servo]) -> None:
     """Raise RequestError for an endless run, NotFound for a run of missing servos."""
     from servolink.project.preflight import uncheckable  # late: most runs are not waited for
 

@@ -32,7 +32,7 @@ mypy takes a literal with both, `{"hip": 3, 1: 3}`, for a dict of objects: annot
 R = TypeVar("R", bound=Response)
 
 
-class Source(Protocol):
+class CaptionSource(Protocol):
     """Reader of captions: a board or a session."""
 
     def request(self, packet: Request[R], /) -> Coroutine[Any, Any, R]:
@@ -40,7 +40,7 @@ class Source(Protocol):
         ...
 
 
-async def servo_ids(source: Source, servos: Iterable[int | str]) -> list[int]:
+async def servo_ids(source: CaptionSource, servos: Iterable[int | str]) -> list[int]:
     """Return the ids of servos, 255 for `all`, with one query at most.
 
     Raise NotFound or AmbiguousName for what is not one servo's caption.
@@ -48,7 +48,7 @@ async def servo_ids(source: Source, servos: Iterable[int | str]) -> list[int]:
     return (await find_servos(source, servos))[0]
 
 
-async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list[int], dict[int, str]]:
+async def find_servos(source: CaptionSource, servos: Iterable[int | str]) -> tuple[list[int], dict[int, str]]:
     """Return the ids of servos, as `servo_ids` does, and the captions read for the answer, by id.
 
     If only ids are given, no captions are read.
@@ -63,17 +63,17 @@ async def find_servos(source: Source, servos: Iterable[int | str]) -> tuple[list
     return ids, {one.record_id: one.caption for one in named}
 
 
-async def servo_id(source: Source, servo: int | str) -> int:
+async def servo_id(source: CaptionSource, servo: int | str) -> int:
     """Return the id of a servo, as `servo_ids` does."""
     return (await servo_ids(source, (servo,)))[0]
 
 
-async def servo_targets(source: Source, targets: Targets) -> Mapping[int, float]:
+async def servo_targets(source: CaptionSource, targets: Targets) -> Mapping[int, float]:
     """Return `targets` by id, `all` as each servo of the board. Raise EncodeError for a repeated servo."""
     return (await find_targets(source, targets))[0]
 
 
-async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, float], dict[int, str]]:
+async def find_targets(source: CaptionSource, targets: Targets) -> tuple[Mapping[int, float], dict[int, str]]:
     """Return `targets` by id, as `servo_targets` does, and the captions read for the answer, by id."""
     if not isinstance(targets, Mapping) or not any(isinstance(servo, str) for servo in targets):
         return targets, {}  # type: ignore[return-value]  # by id, or refused later
@@ -94,7 +94,7 @@ async def find_targets(source: Source, targets: Targets) -> tuple[Mapping[int, f
 
 
 async def record_id(
-    source: Source, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False
+    source: CaptionSource, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False
 ) -> int:
     """Return the id of a stored record. Raise NotFound for an unknown caption, AmbiguousName for a repeated caption.
 
@@ -119,7 +119,7 @@ async def record_id(
     return name
 
 
-async def button_id(source: Source, button: int | str) -> int:
+async def button_id(source: CaptionSource, button: int | str) -> int:
     """Return the id of a button of the active joystick table: only there do buttons have captions.
 
     Raise NotFound or AmbiguousName for what is not one button's caption.

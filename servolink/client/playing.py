@@ -25,7 +25,7 @@ from servolink.protocol.servos import ExecuteActionRequest
 if TYPE_CHECKING:  # imported late: most programs play nothing
     from collections.abc import Generator
 
-    from servolink.project.speed import Run
+    from servolink.project.speed import RecordRun
 
 _LOOK_EVERY = 0.04  # seconds between two looks for a pause, a stop or a loss
 
@@ -75,7 +75,7 @@ class Playing:
         record = find(project, str(name), (ACTION, MACRO))
         stored = await collect(_reader(project), type_of(record), type_of(record).id_of(record))
 
-        async def read() -> Run:
+        async def read() -> RecordRun:
             return await self._playable(stored, record)
 
         run, ticket = await self._runs.prepare(read, ticket, wait=True, dry_run=dry_run)
@@ -91,15 +91,15 @@ class Playing:
             raise player.lost(error) from error
         return run.seconds()
 
-    async def _playable(self, stored: Project, record: Any) -> Run:
+    async def _playable(self, stored: Project, record: Any) -> RecordRun:
         """Return the run of a record. Raise EncodeError or RequestError for an unplayable or endless run."""
         from servolink.client.collect import check_can_wait
         from servolink.project.records import name_of
-        from servolink.project.speed import Run
+        from servolink.project.speed import RecordRun
 
         for one in (*stored.actions, *stored.macros):
             self._check_values(one)
-        run = Run(stored, record, self._interval_unit)
+        run = RecordRun(stored, record, self._interval_unit)
         servos = await self._servos.servos()
         check_can_wait(run, servos)  # from here on nothing is endless
         for action, speed in run.slowest():
@@ -136,7 +136,7 @@ class _Player:
     def __init__(  # all are needed for each step
         self,
         session: Session,
-        run: Run,
+        run: RecordRun,
         interval_unit: float,
         ticket: Ticket,
         playback: Playback,

@@ -27,7 +27,7 @@ from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 
 if TYPE_CHECKING:  # imported late: most programs run no stored records
-    from servolink.project.speed import Run
+    from servolink.project.speed import RecordRun
 
 _LOOK_EVERY = 0.1  # seconds
 
@@ -108,25 +108,25 @@ class StoredRuns:
         _, ticket = await self._prepare(MACRO, packet.macro_id, ticket or connection.stops.ticket())
         return await connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
-    async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> Run:
+    async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> RecordRun:
         """Read the run of a record. Raise RequestError if the caller wants to wait for an unknown end."""
-        from servolink.project.speed import Run
+        from servolink.project.speed import RecordRun
 
         stored = await collect(self._records.get, kind, record_id)
-        run = Run(stored, kind.by_id(stored)[record_id], self._interval_unit)
+        run = RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit)
         if wait:
             check_can_wait(run, await self._servos.servos())
         return run
 
     async def _prepare(
         self, kind: RecordType[Any], record_id: int, ticket: Ticket, *, wait: bool = False, dry_run: bool = False
-    ) -> tuple[Run, Ticket]:
+    ) -> tuple[RecordRun, Ticket]:
         """Read a record with all records run by it, and prepare the run (see `prepare`)."""
         return await self.prepare(lambda: self._read(kind, record_id, wait=False), ticket, wait=wait, dry_run=dry_run)
 
     async def prepare(
-        self, read: Callable[[], Awaitable[Run]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
-    ) -> tuple[Run, Ticket]:
+        self, read: Callable[[], Awaitable[RecordRun]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
+    ) -> tuple[RecordRun, Ticket]:
         """Return the run from `read` if it may begin now, with a ticket as of this check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
@@ -155,7 +155,7 @@ class StoredRuns:
             await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, ticket)
             ticket = ticket.begun()
 
-    async def _until_over(self, run: Run, packet: Packet, ticket: Ticket) -> None:
+    async def _until_over(self, run: RecordRun, packet: Packet, ticket: Ticket) -> None:
         """Wait until a run is over and the servos rest in the last pose (see `Board.run_action`)."""
         loop = asyncio.get_running_loop()
         end = loop.time() + run.seconds()
@@ -165,7 +165,7 @@ class StoredRuns:
             self._session.check_goes_on(name_of(run.record), packet, ticket)
         await self.until_at_rest(run, packet, ticket)
 
-    async def until_at_rest(self, run: Run, packet: Packet, ticket: Ticket) -> None:
+    async def until_at_rest(self, run: RecordRun, packet: Packet, ticket: Ticket) -> None:
         """Wait until the servos of a run rest in the last pose. Raise TargetNotReached for the others."""
         async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
             async for _ in readings:

@@ -21,7 +21,7 @@ from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
 from servolink.connection.sharing import BoardSharing
 from servolink.connection.slots import Obstacle, Slots
-from servolink.connection.state import Event, Lifecycle, State
+from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, ServolinkError
@@ -194,7 +194,7 @@ class Connection:
         have asked this board before may be taken for responses to this connection.
         """
         await self.transport.open(self.answers)
-        self._change(Event.OPENED if handshake else Event.JOINED)
+        self._change(ConnectionEvent.OPENED if handshake else ConnectionEvent.JOINED)
         if handshake:
             self.answers.on_stranger = self._open_again
 
@@ -202,7 +202,7 @@ class Connection:
         """Prove that no response to another program is outstanding. Raise OpenError with the remedy if none comes."""
         self._sender.raise_if_ended()
         if self.lifecycle.state is State.UNPROVED:
-            self._begin_opening(Event.HANDSHAKE_BEGUN)
+            self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
         if self.lifecycle.state is State.OPENING and self.lifecycle.handshake is not None:
             await asyncio.shield(self.lifecycle.handshake)
 
@@ -219,7 +219,7 @@ class Connection:
         if self.hub is not None:
             await self.hub.close()
 
-    def _change(self, event: Event) -> None:
+    def _change(self, event: ConnectionEvent) -> None:
         """Enter the next state; requests pass only in `ready`."""
         self.lifecycle.change(event)
         if self.lifecycle.state is State.READY:
@@ -227,7 +227,7 @@ class Connection:
         else:
             self._scheduler.pause()
 
-    def _begin_opening(self, event: Event) -> None:
+    def _begin_opening(self, event: ConnectionEvent) -> None:
         opening = Opening(
             self.transport.url,
             self._sender.send_packet,
@@ -252,13 +252,13 @@ class Connection:
             self.answers.end(lost(self.transport.url, error))
             raise
         except BaseException:
-            self._change(Event.HANDSHAKE_CANCELLED)
+            self._change(ConnectionEvent.HANDSHAKE_CANCELLED)
             raise
         self.answers.close_all()
         self._sender.fences = opening.fences
         for query in leftover:
             self._slots.open(Slot(query, self._slots.lanes[query.packet_id + 1], None, is_fence=True, overdue=True))
-        self._change(Event.HANDSHAKE_DONE)
+        self._change(ConnectionEvent.HANDSHAKE_DONE)
 
     def _open_again(self, packet_id: int) -> None:
         """Open the connection again after a stray response to a fence: the handshake has taken a wrong response."""
@@ -268,7 +268,7 @@ class Connection:
         if now - self._reopened_at >= _REOPEN_PAUSE:
             self._reopened_at = now
             self.stats.reopenings += 1
-            self._begin_opening(Event.STRAY_RESPONSE)
+            self._begin_opening(ConnectionEvent.STRAY_RESPONSE)
 
     # --- a board that is shared ---------------------------------------------------------------------------------
 
@@ -281,7 +281,7 @@ class Connection:
         """Send again, if the connection is suspended."""
         if self.is_suspended:
             self.answers.count_from_now()
-            self._change(Event.RESUMED)
+            self._change(ConnectionEvent.RESUMED)
 
     def explain_silence(self, reason: str) -> None:
         """Name `reason` in the errors of unanswered requests from now on; empty for an unknown reason."""
@@ -415,7 +415,7 @@ class Connection:
         if self.lifecycle.state is not _READY:
             self._sender.raise_if_ended()
             if self.lifecycle.state is State.UNPROVED:
-                self._begin_opening(Event.HANDSHAKE_BEGUN)
+                self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
         return self._scheduler.acquire_at_once(packet)
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:

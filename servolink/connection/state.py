@@ -31,7 +31,7 @@ class State(Enum):
     """The connection was lost or closed, for good; all waiting callers get the first cause."""
 
 
-class Event(Enum):
+class ConnectionEvent(Enum):
     """Event in the life of a connection."""
 
     OPENED = "opened"
@@ -50,42 +50,42 @@ class Event(Enum):
     """The transport has ended, the board is silent, or the program has closed the connection."""
 
 
-TRANSITIONS: dict[State, dict[Event, State]] = {
+TRANSITIONS: dict[State, dict[ConnectionEvent, State]] = {
     State.NEW: {
-        Event.OPENED: State.UNPROVED,
-        Event.JOINED: State.READY,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.OPENED: State.UNPROVED,
+        ConnectionEvent.JOINED: State.READY,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.UNPROVED: {
-        Event.HANDSHAKE_BEGUN: State.OPENING,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.HANDSHAKE_BEGUN: State.OPENING,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.OPENING: {
-        Event.HANDSHAKE_DONE: State.READY,
-        Event.HANDSHAKE_CANCELLED: State.UNPROVED,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.HANDSHAKE_DONE: State.READY,
+        ConnectionEvent.HANDSHAKE_CANCELLED: State.UNPROVED,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.READY: {
-        Event.STRAY_RESPONSE: State.REOPENING,
-        Event.SUSPENDED: State.SUSPENDED,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.STRAY_RESPONSE: State.REOPENING,
+        ConnectionEvent.SUSPENDED: State.SUSPENDED,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.SUSPENDED: {
-        Event.SUSPENDED: State.SUSPENDED,
-        Event.RESUMED: State.READY,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.SUSPENDED: State.SUSPENDED,
+        ConnectionEvent.RESUMED: State.READY,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.REOPENING: {
-        Event.HANDSHAKE_DONE: State.READY,
-        Event.HANDSHAKE_CANCELLED: State.UNPROVED,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.HANDSHAKE_DONE: State.READY,
+        ConnectionEvent.HANDSHAKE_CANCELLED: State.UNPROVED,
+        ConnectionEvent.LOST: State.ENDED,
     },
     State.ENDED: {
-        Event.OPENED: State.ENDED,
-        Event.JOINED: State.ENDED,
-        Event.HANDSHAKE_CANCELLED: State.ENDED,
-        Event.SUSPENDED: State.ENDED,
-        Event.LOST: State.ENDED,
+        ConnectionEvent.OPENED: State.ENDED,
+        ConnectionEvent.JOINED: State.ENDED,
+        ConnectionEvent.HANDSHAKE_CANCELLED: State.ENDED,
+        ConnectionEvent.SUSPENDED: State.ENDED,
+        ConnectionEvent.LOST: State.ENDED,
     },
 }
 """Next state by state and event; an event that is missing cannot happen in that state."""
@@ -109,7 +109,7 @@ class Lifecycle:
         """Known cause of a board that does not answer; empty if none is known."""
         self._suspended_because = ""
 
-    def change(self, event: Event) -> None:
+    def change(self, event: ConnectionEvent) -> None:
         """Enter the next state after `event`. Raise RuntimeError if the event cannot happen now."""
         following = TRANSITIONS[self.state].get(event)
         if following is None:
@@ -120,19 +120,19 @@ class Lifecycle:
         if following not in {State.OPENING, State.REOPENING}:
             self.opening = None
 
-    def begin_opening(self, event: Event, opening: Opening) -> None:
+    def begin_opening(self, event: ConnectionEvent, opening: Opening) -> None:
         """Enter `opening` or `reopening`, depending on `event`: from now on `opening` gets all responses."""
         self.change(event)
         self.opening = opening
 
     def suspend(self, reason: str) -> None:
         """Enter `suspended`; `reason` goes into the errors of callers whose time runs out."""
-        self.change(Event.SUSPENDED)
+        self.change(ConnectionEvent.SUSPENDED)
         self._suspended_because = reason
 
     def end(self, error: ConnectionLost) -> bool:
         """Enter `ended` because of `error`. Return False if the connection had ended before."""
-        self.change(Event.LOST)
+        self.change(ConnectionEvent.LOST)
         if self.ended is not None:
             return False
         self.ended = error

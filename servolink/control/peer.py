@@ -104,7 +104,7 @@ class Methods(dict[str, Method[C]]):
         return added
 
 
-class Request(NamedTuple):
+class RpcRequest(NamedTuple):
     """Request; the id is None if no response is wanted."""
 
     method: str
@@ -112,7 +112,7 @@ class Request(NamedTuple):
     request_id: int | str | None
 
 
-def parse(message: bytes | str) -> Request:
+def parse(message: bytes | str) -> RpcRequest:
     """Return the request in `message`. Raise RpcError if there is none."""
     if len(message) > MOST_BYTES:
         raise RpcError(Code.PARSE_ERROR, f"the message is larger than {MOST_BYTES >> 20} MiB")
@@ -129,7 +129,7 @@ def parse(message: bytes | str) -> Request:
         raise RpcError(Code.INVALID_REQUEST, wrong)
     if wrong := _wrong_request(value):
         raise RpcError(Code.INVALID_REQUEST, wrong, request_id=request_id)
-    return Request(value["method"], value.get("params", {}), request_id)
+    return RpcRequest(value["method"], value.get("params", {}), request_id)
 
 
 def _wrong_id(value: Any) -> str:
@@ -252,7 +252,7 @@ class Peer(Generic[C]):
         if self._tasks:
             await asyncio.wait(self._tasks)
 
-    def _checked(self, request: Request) -> tuple[Method[C], Struct]:
+    def _checked(self, request: RpcRequest) -> tuple[Method[C], Struct]:
         """Return method and params. Raise RpcError if the call is not allowed."""
         method = self._methods.get(request.method)
         if method is None:
@@ -268,7 +268,7 @@ class Peer(Generic[C]):
         except EncodeError as error:
             raise RpcError(Code.INVALID_PARAMS, str(error), path=error.path) from None
 
-    def _start(self, request: Request, method: Method[C], params: Struct, size: int) -> None:
+    def _start(self, request: RpcRequest, method: Method[C], params: Struct, size: int) -> None:
         if not method.is_urgent and (self._waiting >= MOST_WAITING or self._held + size > MOST_HELD):
             raise RpcError(Code.BUSY, f"{self._waiting} requests of this program wait already")
         if method.is_urgent and len(self._tasks) >= 2 * MOST_WAITING:
@@ -285,7 +285,7 @@ class Peer(Generic[C]):
 
         task.add_done_callback(ended)
 
-    def _follow(self, request: Request, outcome: Coroutine[Any, Any, object]) -> None:
+    def _follow(self, request: RpcRequest, outcome: Coroutine[Any, Any, object]) -> None:
         """Respond after the end of a request that has begun at once."""
         if self._begun >= MOST_BEGUN:
             outcome.close()
@@ -310,7 +310,7 @@ class Peer(Generic[C]):
 
         task.add_done_callback(ended)
 
-    async def _carry_out(self, context: C, request: Request, method: Method[C], params: Struct) -> None:
+    async def _carry_out(self, context: C, request: RpcRequest, method: Method[C], params: Struct) -> None:
         try:
             async with self._turn(method):
                 if not method.is_urgent:
@@ -327,7 +327,7 @@ class Peer(Generic[C]):
             return nullcontext()
         return self._order if method.in_order else self._reading
 
-    def _reporter(self, request: Request) -> Callable[[Struct], None]:
+    def _reporter(self, request: RpcRequest) -> Callable[[Struct], None]:
         """Return a function that sends the progress of a request."""
 
         def report(progress: Struct) -> None:
@@ -335,11 +335,11 @@ class Peer(Generic[C]):
 
         return report
 
-    def _respond(self, request: Request, result: Any) -> None:
+    def _respond(self, request: RpcRequest, result: Any) -> None:
         if request.request_id is not None:
             self._write({"id": request.request_id, "result": {} if result is None else result})
 
-    def _fail(self, request: Request, error: Exception) -> None:
+    def _fail(self, request: RpcRequest, error: Exception) -> None:
         if is_defect(error):
             _logger.error("%s failed", escape(request.method), exc_info=error)
         if request.request_id is not None:

@@ -38,7 +38,7 @@ class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return PortIdentity(self.vendor_id, self.product_id, self.serial_number, self.interface)
 
 
-class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _NamesFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     boards: dict[str, Alias] = {}
 
 
@@ -218,7 +218,7 @@ def _changing() -> Iterator[dict[str, Alias]]:
 def _parse(text: str) -> dict[str, Alias]:
     import tomllib  # late: needed for a file with names only
 
-    aliases = msgspec.convert(tomllib.loads(text), _File).boards
+    aliases = msgspec.convert(tomllib.loads(text), _NamesFile).boards
     for name in aliases:
         if not is_name(name):
             raise ValueError(f"{name!r} cannot be a name: names have only letters, digits, - and _")

@@ -26,7 +26,7 @@ _MODULE_OF = dict(zip(("serial", "hid", "usb"), _KINDS, strict=False))
 """The first ones, by the scheme of the addresses that they find."""
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """The result of a search."""
 
     devices: list[DeviceInfo]
@@ -49,9 +49,9 @@ def search() -> list[DeviceInfo]:
     return find_devices().devices
 
 
-def find_devices() -> Found:
+def find_devices() -> SearchResult:
     """Search with our own kinds, then with the plug-ins of other packages, which may fail."""
-    found = Found([device for kind in _KINDS for device in _find_kind(kind)], [])
+    found = SearchResult([device for kind in _KINDS for device in _find_kind(kind)], [])
     for plug_in in plug_ins(DISCOVERY):
         try:
             found.devices.extend(_find_with(plug_in))

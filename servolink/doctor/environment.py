@@ -9,9 +9,9 @@ from servolink.discovery.hubs import hub_of
 from servolink.doctor import Finding
 from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
 from servolink.doctor.system import (
+    ListedUsbDevice,
     Process,
     SystemFacts,
-    UsbDevice,
     device_nodes,
     serial_device,
     usb_device,
@@ -67,7 +67,7 @@ def _is_running(facts: SystemFacts, name: str) -> bool:
     return any(process.name == name for process in facts.processes())
 
 
-def _has_port(facts: SystemFacts, device: UsbDevice) -> bool:
+def _has_port(facts: SystemFacts, device: ListedUsbDevice) -> bool:
     return any(
         name.startswith("tty")
         for interface in facts.names(device.folder)

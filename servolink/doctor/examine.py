@@ -24,7 +24,7 @@ from servolink.doctor.environment import (
     check_round_trips,
     check_surroundings,
 )
-from servolink.doctor.line_quality import Line, check_line, measure
+from servolink.doctor.line_quality import LineCounts, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
 from servolink.errors import InvalidAddress, ProfileError, TransportError
@@ -53,7 +53,7 @@ class Report:
     urls: list[str] = field(default_factory=list)
     """The addresses that were examined."""
     response: ProbeResponse | None = None
-    line: Line | None = None
+    line: LineCounts | None = None
     findings: list[Finding] = field(default_factory=list)
 
     @property

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from servolink.doctor.learn_captions import encoding_finding, listed_captions
-from servolink.doctor.learn_line import Line, Quality, SharedTransport, measure_quality
+from servolink.doctor.learn_line import Quality, SharedTransport, TrialLine, measure_quality
 from servolink.doctor.learn_queries import (
     Contact,
     Survey,
@@ -72,7 +72,7 @@ async def learn_by_asking(
     `power_cycled`: the board was just switched off and on. `patience` is the time to wait for each response until it is
     known how long they take.
     """
-    async with Line(transport, Codec(contact.byte_order)) as line:
+    async with TrialLine(transport, Codec(contact.byte_order)) as line:
         line.patience = patience or line.patience
         on_step("sending single queries")
         quality = await measure_quality(line, contact.query)

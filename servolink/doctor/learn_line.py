@@ -84,7 +84,7 @@ class SharedTransport:
             receiver.lost(error)
 
 
-class Line:
+class TrialLine:
     """Sends packets, each once, and collects the responses."""
 
     def __init__(self, transport: SharedTransport, codec: Codec) -> None:
@@ -255,7 +255,7 @@ _LONGEST_MEASURING = 15.0  # seconds
 _SHORTEST_PATIENCE, _LONGEST_PATIENCE = 0.1, 2.0
 
 
-async def measure_quality(line: Line, query: Request[Response]) -> Quality:
+async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
     """Send `query` alone many times, and set the patience of `line` by the time that responses take."""
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST_MEASURING

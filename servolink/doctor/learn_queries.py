@@ -11,7 +11,7 @@ from typing import Any
 
 from servolink.connection.opening import FENCES
 from servolink.connection.probe import BYTE_ORDERS
-from servolink.doctor.learn_line import TRIES, Line, Quality, SharedTransport
+from servolink.doctor.learn_line import TRIES, Quality, SharedTransport, TrialLine
 from servolink.errors import OpenError
 from servolink.profiles.profile import Confidence, Measured
 from servolink.protocol.codec import Codec
@@ -57,7 +57,7 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
     for mode in (1, 0):
         for query in SHORT_QUERIES:
             for byte_order in BYTE_ORDERS:
-                async with Line(transport, Codec(byte_order)) as line:
+                async with TrialLine(transport, Codec(byte_order)) as line:
                     line.patience = patience or line.patience
                     if mode == 0:
                         await line.send(TransmissionModeSettingRequest(1))
@@ -163,7 +163,7 @@ class Survey:
         return response.total_size if isinstance(response, QueryMemorySizeResponse) else None
 
 
-async def survey_board(line: Line, quality: Quality) -> Survey:
+async def survey_board(line: TrialLine, quality: Quality) -> Survey:
     """Send each query until the board answers; queries for one record only if a record is stored."""
     survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
     for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
@@ -174,7 +174,7 @@ async def survey_board(line: Line, quality: Quality) -> Survey:
     return survey
 
 
-async def _survey_query(line: Line, query: Query[Any], survey: Survey) -> None:
+async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> None:
     before: Frame | None = None
     for _ in range(survey.tries):
         frame = await line.ask(query)
@@ -203,7 +203,7 @@ def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
     return Measured("unsupported", None if confidence is None else names, confidence or "guess", text)
 
 
-async def unknown_ids_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
+async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:
     """Query ids that the lists of the board do not contain."""
     answered: list[Query[Any]] = []
     silent: list[Query[Any]] = []
@@ -254,7 +254,7 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
     return Measured("turnaround", round(raw - on_wire, 6), "likely" if spread else "certain", text)
 
 
-async def depth_finding(line: Line, survey: Survey, quality: Quality) -> Measured:
+async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:
     """Send more and more queries at once until responses are lost, doubled or out of order."""
     queries = _cheap_queries(survey)
     size = max(OVERHEAD + content_size(type(query)) for query in queries)

@@ -9,7 +9,7 @@ from contextlib import suppress
 from msgspec.structs import replace
 
 from servolink.client.board import Board
-from servolink.doctor.learn_line import Line, Quality
+from servolink.doctor.learn_line import Quality, TrialLine
 from servolink.doctor.learn_queries import is_line_loss
 from servolink.doctor.learn_trial import SCRATCH, Trial, write_marker
 from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
@@ -136,7 +136,7 @@ async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
     """Store more and more records at once until some are lost."""
     works, seen = 1, ""
     size = max(OVERHEAD + ACTION.size(action) for action in trial.scratch_actions(1))
-    async with Line(trial.transport, trial.codec) as line:
+    async with TrialLine(trial.transport, trial.codec) as line:
         line.patience = max(line.patience, 4 * quality.round_trip)
         for depth in _DEPTHS:
             lost = 0
@@ -159,7 +159,7 @@ def _works(depth: int, size: int) -> str:
     return f"{_ROUNDS} bursts of {depth} records of {size} bytes were all stored; " if depth > 1 else ""
 
 
-async def _missing_of(line: Line, actions: Sequence[Action]) -> int | None:
+async def _missing_of(line: TrialLine, actions: Sequence[Action]) -> int | None:
     """Store `actions` at once and return how many are not listed then; None if the board refuses one or lists none."""
     frames = await line.burst([ACTION.add(action) for action in actions])
     if any(not getattr(line.decode(frame), "result", 0) for frame in frames):

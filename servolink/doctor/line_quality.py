@@ -20,7 +20,7 @@ _FEW = 2  # late responses, which come when this computer stands still for a mom
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class LineCounts:
     """Counts of REQUESTS queries, or fewer if the connection ended early."""
 
     received_bytes: int
@@ -28,6 +28,7 @@ class Line:
     """Bytes outside frames, without the zeros that fill HID reports."""
     requests: int
     unanswered: int
+    """Queries without any response before the end."""
     late: int
     """Responses that came after their time."""
     round_trips: Sequence[float]
@@ -43,7 +44,7 @@ class Line:
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
-async def measure(url: str, byte_order: ByteOrder, patience: float | None = None) -> Line:
+async def measure(url: str, byte_order: ByteOrder, patience: float | None = None) -> LineCounts:
     """Query the board at `url` repeatedly, each time for `patience` seconds; OpenError if it cannot be opened."""
     patience = patience or _PATIENCE
     requests = unanswered = 0
@@ -60,7 +61,7 @@ async def measure(url: str, byte_order: ByteOrder, patience: float | None = None
             ended = str(error)
         stats = board.stats
         noise = stats.noise
-        return Line(
+        return LineCounts(
             stats.bytes_received,
             noise,
             requests,
@@ -72,7 +73,7 @@ async def measure(url: str, byte_order: ByteOrder, patience: float | None = None
         )
 
 
-def check_line(line: Line) -> Iterator[Finding]:
+def check_line(line: LineCounts) -> Iterator[Finding]:
     """Find noise, missing responses and a connection that ended early."""
     if line.noise_bytes:
         share = 100 * line.noise_bytes / line.received_bytes

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 
 from servolink.doctor import Finding
-from servolink.doctor.system import Node, SystemFacts, UsbDevice, device_nodes, usb_device
+from servolink.doctor.system import ListedUsbDevice, Node, SystemFacts, device_nodes, usb_device
 from servolink.escaping import escape
 
 RULES = "/etc/udev/rules.d/70-servolink.rules"
@@ -46,7 +46,7 @@ _HEAD = f"""\
 """
 
 
-def rules(facts: SystemFacts, devices: Iterable[UsbDevice]) -> str:
+def rules(facts: SystemFacts, devices: Iterable[ListedUsbDevice]) -> str:
     """Return the text of the rules file for `devices`."""
     group = next((name for name in SERIAL_GROUPS if facts.members(name) is not None), "")
     access = 'TAG+="uaccess"' + (f', MODE="0660", GROUP="{group}"' if group else "")
@@ -59,7 +59,7 @@ def is_installed(facts: SystemFacts) -> bool:
     return bool(facts.text(RULES))
 
 
-def check_rule_order(facts: SystemFacts, device: UsbDevice | None) -> Iterator[Finding]:
+def check_rule_order(facts: SystemFacts, device: ListedUsbDevice | None) -> Iterator[Finding]:
     """Find rules for `device` that are read too late for their tag."""
     if device is None:
         return
@@ -82,7 +82,7 @@ def rule_named(facts: SystemFacts, word: str) -> str:
     return next((path for path in paths if facts.link(path) != "/dev/null"), "")
 
 
-def _rules_for(device: UsbDevice, access: str) -> str:
+def _rules_for(device: ListedUsbDevice, access: str) -> str:
     """Return the rules for one device, without any text of its own that could change their meaning."""
     chip = ADAPTERS.get((device.vendor_id, device.product_id))
     number = device.serial_number if _PLAIN.fullmatch(device.serial_number) else ""

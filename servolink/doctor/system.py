@@ -141,7 +141,7 @@ class SystemFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class UsbDevice:
+class ListedUsbDevice:
     """A USB device as the system describes it; its texts come from the device itself."""
 
     folder: str
@@ -181,7 +181,7 @@ def device_nodes(facts: SystemFacts, url: str) -> list[str]:
     return []
 
 
-def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
+def usb_device(facts: SystemFacts, url: str) -> ListedUsbDevice | None:
     """Return the USB device that `url` leads to; None if it is not on USB or not plugged in."""
     if device := serial_device(url):
         return _usb_parent(facts, f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/device")
@@ -190,14 +190,14 @@ def usb_device(facts: SystemFacts, url: str) -> UsbDevice | None:
     return None
 
 
-def usb_devices(facts: SystemFacts) -> Iterator[UsbDevice]:
+def usb_devices(facts: SystemFacts) -> Iterator[ListedUsbDevice]:
     """Yield the USB devices that are plugged in."""
     for name in facts.names(_USB_DEVICES):
         if (device := _described(facts, facts.real(f"{_USB_DEVICES}/{name}"))) is not None:
             yield device
 
 
-def named_usb_device(url: str) -> UsbDevice | None:
+def named_usb_device(url: str) -> ListedUsbDevice | None:
     """Return the USB device that `url` itself describes, plugged in or not; None if it names no ids."""
     address = Address.parse(url)
     if address.scheme not in {"hid", "usb"}:
@@ -205,10 +205,10 @@ def named_usb_device(url: str) -> UsbDevice | None:
     named = PortIdentity.from_address(address)
     if named.vendor_id is None or named.product_id is None:
         return None
-    return UsbDevice("", named.vendor_id, named.product_id, named.serial_number, "")
+    return ListedUsbDevice("", named.vendor_id, named.product_id, named.serial_number, "")
 
 
-def _usb_parent(facts: SystemFacts, path: str) -> UsbDevice | None:
+def _usb_parent(facts: SystemFacts, path: str) -> ListedUsbDevice | None:
     """Return the USB device above a file of the system's device tree."""
     above = PurePosixPath(facts.real(path))
     return next(
@@ -216,15 +216,17 @@ def _usb_parent(facts: SystemFacts, path: str) -> UsbDevice | None:
     )
 
 
-def _described(facts: SystemFacts, folder: str) -> UsbDevice | None:
+def _described(facts: SystemFacts, folder: str) -> ListedUsbDevice | None:
     try:
         vendor_id = int(facts.text(f"{folder}/idVendor"), 16)
         product_id = int(facts.text(f"{folder}/idProduct"), 16)
     except ValueError:
         return None
-    return UsbDevice(folder, vendor_id, product_id, facts.text(f"{folder}/serial"), facts.text(f"{folder}/product"))
+    return ListedUsbDevice(
+        folder, vendor_id, product_id, facts.text(f"{folder}/serial"), facts.text(f"{folder}/product")
+    )
 
 
-def _is_meant(url: str, device: UsbDevice) -> bool:
+def _is_meant(url: str, device: ListedUsbDevice) -> bool:
     wanted = PortIdentity.from_address(Address.parse(url))
     return not wanted.is_any and wanted.fits(device.identity)

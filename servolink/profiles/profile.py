@@ -1,6 +1,6 @@
 """The profile of a board: what was learnt of it, what its user decided, and how certain each part is.
 
-None means unknown. The names are those of the file; `About` says what each of them means there.
+None means unknown. The names are those of the file; `FieldHelp` says what each of them means there.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from servolink.protocol.packet import Query
 MOST_DEPTH = 64
 
 
-class About(Struct, frozen=True):
+class FieldHelp(Struct, frozen=True):
     """Describes a field of a profile to its user."""
 
     meaning: str
@@ -70,11 +70,11 @@ _ServoId = Annotated[int, Meta(ge=0, le=254)]
 _DEPTH = f"1..{MOST_DEPTH}"
 _SPEED = "0.001..100000 degrees per second"
 
-ServoKey = Annotated[_ServoId, About("", "a servo id, 0..254")]
-SpeedOfServo = Annotated[_Speed, About("", _SPEED)]
+ServoKey = Annotated[_ServoId, FieldHelp("", "a servo id, 0..254")]
+SpeedOfServo = Annotated[_Speed, FieldHelp("", _SPEED)]
 AnglesOfServo = Annotated[
     tuple[_Degrees, _Degrees],
-    About("", "the lowest and the highest angle in degrees, such as [20, 160]", _check_pair),
+    FieldHelp("", "the lowest and the highest angle in degrees, such as [20, 160]", _check_pair),
 ]
 
 
@@ -83,15 +83,15 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     servo_ids: Annotated[
         tuple[_ServoId, ...] | None,
-        About("ids of all servos", "a list of servo ids, 0..254"),
+        FieldHelp("ids of all servos", "a list of servo ids, 0..254"),
     ] = None
     memory_total: Annotated[
         _Natural32 | None,
-        About("total memory as the board reports it, in units of settings.memory_unit", f"0..{0x7FFF_FFFF}"),
+        FieldHelp("total memory as the board reports it, in units of settings.memory_unit", f"0..{0x7FFF_FFFF}"),
     ] = None
-    vendor_id: Annotated[_U16 | None, About("USB vendor id of its port", "0x0000..0xffff")] = None
-    product_id: Annotated[_U16 | None, About("USB product id of its port", "0x0000..0xffff")] = None
-    serial_number: Annotated[str | None, About("USB serial number of its port", "text")] = None
+    vendor_id: Annotated[_U16 | None, FieldHelp("USB vendor id of its port", "0x0000..0xffff")] = None
+    product_id: Annotated[_U16 | None, FieldHelp("USB product id of its port", "0x0000..0xffff")] = None
+    serial_number: Annotated[str | None, FieldHelp("USB serial number of its port", "text")] = None
 
     def fits(self, found: BoardIdentityRecord) -> bool:
         """Return whether nothing that is known of both boards differs; the order of servo ids does not count."""
@@ -124,25 +124,27 @@ def _ranges(ordered: Sequence[int]) -> str:
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What the document leaves open, or boards do differently."""
 
-    byte_order: Annotated[ByteOrder | None, About("byte order of the numbers in packets", '"little" or "big"')] = None
+    byte_order: Annotated[ByteOrder | None, FieldHelp("byte order of the numbers in packets", '"little" or "big"')] = (
+        None
+    )
     caption_encoding: Annotated[
         str | None,
-        About('encoding of captions, such as "utf-8" or "big5"', "the name of an encoding", check_encoding),
+        FieldHelp('encoding of captions, such as "utf-8" or "big5"', "the name of an encoding", check_encoding),
     ] = None
     power_up_mode: Annotated[
         Literal[0, 1] | None,
-        About("transmission mode after switching on: 1 is the one servolink speaks", "0 or 1"),
+        FieldHelp("transmission mode after switching on: 1 is the one servolink speaks", "0 or 1"),
     ] = None
     transmission_mode: Annotated[
         Literal["auto", "keep", 1] | None,
-        About(
+        FieldHelp(
             'when connecting sets mode 1: "auto" (if the board is silent), 1 (always) or "keep" (never)',
             '"auto", "keep" or 1',
         ),
     ] = None
     unsupported: Annotated[
         tuple[str, ...] | None,
-        About(
+        FieldHelp(
             'queries that the board does not answer, such as ["QueryMemorySize"]',
             "a list of queries",
             _check_unsupported,
@@ -150,36 +152,36 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = None
     unknown_ids: Annotated[
         Literal["empty", "silent"] | None,
-        About("how it answers a query of an id that is not there", '"empty" or "silent"'),
+        FieldHelp("how it answers a query of an id that is not there", '"empty" or "silent"'),
     ] = None
     turnaround: Annotated[
         _Seconds | None,
-        About("seconds from the end of a query to the beginning of its response", "0..3600 seconds"),
+        FieldHelp("seconds from the end of a query to the beginning of its response", "0..3600 seconds"),
     ] = None
-    depth: Annotated[_Depth | None, About("most queries that may be under way at once", _DEPTH)] = None
-    write_depth: Annotated[_Depth | None, About("most writes that may be under way at once", _DEPTH)] = None
+    depth: Annotated[_Depth | None, FieldHelp("most queries that may be under way at once", _DEPTH)] = None
+    write_depth: Annotated[_Depth | None, FieldHelp("most writes that may be under way at once", _DEPTH)] = None
     memory_unit: Annotated[
-        Literal[1, 1024] | None, About("bytes in the unit in which it counts its memory", "1 or 1024")
+        Literal[1, 1024] | None, FieldHelp("bytes in the unit in which it counts its memory", "1 or 1024")
     ] = None
     project_id_bits: Annotated[
-        Literal[0, 16, 32] | None, About("bits of the project id that it keeps", "0, 16 or 32")
+        Literal[0, 16, 32] | None, FieldHelp("bits of the project id that it keeps", "0, 16 or 32")
     ] = None
     on_duplicate: Annotated[
         Literal["replace", "append", "reject"] | None,
-        About("what it does when a record with an id it has is added", '"replace", "append" or "reject"'),
+        FieldHelp("what it does when a record with an id it has is added", '"replace", "append" or "reject"'),
     ] = None
     clear: Annotated[
         Literal["all", "records"] | None,
-        About("what clearing deletes: all, or all but servo captions and corrections", '"all" or "records"'),
+        FieldHelp("what clearing deletes: all, or all but servo captions and corrections", '"all" or "records"'),
     ] = None
-    clear_seconds: Annotated[_Seconds | None, About("seconds that clearing takes", "0..3600 seconds")] = None
+    clear_seconds: Annotated[_Seconds | None, FieldHelp("seconds that clearing takes", "0..3600 seconds")] = None
     interval_unit: Annotated[
         _IntervalUnit | None,
-        About("seconds in one unit of the time of a movement; 0.01 in the document", "0.0001..10 seconds"),
+        FieldHelp("seconds in one unit of the time of a movement; 0.01 in the document", "0.0001..10 seconds"),
     ] = None
     when_started: Annotated[
         Literal["stays", "turns"] | None,
-        About(
+        FieldHelp(
             'what a servo does that is started: "stays", or "turns" to the target it had before', '"stays" or "turns"'
         ),
     ] = None
@@ -188,18 +190,18 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What its user allows. A program can only tighten it."""
 
-    speed_cap: Annotated[_Speed | None, About("highest speed of any servo, in degrees per second", _SPEED)] = None
+    speed_cap: Annotated[_Speed | None, FieldHelp("highest speed of any servo, in degrees per second", _SPEED)] = None
     soft_start: Annotated[
         _Speed | None,
-        About("highest speed of the first movement from an unknown pose, in degrees per second", _SPEED),
+        FieldHelp("highest speed of the first movement from an unknown pose, in degrees per second", _SPEED),
     ] = None
     angles: Annotated[
         dict[ServoKey, AnglesOfServo],
-        About("lowest and highest angle of a servo in degrees, by its id, such as 3 = [20, 160]", "a table"),
+        FieldHelp("lowest and highest angle of a servo in degrees, by its id, such as 3 = [20, 160]", "a table"),
     ] = {}
     speed_caps: Annotated[
         dict[ServoKey, SpeedOfServo],
-        About("highest speed of a servo in degrees per second, by its id, such as 3 = 90", "a table"),
+        FieldHelp("highest speed of a servo in degrees per second, by its id, such as 3 = 90", "a table"),
     ] = {}
 
 
@@ -209,10 +211,10 @@ Confidence = Literal["certain", "likely", "guess"]
 class Evidence(Struct, frozen=True, forbid_unknown_fields=True):
     """Why a setting is what it is."""
 
-    confidence: Annotated[Confidence, About("", '"certain", "likely" or "guess"')]
-    text: Annotated[str, About("", "text")]
+    confidence: Annotated[Confidence, FieldHelp("", '"certain", "likely" or "guess"')]
+    text: Annotated[str, FieldHelp("", "text")]
     """What was observed."""
-    learnt_at: Annotated[datetime | None, About("", "a date and time such as 2026-01-31T12:00:00Z")] = None
+    learnt_at: Annotated[datetime | None, FieldHelp("", "a date and time such as 2026-01-31T12:00:00Z")] = None
 
 
 def _check_setting(name: str) -> None:
@@ -220,7 +222,7 @@ def _check_setting(name: str) -> None:
         raise ValueError(f"is not a setting; the settings are {', '.join(BoardSettings.__struct_fields__)}")
 
 
-SettingName = Annotated[str, About("", "the name of a setting", _check_setting)]
+SettingName = Annotated[str, FieldHelp("", "the name of a setting", _check_setting)]
 
 
 BY_HAND = "set with `servolink board set`"
@@ -232,19 +234,19 @@ class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     identity: Annotated[
         BoardIdentityRecord | None,
-        About("What tells this board from others: with another one nothing is moved or written.", "a table"),
+        FieldHelp("What tells this board from others: with another one nothing is moved or written.", "a table"),
     ] = None
     settings: Annotated[
         BoardSettings,
-        About("What was measured, or set by you. Options of a program and of the address override it.", "a table"),
+        FieldHelp("What was measured, or set by you. Options of a program and of the address override it.", "a table"),
     ] = BoardSettings()
     limits: Annotated[
         SafetyLimits,
-        About("What you allow. Programs cannot allow more, only less.", "a table"),
+        FieldHelp("What you allow. Programs cannot allow more, only less.", "a table"),
     ] = SafetyLimits()
     evidence: Annotated[
         dict[SettingName, Evidence],
-        About("Why each setting is believed: by its name, with the confidence and the time.", "a table"),
+        FieldHelp("Why each setting is believed: by its name, with the confidence and the time.", "a table"),
     ] = {}
 
 
@@ -272,15 +274,15 @@ class ProfileInUse(NamedTuple):
 
 
 @cache
-def fields_of(kind: type[Struct]) -> dict[str, tuple[Any, About]]:
+def fields_of(kind: type[Struct]) -> dict[str, tuple[Any, FieldHelp]]:
     """Return type and description of each field of a part of the profile, in their order."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: (hints[name], about(hints[name])) for name in kind.__struct_fields__}
 
 
-def about(hint: Any) -> About:
+def about(hint: Any) -> FieldHelp:
     """Return the description in an annotated type."""
-    return next(each for each in hint.__metadata__ if isinstance(each, About))
+    return next(each for each in hint.__metadata__ if isinstance(each, FieldHelp))
 
 
 _RANKS: dict[Confidence, int] = {"guess": 0, "likely": 1, "certain": 2}

@@ -8,7 +8,7 @@ from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, motion_
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
 from servolink.project.records import dependency_order, name_of, with_dependencies
-from servolink.project.speed import Run
+from servolink.project.speed import RecordRun
 from servolink.project.validate import Diagnostic, duplicates, too_fast
 from servolink.protocol.record_types import ACTION, MACRO, Record
 from servolink.protocol.records import Action, MacroCommandType
@@ -62,7 +62,7 @@ def uncheckable(stored: Project) -> Iterator[str]:
         yield f"{name_of(endless[0])} never ends, because it runs itself or a macro that does"
 
 
-def preflight_run(run: Run, stored: Project, limits: MotionLimits, start: Mapping[int, int]) -> Iterator[str]:
+def preflight_run(run: RecordRun, stored: Project, limits: MotionLimits, start: Mapping[int, int]) -> Iterator[str]:
     """Yield where a run of the records in `stored` exceeds `limits`, from the pose `start`, degrees by servo id."""
     for action in stored.actions:
         for _, text in _steps_too_far(action, limits):

@@ -92,7 +92,7 @@ def servo_moves(
         yield from _moves_of_macro(place, macros[macro_id], called, before, macro_effects[macro_id])
 
 
-class Run:
+class RecordRun:
     """What happens when an action or a macro is run, with all that it runs.
 
     `stored` holds these records, each once, and no macro that runs itself. An interval of 1 stands for `interval_unit`

@@ -12,7 +12,7 @@ from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.packet import Packet
 from servolink.recorder.channels import Event, Wire
 from servolink.recorder.packets import command_done
-from servolink.recorder.readings import Readings, Take
+from servolink.recorder.readings import ReadingsFeed, Take
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
@@ -48,7 +48,7 @@ class BoardTap(WireTap):
 
 
 @asynccontextmanager
-async def following(board: Board, take: Take, readings: Readings) -> AsyncIterator[None]:
+async def following(board: Board, take: Take, readings: ReadingsFeed) -> AsyncIterator[None]:
     """Pass on, in this context, states of the connection and readings of the servos.
 
     Readings are shared with whoever watches the servos in this program.
@@ -71,7 +71,7 @@ async def _follow_states(board: Board, take: Take) -> None:
         take(now(), Event("connection", state))
 
 
-async def follow_servos(board: Board, readings: Readings) -> None:
+async def follow_servos(board: Board, readings: ReadingsFeed) -> None:
     """Pass on readings; a board that does not answer is asked again."""
     while True:
         try:

@@ -51,7 +51,7 @@ class Order(Struct):
     with_packets: bool
 
 
-class Report(Struct):
+class ChildReport(Struct):
     """A line of standard output."""
 
     status: RecorderStatus
@@ -73,11 +73,11 @@ def main() -> None:
     try:
         writer = RecordingWriter(Path(order.path), order.about, clock, with_packets=order.with_packets)
     except RecordingError as error:
-        _report(Report(RecorderStatus(order.path, 0.0, 0, 0, 0, ""), str(error)))
+        _report(ChildReport(RecorderStatus(order.path, 0.0, 0, 0, 0, ""), str(error)))
         return
     ended = threading.Event()
     telling = threading.Thread(target=_tell, args=(writer, ended), daemon=True)
-    _report(Report(writer.status()))
+    _report(ChildReport(writer.status()))
     telling.start()
     while (batch := _read(source)) is not None:
         _take(writer, batch)
@@ -88,7 +88,7 @@ def main() -> None:
         error_text = str(error)
     ended.set()
     telling.join()
-    _report(Report(writer.status(), error_text))
+    _report(ChildReport(writer.status(), error_text))
 
 
 def _read(source: BinaryIO) -> bytes | None:
@@ -114,10 +114,10 @@ def _take(writer: RecordingWriter, batch: bytes) -> None:
 
 def _tell(writer: RecordingWriter, ended: threading.Event) -> None:
     while not ended.wait(_STATUS_EVERY):
-        _report(Report(writer.status()))
+        _report(ChildReport(writer.status()))
 
 
-def _report(report: Report) -> None:
+def _report(report: ChildReport) -> None:
     try:
         # Unbuffered: Python would try again at the end to write what nobody reads any more, and say that it cannot.
         os.write(sys.stdout.fileno(), msgspec.json.encode(report) + b"\n")
@@ -150,7 +150,7 @@ class ChildWriter:
         self._is_broken = False
         order = Order(str(path.absolute()), about, clock.monotonic, clock.wall(clock.monotonic), with_packets)
         self._send(self._sink, msgspec.msgpack.encode(order))
-        self._report = self._next_report() or Report(RecorderStatus(str(path), 0.0, 0, 0, 0, ""), _GONE)
+        self._report = self._next_report() or ChildReport(RecorderStatus(str(path), 0.0, 0, 0, 0, ""), _GONE)
         if self._report.error:
             self._end_process()
             raise RecordingError(self._report.error)
@@ -225,9 +225,9 @@ class ChildWriter:
         if not self._closing.is_set():
             self._is_broken = True
 
-    def _next_report(self) -> Report | None:
+    def _next_report(self) -> ChildReport | None:
         line = self._source.readline()
-        return msgspec.json.decode(line, type=Report) if line else None
+        return msgspec.json.decode(line, type=ChildReport) if line else None
 
     def _end_process(self) -> None:
         try:

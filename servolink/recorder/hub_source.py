@@ -22,19 +22,19 @@ from servolink.errors import DecodeError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 from servolink.motion.angles import in_unit
 from servolink.recorder.channels import Event, ProblemFound, decode
-from servolink.recorder.readings import Readings, Take
+from servolink.recorder.readings import ReadingsFeed, Take
 
 _LIMIT = 5.0  # seconds for the hub to answer
 _LAST_LIMIT = 10.0  # the same at the end, when it may have much to say yet
 _logger = logging.getLogger(__name__)
 
 
-class _Item(TapItem, frozen=True):
+class _TappedItem(TapItem, frozen=True):
     message: Raw
 
 
 class _Frame(TapFrame, frozen=True):
-    items: tuple[_Item, ...]
+    items: tuple[_TappedItem, ...]
 
 
 class HubSource:
@@ -49,13 +49,13 @@ class HubSource:
         self._channel = channel
         self._now = asyncio.get_running_loop().time
         self._take: Take | None = None
-        self._readings: Readings | None = None
+        self._readings: ReadingsFeed | None = None
         self._early: list[tuple[str, Raw]] = []  # what came before `begin`
         self._shift = self._now() - tapped.seconds  # its clock is most likely the same as ours
         channel.on_notification = self._hear
         channel.on_end = self._end
 
-    async def begin(self, take: Take, readings: Readings) -> None:
+    async def begin(self, take: Take, readings: ReadingsFeed) -> None:
         """Pass messages on to `take` from now on, those first that came since the tap was opened."""
         self._take, self._readings = take, readings
         take(self._now(), Event("connection", self.tapped.state))

@@ -15,7 +15,7 @@ Take: TypeAlias = Callable[[float, Message], None]
 """Takes a message, and when it was: seconds on the clock of the event loop. Neither waits nor raises."""
 
 
-class Readings:
+class ReadingsFeed:
     """Passes on what the servos report."""
 
     def __init__(self, take: Take, hz: float, alarms: Iterable[Alarm] = ()) -> None:

@@ -28,7 +28,7 @@ from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, 
 from servolink.recorder.child import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
-from servolink.recorder.readings import Readings, Take
+from servolink.recorder.readings import ReadingsFeed, Take
 from servolink.recorder.ring import RingWriter, trigger
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
 from servolink.transports.address import Address
@@ -196,7 +196,7 @@ async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) 
     about = recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding)
     await asyncio.to_thread(recorder.begin, about, by_child=by_child)
     try:
-        async with following(board, recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms)):
+        async with following(board, recorder.take, ReadingsFeed(recorder.take, wanted.rate, wanted.alarms)):
             yield
     finally:
         await recorder.end()
@@ -212,7 +212,7 @@ async def _recording_hub(name: str, recorder: Recorder, *, by_child: bool) -> As
         await asyncio.to_thread(recorder.begin, about, by_child=by_child)
         try:
             source.ended = recorder.over
-            await source.begin(recorder.take, Readings(recorder.take, wanted.rate, wanted.alarms))
+            await source.begin(recorder.take, ReadingsFeed(recorder.take, wanted.rate, wanted.alarms))
             yield
         finally:
             await source.end()

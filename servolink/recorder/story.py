@@ -17,7 +17,7 @@ _SILENCE = 1.0  # seconds without a response that are worth a line
 _MISSED = 5  # readings of the servos missing in a row, the same
 
 
-class Line(NamedTuple):
+class StoryRow(NamedTuple):
     """One line of the story; its texts are not escaped yet."""
 
     seconds: float
@@ -46,11 +46,11 @@ class Story:
         self._read_at: float | None = None
         self._waiting_since: float | None = None  # for any response
 
-    def tell(self, entries: Iterable[Entry]) -> Iterator[Line]:
+    def tell(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
         """Yield the lines, those in a row that say the same as one."""
         return _in_short(self._lines(entries))
 
-    def _lines(self, entries: Iterable[Entry]) -> Iterator[Line]:
+    def _lines(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
         last = 0.0
         for entry in entries:
             last = entry.seconds
@@ -65,7 +65,7 @@ class Story:
             yield from map(_trip_line, self._trips.finish())
         yield from self._silence(last)
 
-    def _packet(self, seconds: float, message: PacketSeen) -> Iterator[Line]:
+    def _packet(self, seconds: float, message: PacketSeen) -> Iterator[StoryRow]:
         if message.noise or message.error:
             yield _damage(seconds, message)
             return
@@ -76,19 +76,19 @@ class Story:
         if self._packets:
             yield from map(_trip_line, self._trips.take(seconds, message))
 
-    def _silence(self, seconds: float) -> Iterator[Line]:
+    def _silence(self, seconds: float) -> Iterator[StoryRow]:
         """Yield a line if the board has not said anything for long, until now."""
         since, self._waiting_since = self._waiting_since, None
         if since is not None and seconds - since > _SILENCE:
             self.silences["silences of the board"] += 1
-            yield Line(seconds, "board", f"nothing came in the last {duration(seconds - since)}", is_problem=True)
+            yield StoryRow(seconds, "board", f"nothing came in the last {duration(seconds - since)}", is_problem=True)
 
-    def _reading(self, seconds: float) -> Iterator[Line]:
+    def _reading(self, seconds: float) -> Iterator[StoryRow]:
         before, self._read_at = self._read_at, seconds
         if before is not None and 0 < self._longest_gap < seconds - before:
             self.silences["gaps in the readings"] += 1
             text = f"no reading of the servos in the last {duration(seconds - before)}"
-            yield Line(seconds, "board", text, is_problem=True)
+            yield StoryRow(seconds, "board", text, is_problem=True)
 
 
 def duration(seconds: float) -> str:
@@ -98,14 +98,14 @@ def duration(seconds: float) -> str:
     return f"{seconds * 1000:.0f} ms" if seconds >= 0.01 else f"{seconds * 1000:.1f} ms"
 
 
-def _line(seconds: float, message: Message) -> Line | None:
+def _line(seconds: float, message: Message) -> StoryRow | None:
     if isinstance(message, CommandDone):
         return _command(seconds, message)
     if isinstance(message, Event):
         return _event(seconds, message)
     if isinstance(message, ProblemFound):
         count = f" ({message.count} messages of {message.channel} are missing)" if message.count else ""
-        return Line(seconds, "recorder", f"{message.kind}: {_cut(message.text)}{count}", is_problem=True)
+        return StoryRow(seconds, "recorder", f"{message.kind}: {_cut(message.text)}{count}", is_problem=True)
     return None  # bytes: the packets tell what they mean
 
 
@@ -120,7 +120,7 @@ _OUTCOMES = {
 }
 
 
-def _command(seconds: float, message: CommandDone) -> Line:
+def _command(seconds: float, message: CommandDone) -> StoryRow:
     outcome = _OUTCOMES[message.outcome].format(time=duration(message.seconds))
     reason = f": {message.reason}" if message.reason else ""
     if message.lease and message.lease not in (message.who, message.session):
@@ -128,37 +128,37 @@ def _command(seconds: float, message: CommandDone) -> Line:
     is_bad = message.outcome not in GOOD
     text = f"{asked(message.packet, message.fields)}, {outcome}{_cut(reason)}"
     key = None if is_bad else (message.who, message.session, message.packet)
-    return Line(seconds, message.who or "program", text, is_problem=is_bad, key=key)
+    return StoryRow(seconds, message.who or "program", text, is_problem=is_bad, key=key)
 
 
-def _event(seconds: float, message: Event) -> Line:
+def _event(seconds: float, message: Event) -> StoryRow:
     if message.kind == "button":
-        return Line(seconds, "board", f"button {message.button_id} {message.what}")
+        return StoryRow(seconds, "board", f"button {message.button_id} {message.what}")
     kind = "" if message.kind == message.what else f"{message.kind} "
     text = _cut(f"{kind}{message.what}{': ' if message.text else ''}{message.text}")
-    return Line(seconds, message.who or message.kind, text, is_problem=is_problem(message))
+    return StoryRow(seconds, message.who or message.kind, text, is_problem=is_problem(message))
 
 
-def _damage(seconds: float, message: PacketSeen) -> Line:
+def _damage(seconds: float, message: PacketSeen) -> StoryRow:
     who = "board" if message.direction == "received" else "program"
     if message.error:
         name = message.packet or f"packet {message.packet_id}"
-        return Line(seconds, who, f"{name} cannot be read: {_cut(message.error)}", is_problem=True)
+        return StoryRow(seconds, who, f"{name} cannot be read: {_cut(message.error)}", is_problem=True)
     text = f"{message.noise} bytes of noise: {message.data[:16].hex(' ')}"
-    return Line(seconds, who, text, is_problem=True, key=(who, "noise"))
+    return StoryRow(seconds, who, text, is_problem=True, key=(who, "noise"))
 
 
-def _trip_line(trip: RoundTrip) -> Line:
+def _trip_line(trip: RoundTrip) -> StoryRow:
     request = asked(trip.packet, trip.fields)
     if trip.response is None:
         is_bad = response_name(trip.packet) is not None
-        return Line(trip.seconds, "line", f"{request}, {'NOT ANSWERED' if is_bad else 'sent'}", is_problem=is_bad)
+        return StoryRow(trip.seconds, "line", f"{request}, {'NOT ANSWERED' if is_bad else 'sent'}", is_problem=is_bad)
     if not trip.packet:
-        return Line(trip.seconds, "line", f"{asked(trip.response, trip.answer)}, which nobody asked for")
+        return StoryRow(trip.seconds, "line", f"{asked(trip.response, trip.answer)}, which nobody asked for")
     answer = asked(trip.response, trip.answer).partition(" ")[2]
     took = duration(trip.took or 0.0)
     text = f"{request}, answered in {took}{': ' if answer else ''}{answer}"
-    return Line(trip.seconds, "line", _cut(text), key=("line", trip.packet))
+    return StoryRow(trip.seconds, "line", _cut(text), key=("line", trip.packet))
 
 
 def asked(packet: str, fields: Mapping[str, Any]) -> str:
@@ -201,9 +201,9 @@ def _cut(text: str) -> str:
     return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."
 
 
-def _in_short(lines: Iterable[Line]) -> Iterator[Line]:
+def _in_short(lines: Iterable[StoryRow]) -> Iterator[StoryRow]:
     """Yield `lines`; of more than two in a row with the same key only the first, and how many follow it."""
-    row: list[Line] = []
+    row: list[StoryRow] = []
     count = 0
     for line in lines:
         if row and line.key is not None and line.key == row[0].key:
@@ -215,11 +215,11 @@ def _in_short(lines: Iterable[Line]) -> Iterator[Line]:
     yield from _row(row, count)
 
 
-def _row(row: list[Line], count: int) -> Iterator[Line]:
+def _row(row: list[StoryRow], count: int) -> Iterator[StoryRow]:
     if count <= 2:
         yield from row
     else:
         first, last = row
         yield first
         text = f"{count - 1} more like it, until {last.seconds:.3f} s"
-        yield Line(last.seconds, first.who, text, is_problem=first.is_problem)
+        yield StoryRow(last.seconds, first.who, text, is_problem=first.is_problem)

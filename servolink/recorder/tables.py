@@ -42,19 +42,21 @@ def write_tables(entries: Iterable[Entry], path_of: Callable[[str], Path], *, re
     Raise RecordingError if a file exists and `replace` is not set, or cannot be written; then no file is changed,
     unless the fault is in the last step, in which they are replaced one after the other.
     """
-    tables: dict[str, _Table] = {}
+    tables: dict[str, _ChannelTable] = {}
     with ExitStack() as files:
         for entry in entries:
             if entry.topic not in tables:
                 path = path_of(entry.topic.removeprefix("/"))
-                tables[entry.topic] = _Table(path, files.enter_context(new_file(path, replace=replace)), entry.topic)
+                tables[entry.topic] = _ChannelTable(
+                    path, files.enter_context(new_file(path, replace=replace)), entry.topic
+                )
             tables[entry.topic].add(entry)
         for table in tables.values():  # the disk may be full: before the first of them replaces anything
             table.flush()
     return {table.path: table.count for table in tables.values()}
 
 
-class _Table:
+class _ChannelTable:
     """The table of one channel, as it is written."""
 
     def __init__(self, path: Path, file: BinaryIO, topic: str) -> None:

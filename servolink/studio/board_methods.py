@@ -16,7 +16,7 @@ from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.system import SystemFacts
 from servolink.errors import InvalidAddress
 from servolink.studio.links import LinkAddress, LinkRole
-from servolink.studio.methods import METHODS, Caller
+from servolink.studio.methods import METHODS, PageCaller
 
 _OF_THE_HUB = "in use"
 
@@ -65,7 +65,7 @@ class LinkChange(Struct, forbid_unknown_fields=True):
 
 
 @METHODS.add("studio.boards", Role.EDIT)
-async def studio_boards(caller: Caller, params: NoParams) -> FoundBoards:
+async def studio_boards(caller: PageCaller, params: NoParams) -> FoundBoards:
     """Return the boards on this machine without opening any."""
     found = boards(await asyncio.to_thread(search))
     ours = {caller.url, f"share://{caller.studio.hub}"}
@@ -75,7 +75,7 @@ async def studio_boards(caller: Caller, params: NoParams) -> FoundBoards:
 
 
 @METHODS.add("studio.doctor", Role.EDIT)
-async def doctor(caller: Caller, params: DoctorAsk) -> DoctorReport:
+async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
     """Examine what lies between this computer and the board, without opening it: a hub has it open."""
     try:
         found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [caller.url])
@@ -87,14 +87,14 @@ async def doctor(caller: Caller, params: DoctorAsk) -> DoctorReport:
 
 
 @METHODS.add("studio.links", Role.EDIT)
-def links(caller: Caller, params: NoParams) -> LinkList:
+def links(caller: PageCaller, params: NoParams) -> LinkList:
     """Return the links for other machines. Pages that were opened through one are refused."""
     _check_local(caller)
     return _links(caller)
 
 
 @METHODS.add("studio.links.change", Role.EDIT)
-def links_change(caller: Caller, params: LinkChange) -> LinkList:
+def links_change(caller: PageCaller, params: LinkChange) -> LinkList:
     """Revoke a link, which closes the pages that were opened through it, or make a new one."""
     _check_local(caller)
     known = caller.studio.links
@@ -108,12 +108,12 @@ def links_change(caller: Caller, params: LinkChange) -> LinkList:
     return _links(caller)
 
 
-def _links(caller: Caller) -> LinkList:
+def _links(caller: PageCaller) -> LinkList:
     known = caller.studio.links
     return LinkList(known.addresses() if known else (), known is not None)
 
 
-def _check_local(caller: Caller) -> None:
+def _check_local(caller: PageCaller) -> None:
     if caller.studio.links is not None and caller.studio.links.is_one(caller.page.token):
         raise RpcError(
             Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"

@@ -12,7 +12,7 @@ from servolink.control.messages import NoParams
 from servolink.control.roles import Role
 from servolink.errors import ProjectError
 from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
-from servolink.studio.methods import METHODS, Caller, Studio
+from servolink.studio.methods import METHODS, PageCaller, Studio
 
 _LOOK = 0.5  # seconds between two looks at what other studios keep
 
@@ -38,13 +38,13 @@ class DraftSaved(Struct, frozen=True):
 
 
 @METHODS.add("studio.draft.get", Role.WATCH)
-async def draft_get(caller: Caller, params: NoParams) -> DraftNow:
+async def draft_get(caller: PageCaller, params: NoParams) -> DraftNow:
     """Return what is edited and not written. From now on, `studio.draft` tells of the edits of other pages."""
     return DraftNow(await caller.studio.drafts.kept())
 
 
 @METHODS.add("studio.draft.save", Role.EDIT, in_order=True)
-async def draft_save(caller: Caller, params: DraftSave) -> DraftSaved:
+async def draft_save(caller: PageCaller, params: DraftSave) -> DraftSaved:
     """Keep each edit, unless another page has edited the same record since the revision that this page knows."""
     saved, conflicts = await caller.studio.drafts.save(params.edits, caller.page.who)
     for page in caller.studio.pages - {caller.page}:

@@ -70,7 +70,7 @@ class Kept(Struct, frozen=True, forbid_unknown_fields=True):
     is_discarded: bool = False
 
 
-class _File(Struct, forbid_unknown_fields=True):
+class _DraftFile(Struct, forbid_unknown_fields=True):
     """The file of a draft."""
 
     draft: Literal[1] = 1
@@ -141,21 +141,21 @@ class Drafts:
                 self._told, self._seen = file.revision, _identity(draft_path(self._board))
         return tuple(saved), tuple(conflicts)
 
-    def _read(self) -> _File:
+    def _read(self) -> _DraftFile:
         path = draft_path(self._board)
         try:
-            return msgspec.convert(json.loads(read_file(path, MAX_SIZE)), _File)
+            return msgspec.convert(json.loads(read_file(path, MAX_SIZE)), _DraftFile)
         except FileNotFoundError:
-            return _File()
+            return _DraftFile()
         except OSError as error:
             raise ProjectError(f"{escape(str(path))}: the draft cannot be read: {reason(error)}") from error
         except (ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
             aside = path.with_suffix(".damaged")
             _logger.warning("%s is damaged (%s); it is kept as %s", escape(str(path)), error, escape(aside.name))
             path.replace(aside)
-            return _File()
+            return _DraftFile()
 
-    def _write(self, file: _File) -> None:
+    def _write(self, file: _DraftFile) -> None:
         path = draft_path(self._board)
         content = json.dumps(msgspec.to_builtins(file)).encode()  # ASCII: a caption may have bytes that are not text
         if len(content) > MAX_SIZE:

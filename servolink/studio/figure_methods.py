@@ -18,7 +18,7 @@ from servolink.files import read_file, reason, user_folder, write_atomically
 from servolink.json_text import MAX_SIZE, read_json
 from servolink.project.figure import Figure, checked_figure, figure_from_json, figure_to_json
 from servolink.studio.drafts import file_name
-from servolink.studio.methods import METHODS, Caller
+from servolink.studio.methods import METHODS, PageCaller
 
 _logger = logging.getLogger(__name__)
 
@@ -67,13 +67,13 @@ class FigureSave(Struct, forbid_unknown_fields=True):
 
 
 @METHODS.add("studio.figure.get", Role.WATCH)
-async def figure_get(caller: Caller, params: NoParams) -> FigureNow:
+async def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
     """Return what the robot looks like, if that is known."""
     return _now(await asyncio.to_thread(read_figure, caller.studio.hub))
 
 
 @METHODS.add("studio.figure.save", Role.EDIT, in_order=True)
-async def figure_save(caller: Caller, params: FigureSave) -> FigureNow:
+async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
     """Keep what the robot looks like. EncodeError names what is wrong with the figure, and where."""
     figure = None if params.figure is None else checked_figure(params.figure)
     await asyncio.to_thread(write_figure, caller.studio.hub, figure)

@@ -92,7 +92,7 @@ class PageName(Struct, forbid_unknown_fields=True):
     who: Annotated[str, Meta(max_length=MOST_NAME)]
 
 
-class Caller(NamedTuple):
+class PageCaller(NamedTuple):
     """The page that calls a method."""
 
     studio: Studio
@@ -103,17 +103,17 @@ class Caller(NamedTuple):
     """What the hub knows of the board."""
 
 
-METHODS: Methods[Caller] = Methods()
+METHODS: Methods[PageCaller] = Methods()
 
 
 @METHODS.add("studio.rename", Role.WATCH)
-def rename(caller: Caller, params: PageName) -> PageName:
+def rename(caller: PageCaller, params: PageName) -> PageName:
     """Change what people call the page."""
     caller.page.rename(params.who)
     return params
 
 
 @METHODS.add("studio.about", Role.WATCH)
-def about(caller: Caller, params: NoParams) -> About:
+def about(caller: PageCaller, params: NoParams) -> About:
     """Return the version of servolink."""
     return About(version("servolink"))

@@ -26,7 +26,7 @@ from servolink.studio import (  # they add their methods
     recording_methods,
 )
 from servolink.studio.gate import Gate
-from servolink.studio.methods import METHODS, MOST_NAME, Caller, Studio
+from servolink.studio.methods import METHODS, MOST_NAME, PageCaller, Studio
 
 __all__ = [
     "MOST_MESSAGE",
@@ -121,7 +121,7 @@ class _Page:
         self._studio = studio
         self.token = hello.token
         self.who = hello.who
-        caller = Caller(studio, welcome.url, self, _profile_in(welcome))
+        caller = PageCaller(studio, welcome.url, self, _profile_in(welcome))
         self._own = Peer(METHODS, lambda: caller, self._respond, self._abort, role=Role.parse(role))
 
     async def talk(self) -> None:

@@ -17,7 +17,7 @@ from servolink.project.preflight import preflight
 from servolink.project.project_file import format_project, parse_project_file, project_from_form, project_to_form
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import Diagnostic, validate_project
-from servolink.studio.methods import METHODS, Caller
+from servolink.studio.methods import METHODS, PageCaller
 
 
 class FileText(Struct, forbid_unknown_fields=True):
@@ -60,14 +60,14 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 
 
 @METHODS.add("studio.file.read", Role.WATCH)
-async def file_read(caller: Caller, params: FileText) -> ProjectExported:
+async def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names what is wrong, and where."""
     file = await asyncio.to_thread(parse_project_file, params.text)
     return ProjectExported(project_to_form(file.project, unchecked=file.unchecked, figure=file.figure))
 
 
 @METHODS.add("studio.file.write", Role.WATCH)
-async def file_write(caller: Caller, params: SomeProject) -> FileContent:
+async def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
     """Return the text of the file for a project, as `servolink export` writes it."""
     file = project_from_form(params.project)
     text = await asyncio.to_thread(format_project, file.project, unchecked=file.unchecked, figure=file.figure)
@@ -75,7 +75,7 @@ async def file_write(caller: Caller, params: SomeProject) -> FileContent:
 
 
 @METHODS.add("studio.check", Role.WATCH)
-async def check(caller: Caller, params: SomeProject) -> Checked:
+async def check(caller: PageCaller, params: SomeProject) -> Checked:
     """Return what is wrong with a project, or odd, and which movements are too fast or go too far for this board."""
     project = project_from_form(params.project).project
     found = await asyncio.to_thread(findings, project, caller.profile)
@@ -95,7 +95,7 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
 
 
 @METHODS.add("studio.backup", Role.EDIT)
-async def backup(caller: Caller, params: BackupNumber) -> ProjectExported:
+async def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
     """Return what a backup holds. ProjectError says that no backup has this number, or that it was changed."""
     store = BackupStore()
     path = next((one.path for one in store.backups() if one.number == params.number), None)

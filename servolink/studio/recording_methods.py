@@ -12,7 +12,7 @@ from msgspec import Meta, Struct
 from servolink.control.faults import Code, RpcError
 from servolink.control.roles import Role
 from servolink.files import open_file, reason, user_folder
-from servolink.studio.methods import METHODS, Caller
+from servolink.studio.methods import METHODS, PageCaller
 
 _PIECE = 256 * 1024
 _NAME = re.compile(r"[\w][\w.-]{0,120}\.mcap", re.ASCII)
@@ -35,7 +35,7 @@ class RecordingPiece(Struct, frozen=True):
 
 
 @METHODS.add("studio.recording.read", Role.RUN)
-async def recording_read(caller: Caller, params: RecordingPart) -> RecordingPiece:
+async def recording_read(caller: PageCaller, params: RecordingPart) -> RecordingPiece:
     """Return the piece of a recording that begins at `offset`; it is empty at the end."""
     if not _NAME.fullmatch(params.name):
         raise RpcError(Code.INVALID_PARAMS, "no recording has such a name; `recorder.list` has the names")

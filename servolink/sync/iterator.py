@@ -20,7 +20,7 @@ from servolink.sync.loop_thread import LoopThread
 T = TypeVar("T")
 
 
-class _Reader(Generic[T]):
+class _ItemReader(Generic[T]):
     """Reads an async iterator, on the loop. Giving up the wait for an item loses nothing: the next wait goes on."""
 
     def __init__(self, source: AsyncIterator[T]) -> None:
@@ -80,7 +80,7 @@ class BlockingIterator(Iterator[T]):
         self._thread = thread
         self._owner = owner
         self._source = source
-        self._reader = _Reader(source)
+        self._reader = _ItemReader(source)
         # Holds the source, whose own finalizer would run in the thread that drops the last reference.
         weakref.finalize(self, thread.call_soon, self._reader.close).atexit = False
 

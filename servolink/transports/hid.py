@@ -75,7 +75,7 @@ class HidDevice:
                 ) from error
         return handle
 
-    def _reports(self, handle: Handle) -> list[Report]:
+    def _reports(self, handle: Handle) -> list[HidReport]:
         """Return the reports declared on the wanted pages; empty if the descriptor cannot be read."""
         try:
             descriptor = bytes(handle.get_report_descriptor())
@@ -84,7 +84,7 @@ class HidDevice:
         pages = VENDOR_PAGES if self._usage_page is None else [self._usage_page]
         return [report for report in declared(descriptor) if report.usage_page in pages]
 
-    def _report(self, reports: list[Report], way: Way) -> Report:
+    def _report(self, reports: list[HidReport], way: Way) -> HidReport:
         """Choose the report to use in one direction."""
         fitting = [report for report in reports if report.way is way and self._report_id in {None, report.report_id}]
         if not fitting and reports and self._report_size is None:
@@ -93,14 +93,14 @@ class HidDevice:
                 f"{self._url}: the device has no {way.name.lower()}put report"
                 f"{'' if self._report_id is None else f' with the id {self._report_id}'}; it has: {', '.join(ids)}"
             )
-        report = fitting[0] if fitting else Report(way, self._report_id or 0, 0, _USUAL_SIZE)
-        return Report(way, report.report_id, report.usage_page, self._report_size or report.size)
+        report = fitting[0] if fitting else HidReport(way, self._report_id or 0, 0, _USUAL_SIZE)
+        return HidReport(way, report.report_id, report.usage_page, self._report_size or report.size)
 
 
 class OpenHid:
     """An open HID interface."""
 
-    def __init__(self, handle: Handle, incoming: Report, outgoing: Report, undo: ExitStack) -> None:
+    def __init__(self, handle: Handle, incoming: HidReport, outgoing: HidReport, undo: ExitStack) -> None:
         """Use `handle`; `undo` closes it."""
         self._handle = handle
         self._incoming = incoming
@@ -167,7 +167,7 @@ class Way(IntEnum):
     OUT = 0x90
 
 
-class _Item(IntEnum):
+class _ReportItem(IntEnum):
     """The other items that matter, likewise by prefix (Device Class Definition for HID 1.11, 6.2.2)."""
 
     USAGE_PAGE = 0x04
@@ -182,7 +182,7 @@ class _Item(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class HidReport:
     """A report as declared."""
 
     way: Way
@@ -202,38 +202,40 @@ class _Globals:
     fields: int = 0
 
 
-def declared(descriptor: bytes) -> list[Report]:
+def declared(descriptor: bytes) -> list[HidReport]:
     """Return the reports of a descriptor, in its order; ignore items that are cut off or make no sense."""
     bits: dict[tuple[Way, int, int], int] = {}
     state, stack = _Globals(), list[_Globals]()
     depth, page = 0, 0
     for prefix, value in _items(descriptor):
-        if prefix == _Item.COLLECTION:
+        if prefix == _ReportItem.COLLECTION:
             page = page if depth else state.usage_page  # a report belongs to the outermost collection's page
             depth += 1
-        elif prefix == _Item.END_COLLECTION:
+        elif prefix == _ReportItem.END_COLLECTION:
             depth -= 1
         elif prefix in {Way.IN, Way.OUT}:
             key = Way(prefix), state.report_id, page
             bits[key] = bits.get(key, 0) + state.field_bits * state.fields
-        elif prefix == _Item.PUSH:
+        elif prefix == _ReportItem.PUSH:
             stack.append(state)
-        elif prefix == _Item.POP and stack:
+        elif prefix == _ReportItem.POP and stack:
             state = stack.pop()
         else:
             state = _changed(state, prefix, value)
-    return [Report(way, report_id, page, (count + 7) // 8) for (way, report_id, page), count in bits.items() if count]
+    return [
+        HidReport(way, report_id, page, (count + 7) // 8) for (way, report_id, page), count in bits.items() if count
+    ]
 
 
 def _changed(state: _Globals, prefix: int, value: int) -> _Globals:
     match prefix:
-        case _Item.USAGE_PAGE:
+        case _ReportItem.USAGE_PAGE:
             return replace(state, usage_page=value)
-        case _Item.REPORT_SIZE:
+        case _ReportItem.REPORT_SIZE:
             return replace(state, field_bits=value)
-        case _Item.REPORT_ID:
+        case _ReportItem.REPORT_ID:
             return replace(state, report_id=value)
-        case _Item.REPORT_COUNT:
+        case _ReportItem.REPORT_COUNT:
             return replace(state, fields=value)
         case _:
             return state
@@ -244,7 +246,7 @@ def _items(descriptor: bytes) -> Iterator[tuple[int, int]]:
     position = 0
     while position < len(descriptor):
         prefix = descriptor[position]
-        if prefix == _Item.LONG:  # reserved, and skipped: its length follows
+        if prefix == _ReportItem.LONG:  # reserved, and skipped: its length follows
             position += 3 + (descriptor[position + 1] if position + 1 < len(descriptor) else 0)
             continue
         end = position + 1 + (0, 1, 2, 4)[prefix & 3]

@@ -89,7 +89,7 @@ class RecordingTransport(WrappedTransport):
                 return  # the disk is full, as the write before has reported
 
 
-class _Line(NamedTuple):
+class _RecordedLine(NamedTuple):
     number: int
     seconds: float
     what: str
@@ -111,12 +111,12 @@ class ReplayTransport(BaseTransport):
         super().__init__(url or f"replay://{path}")
         self._path = Path(path)
         self._timing = timing
-        self._sends: list[_Line] = []
+        self._sends: list[_RecordedLine] = []
         self._ends: list[int] = []  # of each send, in all that is to be sent
         self._expected = bytearray()
         self._said = 0  # bytes
         self._done = 0  # sends
-        self._coming: deque[tuple[int, _Line]] = deque()  # from the board, each after a number of sends
+        self._coming: deque[tuple[int, _RecordedLine]] = deque()  # from the board, each after a number of sends
         self._shift = 0.0  # from the recording's time to the loop's
         self._timer: asyncio.Handle | None = None
 
@@ -186,12 +186,12 @@ _LARGEST = 256 * MIB
 """The largest recording that is replayed: days of ordinary use."""
 
 
-def _read(path: Path) -> list[_Line]:
+def _read(path: Path) -> list[_RecordedLine]:
     try:
         lines = read_file(path, _LARGEST).split(b"\n")
     except (OSError, ValueError) as error:
         raise OpenError(f"cannot read the recording {path}: {reason(error)}") from error
-    read: list[_Line] = []
+    read: list[_RecordedLine] = []
     for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or a line cut by a crash
         try:
             read.append(_parse(number, text, read[-1].seconds if read else 0.0))
@@ -200,7 +200,7 @@ def _read(path: Path) -> list[_Line]:
     return read
 
 
-def _parse(number: int, text: bytes, earliest: float) -> _Line:
+def _parse(number: int, text: bytes, earliest: float) -> _RecordedLine:
     entry = json.loads(text)
     if not isinstance(entry, dict) or len(entry) != 2 or "t" not in entry:
         raise ValueError('expected {"t": seconds, "sent" or "received" or "lost": text}')
@@ -210,7 +210,7 @@ def _parse(number: int, text: bytes, earliest: float) -> _Line:
         raise ValueError(f"its time must be from {earliest:g} on, as the lines are in order")
     if what not in ("sent", "received", "lost") or not isinstance(entry[what], str):
         raise ValueError(f'expected "sent", "received" or "lost" with a text, not {quote(what)}')
-    return _Line(number, seconds, what, entry[what], b"" if what == "lost" else bytes.fromhex(entry[what]))
+    return _RecordedLine(number, seconds, what, entry[what], b"" if what == "lost" else bytes.fromhex(entry[what]))
 
 
 def from_address(address: Address) -> ReplayTransport:

@@ -67,7 +67,7 @@ News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | DeviceState"
 """A chunk, the future of a frame that the device has taken, a failure, or a change of state."""
 
 
-class _Frame(NamedTuple):
+class _QueuedFrame(NamedTuple):
     data: bytes
     taken: asyncio.Future[bool]
 
@@ -82,7 +82,7 @@ class DeviceThread:
         self._hear = hear
         self._news: deque[News] = deque()
         self._is_waking = False  # whether the loop will call `_report`
-        self._frames: SimpleQueue[_Frame | None] = SimpleQueue()
+        self._frames: SimpleQueue[_QueuedFrame | None] = SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._own, name="servolink device", daemon=True)
         self.steps = 0
@@ -99,7 +99,7 @@ class DeviceThread:
 
         An empty one is only reported, when the device has the earlier ones.
         """
-        self._frames.put(_Frame(frame, taken))
+        self._frames.put(_QueuedFrame(frame, taken))
 
     def stop(self) -> None:
         """Close the device as soon as no call is under way, and drop unsent frames; may be called from any thread."""

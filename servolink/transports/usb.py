@@ -24,7 +24,7 @@ _STALE_LIMIT = 1.0  # seconds for which a device may send what another program a
 _HALTS = 10  # so many in a row, with no data in between, are more than a disturbance
 
 
-class UsbDevice:
+class BulkDevice:
     """A vendor-defined interface with a pair of bulk endpoints."""
 
     def __init__(
@@ -190,4 +190,4 @@ def from_address(address: Address) -> DeviceTransport:
     incoming = address.integer("in", 0, 0x81, 0x8F) or None
     outgoing = address.integer("out", 0, 0x01, 0x0F) or None
     address.refuse_unknown()
-    return DeviceTransport(address.url, UsbDevice(address.url, wanted, incoming=incoming, outgoing=outgoing))
+    return DeviceTransport(address.url, BulkDevice(address.url, wanted, incoming=incoming, outgoing=outgoing))

@@ -51,7 +51,7 @@ class Setup:
 Handler: TypeAlias = Callable[[Setup, bytes], bytes | None]
 
 
-class Control:
+class ControlEndpoint:
     """Responds to control requests. Values that the host sets are stored and returned, without other effects."""
 
     def __init__(

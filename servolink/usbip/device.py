@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from servolink.errors import DecodeError
-from servolink.usbip.control import Control
+from servolink.usbip.control import ControlEndpoint
 from servolink.usbip.descriptors import (
     BULK_IN,
     BULK_OUT,
@@ -95,7 +95,7 @@ class UsbDevice:
             BULK_OUT: self.bulk.from_host,
             BULK_IN: self.bulk.to_host,
         }
-        self._control = Control(serial_number, self._endpoints, self.hid.take)
+        self._control = ControlEndpoint(serial_number, self._endpoints, self.hid.take)
 
     @property
     def pipes(self) -> tuple[Pipe, Pipe, Pipe]:

@@ -46,12 +46,12 @@ class VirtualBoard(Hardware):
     ) -> None:
         """Switch on. Boards with the same `seed` behave the same. Raise ValueError for a value out of range."""
         super().__init__(servos, kind, seed=seed, codec=codec, send_event=self._send_event)
-        self.sessions: list[Session] = []
+        self.sessions: list[HostSession] = []
         """The hosts that are attached."""
         self.work = WorkQueue(kind.queue)
         """The requests that were received."""
 
-    def attach(self, send: Callable[[bytes], None], unsent: Callable[[], int] = lambda: 0) -> Session:
+    def attach(self, send: Callable[[bytes], None], unsent: Callable[[], int] = lambda: 0) -> HostSession:
         """Attach a host, and switch the power on if it was off.
 
         `send` takes the board's frames and must not raise; `unsent` returns how many of the bytes that it took have not
@@ -59,11 +59,11 @@ class VirtualBoard(Hardware):
         """
         if not self.powered:
             self.switch(on=True)
-        session = Session(self, send, unsent)
+        session = HostSession(self, send, unsent)
         self.sessions.append(session)
         return session
 
-    def detach(self, *sessions: Session, now: float | None = None) -> None:
+    def detach(self, *sessions: HostSession, now: float | None = None) -> None:
         """Detach hosts, all at once; without `now`, at the time that the board was passed last."""
         if now is not None:
             self.advance(now)
@@ -91,7 +91,7 @@ class VirtualBoard(Hardware):
         due, work_due = super()._due(), self.work.due
         return due if work_due is None else work_due if due is None else min(due, work_due)
 
-    def _lose_power(self, sessions: list[Session]) -> None:
+    def _lose_power(self, sessions: list[HostSession]) -> None:
         """Switch off; `sessions` are those whose writes may have been under way."""
         for session in sessions:
             write = session.unconfirmed_write
@@ -111,7 +111,7 @@ class VirtualBoard(Hardware):
 
 
 @dataclass(slots=True)
-class Write:
+class StoredChange:
     """A change of what is stored."""
 
     before: Contents
@@ -120,7 +120,7 @@ class Write:
     """How many bytes the host must have received to have the whole response; infinite until it is sent."""
 
 
-class Session:
+class HostSession:
     """One host's conversation with the board."""
 
     def __init__(self, board: VirtualBoard, send: Callable[[bytes], None], unsent: Callable[[], int]) -> None:
@@ -135,7 +135,7 @@ class Session:
         self._send = send
         self._unsent = unsent
         self._sent = 0  # bytes
-        self._last_write: Write | None = None
+        self._last_write: StoredChange | None = None
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes from the host, cut and damaged anyhow, and respond to the requests that are now complete.
@@ -170,7 +170,7 @@ class Session:
         self._parser = FrameParser(self.board.codec.byte_order)
 
     @property
-    def unconfirmed_write(self) -> Write | None:
+    def unconfirmed_write(self) -> StoredChange | None:
         """The last write, None if the host has received its whole response."""
         write = self._last_write
         received = self._sent - self._unsent()
@@ -201,7 +201,7 @@ class Session:
         response = handler(RequestContext(board, self, request, content, now))
         seconds = board.kind.turnaround
         if board.storage.contents is not before:
-            self._last_write = Write(before, board.storage.contents)
+            self._last_write = StoredChange(before, board.storage.contents)
             is_clear = isinstance(request, ClearAllDataRequest)
             seconds += board.kind.clear_seconds if is_clear else board.kind.write_seconds
         if isinstance(response, bool):
@@ -217,7 +217,7 @@ class Session:
     def _take(self, frames: Iterable[Frame], now: float) -> None:
         for packet_id, content in frames:
             if self in self.board.sessions:  # sending a response can detach the host
-                self.board.work.take(Received(self, packet_id, content), now)
+                self.board.work.take(ReceivedRequest(self, packet_id, content), now)
 
     @property
     def _room(self) -> int:
@@ -234,10 +234,10 @@ class Session:
             self._take(self._parser.feed(data[at : at + 1]), now)
 
 
-class Received(NamedTuple):
+class ReceivedRequest(NamedTuple):
     """A request as it was received."""
 
-    host: Session
+    host: HostSession
     packet_id: int
     content: bytes
 
@@ -253,14 +253,14 @@ class WorkQueue:
     def __init__(self, most: int) -> None:
         """Start without work."""
         self._most = most
-        self._waiting: deque[Received] = deque()
-        self._response: tuple[Session, bytes] | None = None
+        self._waiting: deque[ReceivedRequest] = deque()
+        self._response: tuple[HostSession, bytes] | None = None
         self.received = 0
         """How many requests were received, also those that were lost."""
         self.due: float | None = None
         """When the work on a request ends; None if there is none."""
 
-    def take(self, request: Received, now: float) -> None:
+    def take(self, request: ReceivedRequest, now: float) -> None:
         """Work on a request now, or after earlier ones; a request beyond the queue is lost."""
         self.received += 1
         if self.due is None and not self._waiting:  # a host may ask again at once, while others still wait
@@ -287,7 +287,7 @@ class WorkQueue:
         self._waiting.clear()
         self._response = self.due = None
 
-    def _begin(self, request: Received, now: float) -> None:
+    def _begin(self, request: ReceivedRequest, now: float) -> None:
         frame, seconds = request.host.respond(request.packet_id, request.content, now)
         if seconds:
             self.due = now + seconds

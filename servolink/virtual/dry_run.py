@@ -13,7 +13,7 @@ from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.servo import Servo
+from servolink.virtual.servo import SimulatedServo
 
 LONGEST = 600.0
 """Seconds after which a play is cut off."""
@@ -24,7 +24,7 @@ _MEMORY = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
-class Move:
+class DryMove:
     """A move of one servo; times in seconds since the start, angles in degrees."""
 
     servo_id: int
@@ -42,7 +42,7 @@ class Timeline:
     """The result of a dry run."""
 
     seconds: float
-    moves: tuple[Move, ...]
+    moves: tuple[DryMove, ...]
     """In the order of their starts."""
     angles: dict[int, float]
     """The angle of each servo at the end, degrees."""
@@ -56,7 +56,7 @@ class DryRun:
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:
         """Store everything. Raise ProjectError for values that no board takes."""
         self.hardware = Hardware(0, BoardKind(memory=_MEMORY))
-        self._moves: list[Move] = []
+        self._moves: list[DryMove] = []
         for servo_id in servo_ids:
             self.hardware.servos[servo_id] = _RecordingServo(servo_id, self._moves.append)
         self._put(ACTION, [AddActionRequest(one.action_id, "", one.steps) for one in actions])
@@ -94,22 +94,22 @@ class DryRun:
         return Timeline(now, _cut(self._moves), angles, is_whole)
 
 
-class _RecordingServo(Servo):
+class _RecordingServo(SimulatedServo):
     """A servo that records its moves."""
 
-    def __init__(self, servo_id: int, record: Callable[[Move], None]) -> None:
+    def __init__(self, servo_id: int, record: Callable[[DryMove], None]) -> None:
         super().__init__(servo_id, angle=0.0, friction=1.0)
         self._record = record
 
     def move(self, target: int, duration: float, now: float) -> None:
         self.advance(now)
-        self._record(Move(self.servo_id, now, now + duration, self.angle, target))
+        self._record(DryMove(self.servo_id, now, now + duration, self.angle, target))
         super().move(target, duration, now)
 
 
-def _cut(moves: Iterable[Move]) -> tuple[Move, ...]:
+def _cut(moves: Iterable[DryMove]) -> tuple[DryMove, ...]:
     """Return `moves`, each ended where the next one of the same servo begins."""
-    ended: list[Move] = []
+    ended: list[DryMove] = []
     last: dict[int, int] = {}
     for move in moves:
         before = last.get(move.servo_id)

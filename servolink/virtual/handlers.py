@@ -18,7 +18,7 @@ from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, Recor
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.player import is_playable
-from servolink.virtual.servo import Servo
+from servolink.virtual.servo import SimulatedServo
 from servolink.virtual.storage import servo_parameters
 
 Response = Packet | bytes | bool | None
@@ -153,7 +153,7 @@ def _is_silent(context: RequestContext[Any]) -> bool:
     return context.hardware.kind.unknown_ids == "silent"
 
 
-def _addressed(hardware: Hardware, servo_id: int) -> list[Servo]:
+def _addressed(hardware: Hardware, servo_id: int) -> list[SimulatedServo]:
     """Return the servos with an id: all, one or none."""
     if servo_id == ALL_SERVOS:
         return list(hardware.servos.values())

@@ -12,7 +12,7 @@ from servolink.protocol.codec import Codec
 from servolink.virtual.buttons import Buttons
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.player import Player
-from servolink.virtual.servo import Servo
+from servolink.virtual.servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
 MAX_SERVOS = 254
@@ -43,7 +43,7 @@ class Hardware:
         self._random = random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets
         self.codec = codec or Codec()
         self.servos = {
-            servo_id: Servo(servo_id, angle=float(random.randint(-10, 10)), friction=random.uniform(0.9, 1.1))
+            servo_id: SimulatedServo(servo_id, angle=float(random.randint(-10, 10)), friction=random.uniform(0.9, 1.1))
             for servo_id in range(1, servos + 1)
         }
         self.kind = kind

@@ -14,7 +14,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import MAX_NESTING, Action, Macro, MacroCommandType, MacroPlaying, Step
 from servolink.virtual.kind import INTERVAL_UNIT
-from servolink.virtual.servo import Servo
+from servolink.virtual.servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
 # A macro can have billions of commands that take no time, and its host can sleep for hours while it runs. After so much
@@ -57,7 +57,7 @@ class Player:
     """Runs actions at once and one macro at a time."""
 
     def __init__(
-        self, servos: Mapping[int, Servo], storage: Storage, codec: Codec, interval_unit: float = INTERVAL_UNIT
+        self, servos: Mapping[int, SimulatedServo], storage: Storage, codec: Codec, interval_unit: float = INTERVAL_UNIT
     ) -> None:
         """Move `servos` as the records in `storage` say; `interval_unit` is in seconds."""
         self._servos = servos

@@ -14,7 +14,7 @@ from servolink.transports.base import Transport
 from servolink.transports.faults import Faults
 from servolink.usbip.device import Pipe, UsbDevice
 from servolink.usbip.server import UsbIpServer, serve_usbip
-from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.transport import BoardDriver, FaultyVirtualTransport, VirtualTransport
 
 
@@ -80,6 +80,6 @@ def _unsent(pipe: Pipe) -> Callable[[], int]:
     return lambda: pipe.to_host.waiting
 
 
-def _receive(session: Session) -> Callable[[bytes], None]:
+def _receive(session: HostSession) -> Callable[[bytes], None]:
     loop = asyncio.get_running_loop()
     return lambda data: session.receive(data, loop.time())

@@ -8,7 +8,7 @@ from math import exp
 from servolink.protocol.servos import ServoState
 
 DEGREES, ADC = 0, 1
-"""Values of `Servo.unit`."""
+"""Values of `SimulatedServo.unit`."""
 LOWEST, HIGHEST = -180.0, 180.0
 """The mechanical stops, degrees."""
 
@@ -36,7 +36,7 @@ class _Motion:
     end: float
 
 
-class Servo:
+class SimulatedServo:
     """A servo that moves to an angle at constant speed."""
 
     def __init__(self, servo_id: int, angle: float, friction: float) -> None:

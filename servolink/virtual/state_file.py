@@ -26,7 +26,7 @@ from servolink.virtual.hardware import Hardware
 from servolink.virtual.storage import Contents, servo_parameters
 
 
-class BoardState(Struct, frozen=True, forbid_unknown_fields=True):
+class SavedBoard(Struct, frozen=True, forbid_unknown_fields=True):
     """The content of the file."""
 
     byte_order: ByteOrder
@@ -92,7 +92,7 @@ class StateFile:
 
 def save_state(board: Hardware, path: Path) -> None:
     """Write what `board` stores to `path`, whole or not at all. Raise ServolinkError if the file cannot be written."""
-    state = BoardState(
+    state = SavedBoard(
         byte_order=board.codec.byte_order,
         battery=board.battery,
         angles=_angles(board),
@@ -113,7 +113,7 @@ def load_state(board: Hardware, path: Path) -> None:
     """
     try:
         # In hex a record takes less than three times its size.
-        state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=BoardState)
+        state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=SavedBoard)
     except FileNotFoundError as error:
         if not path.resolve().parent.is_dir():  # where it could not be saved either
             raise ServolinkError(f"{path}: the folder does not exist; create it first") from error

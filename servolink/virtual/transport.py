@@ -13,7 +13,7 @@ from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
 from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import BaseTransport
-from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
 from servolink.virtual.kind import OPTIONS, BoardKind
 from servolink.virtual.state_file import StateFile
@@ -134,7 +134,7 @@ class VirtualTransport(BaseTransport):
         self._state = state
         self._file: StateFile | None = None
         self._saver: StateSaver | None = None
-        self._session: Session | None = None
+        self._session: HostSession | None = None
         self._driver: BoardDriver | None = None
         self._pending: list[bytes] = []
         self._unsent = 0  # bytes that the board sent and the receiver does not have

@@ -11,7 +11,7 @@ import pytest
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, NotFound, RequestError, TargetNotReached
 from servolink.project.model import Project
-from servolink.project.speed import Run
+from servolink.project.speed import RecordRun
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
 from servolink.protocol.servos import ExecuteActionExRequest
@@ -196,4 +196,4 @@ def test_a_dry_run_waits_for_nothing() -> None:
 )
 def test_how_long_a_run_takes(record: Action | Macro, unit: float, seconds: float) -> None:
     macros = {DANCE, LONG, PAUSE} | ({record} if isinstance(record, Macro) else set())
-    assert Run(Project(actions=(WAVE, BACK, Action(5)), macros=tuple(macros)), record, unit).seconds() == seconds
+    assert RecordRun(Project(actions=(WAVE, BACK, Action(5)), macros=tuple(macros)), record, unit).seconds() == seconds

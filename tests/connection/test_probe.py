@@ -6,7 +6,7 @@ import pytest
 
 from servolink.connection import probe as probing
 from servolink.connection.probe import PATIENCE, ProbeResult, probe
-from servolink.doctor.line_quality import REQUESTS, Line, check_line, measure
+from servolink.doctor.line_quality import REQUESTS, LineCounts, check_line, measure
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Receiver, Transport
@@ -76,15 +76,15 @@ async def _heard_nowhere() -> ProbeResult:
 
 
 def test_a_clean_line_is_no_finding() -> None:
-    assert list(check_line(Line(1020, 0, REQUESTS, 0, 0, [0.001] * REQUESTS))) == []
+    assert list(check_line(LineCounts(1020, 0, REQUESTS, 0, 0, [0.001] * REQUESTS))) == []
 
 
 def test_noise_and_missing_answers_are_counted() -> None:
-    noise, answers = check_line(Line(1000, 25, REQUESTS, 3, 2, [0.001] * 57))
+    noise, answers = check_line(LineCounts(1000, 25, REQUESTS, 3, 2, [0.001] * 57))
     assert noise.observation == "25 of 1000 received bytes (2.5 %) were outside frames"
     assert answers.observation == f"3 of {REQUESTS} queries had no response in 0.5 s, and 2 responses came late"
     assert "remove the noise first" in answers.remedy
-    (answers,) = check_line(Line(1000, 0, REQUESTS, 3, 0, [0.001] * 57))
+    (answers,) = check_line(LineCounts(1000, 0, REQUESTS, 3, 0, [0.001] * 57))
     assert "busy" in answers.meaning
 
 
@@ -96,11 +96,11 @@ def test_a_line_that_does_not_last_is_measured_until_its_end() -> None:
     assert (ended.check, "unplugged" in ended.observation) == ("connection", True)
 
 
-async def _measured(url: str) -> Line:
+async def _measured(url: str) -> LineCounts:
     return await measure(url, "little")
 
 
 @pytest.mark.parametrize(("percent", "seconds"), [(0, 1.0), (50, 3.0), (90, 4.0), (100, 4.0)])
 def test_percentiles(percent: int, seconds: float) -> None:
-    assert Line(0, 0, 0, 0, 0, [4.0, 1.0, 3.0, 2.0]).percentile(percent) == seconds
-    assert Line(0, 0, 0, 0, 0, []).percentile(percent) is None
+    assert LineCounts(0, 0, 0, 0, 0, [4.0, 1.0, 3.0, 2.0]).percentile(percent) == seconds
+    assert LineCounts(0, 0, 0, 0, 0, []).percentile(percent) is None

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from servolink.connection.connection import Connection
-from servolink.connection.state import TRANSITIONS, Event, Lifecycle, State
+from servolink.connection.state import TRANSITIONS, ConnectionEvent, Lifecycle, State
 from servolink.errors import ConnectionLost
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
@@ -52,9 +52,9 @@ def test_the_page_prints_the_table_of_transitions() -> None:
     ]
 
 
-@pytest.mark.parametrize("event", Event, ids=lambda event: event.value)
+@pytest.mark.parametrize("event", ConnectionEvent, ids=lambda event: event.value)
 @pytest.mark.parametrize("state", State, ids=lambda state: state.value)
-def test_an_event_leads_to_the_next_state_or_is_a_defect(state: State, event: Event) -> None:
+def test_an_event_leads_to_the_next_state_or_is_a_defect(state: State, event: ConnectionEvent) -> None:
     lifecycle = in_state(state)
     following = TRANSITIONS[state].get(event)
     if following is None:
@@ -70,7 +70,7 @@ def test_every_state_can_be_reached_and_all_but_the_last_can_end() -> None:
     while more := {following for state in reached for following in TRANSITIONS[state].values()} - reached:
         reached |= more
     assert reached == set(State)
-    assert all(events[Event.LOST] is State.ENDED for events in TRANSITIONS.values())
+    assert all(events[ConnectionEvent.LOST] is State.ENDED for events in TRANSITIONS.values())
     assert set(TRANSITIONS[State.ENDED].values()) == {State.ENDED}
 
 
@@ -89,7 +89,7 @@ def test_the_reason_of_a_suspension_goes_with_it() -> None:
     assert lifecycle.excuse == "a copy is being made"
     lifecycle.suspend("a project is being written")
     assert lifecycle.excuse == "a project is being written"
-    lifecycle.change(Event.RESUMED)
+    lifecycle.change(ConnectionEvent.RESUMED)
     assert lifecycle.excuse == "the board is gone"
 
 

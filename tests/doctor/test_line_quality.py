@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.doctor.line_quality import REQUESTS, Line, check_line
+from servolink.doctor.line_quality import REQUESTS, LineCounts, check_line
 
 
 @pytest.mark.parametrize(
@@ -18,5 +18,5 @@ from servolink.doctor.line_quality import REQUESTS, Line, check_line
     ],
 )
 def test_a_few_late_responses_count_only_beside_missing_ones(unanswered: int, late: int, observation: str) -> None:
-    line = Line(900, 0, REQUESTS, unanswered, late, (0.001,) * REQUESTS)
+    line = LineCounts(900, 0, REQUESTS, unanswered, late, (0.001,) * REQUESTS)
     assert [finding.observation for finding in check_line(line)] == [observation] * bool(observation)

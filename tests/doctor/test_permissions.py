@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from servolink.cli.boards import doctor
 from servolink.doctor.permissions import rules
-from servolink.doctor.system import UsbDevice, usb_device
+from servolink.doctor.system import ListedUsbDevice, usb_device
 from servolink.transports.device_info import DeviceInfo
 from tests.cli.programs import call
 from tests.doctor.recorded import RecordedFacts
@@ -49,7 +49,7 @@ def test_an_adapter_that_cannot_be_told_from_others_is_left_to_the_user(tmp_path
 
 
 def test_an_adapter_with_a_number_is_told_by_it(tmp_path: Path) -> None:
-    device = UsbDevice("", 0x0403, 0x6001, "A50285BI", "FT232R")
+    device = ListedUsbDevice("", 0x0403, 0x6001, "A50285BI", "FT232R")
     lines = rule_lines(rules(RecordedFacts("desktop", tmp_path), [device]))
     assert len(lines) == 4
     assert all('{serial}=="A50285BI"' in line for line in lines)
@@ -62,7 +62,7 @@ def test_no_word_of_a_device_changes_what_a_rule_means(
 ) -> None:
     facts = RecordedFacts("wsl", tmp_path_factory.mktemp("wsl"))
     for hostile in ("", '"', '", RUN+="/bin/sh -c x', "\n", "\\", "$"):
-        text = rules(facts, [UsbDevice("", *ids, serial + hostile, product + hostile)])
+        text = rules(facts, [ListedUsbDevice("", *ids, serial + hostile, product + hostile)])
         assert "RUN+" not in text
         assert "GROUP" not in text
         for line in rule_lines(text):

@@ -12,7 +12,7 @@ import pytest
 from servolink.cli.index import below
 from servolink.client import connect
 from servolink.connection import probe
-from servolink.discovery.search import Found
+from servolink.discovery.search import SearchResult
 from servolink.doctor import examine
 from servolink.project.project_file import save_project
 from servolink.recorder.writer import RecordingWriter
@@ -113,7 +113,9 @@ def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeyp
     for module in (connect, probe, examine):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
     monkeypatch.setattr("servolink.cli.boards.find.discover", _one_board)
-    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([DeviceInfo("lying://board")], []))
+    monkeypatch.setattr(
+        "servolink.doctor.examine.find_devices", lambda: SearchResult([DeviceInfo("lying://board")], [])
+    )
     monkeypatch.setattr("servolink.recorder.recorder.ChildWriter", RecordingWriter)  # no process for each report
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     files = {"file": str(tmp_path / "file"), "new": str(tmp_path / "new")}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from servolink.motion.limits import MotionLimits
 from servolink.project.model import Project
 from servolink.project.preflight import preflight_run, uncheckable
-from servolink.project.speed import Run
+from servolink.project.speed import RecordRun
 from servolink.protocol.codec import Codec
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.kind import BoardKind
@@ -118,7 +118,7 @@ def test_a_run_exceeds_limits_just_if_a_servo_does(
     record = data.draw(st.sampled_from(records))
     stored = needed(project, record)
     assert list(uncheckable(stored)) == []
-    run = Run(stored, record)
+    run = RecordRun(stored, record)
     probes = played(project, record, start)
     limits = MotionLimits(angles, speed_caps=caps)
     exceeded = {
@@ -142,7 +142,7 @@ def texts(*records: Action | Macro, start: int = 0, unit: float = 0.01, **limits
         actions=tuple(one for one in records if isinstance(one, Action)),
         macros=tuple(one for one in records if isinstance(one, Macro)),
     )
-    run = Run(stored, records[-1], unit)
+    run = RecordRun(stored, records[-1], unit)
     return list(preflight_run(run, stored, MotionLimits(**limits), {1: start}))
 
 
@@ -206,5 +206,5 @@ def test_macros_that_run_each_other_often_are_looked_at_once_each() -> None:
     """Played in full, this would take 3 ** 500 actions."""
     deep = [Macro(number, "", (MacroCommand(number + 1, 2, 100, 3),) * 3) for number in range(1, 500)]
     stored = Project(actions=(UP, DOWN), macros=(*deep, Macro(500, "", BEND.commands)))
-    found = list(preflight_run(Run(stored, deep[0]), stored, MotionLimits(speed_cap=100), {1: 0}))
+    found = list(preflight_run(RecordRun(stored, deep[0]), stored, MotionLimits(speed_cap=100), {1: 0}))
     assert len(found) < 10_000

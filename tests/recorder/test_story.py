@@ -16,7 +16,7 @@ from servolink.recorder.channels import (
 )
 from servolink.recorder.reading import Entry
 from servolink.recorder.round_trips import Times
-from servolink.recorder.story import Line, Story
+from servolink.recorder.story import Story, StoryRow
 from servolink.recorder.summary import Summary
 
 ASK = PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 3}, 10)
@@ -27,7 +27,7 @@ def entries(*messages: tuple[float, Message]) -> list[Entry]:
     return [Entry(seconds, 0, TOPICS[type(message)], message) for seconds, message in messages]
 
 
-def told(*messages: tuple[float, Message], hz: float = 0.0, packets: bool = False) -> list[Line]:
+def told(*messages: tuple[float, Message], hz: float = 0.0, packets: bool = False) -> list[StoryRow]:
     return list(Story(hz=hz, packets=packets).tell(entries(*messages)))
 
 

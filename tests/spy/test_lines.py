@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.cli.developers.spy import Lines, cut
+from servolink.cli.developers.spy import PacketPrinter, cut
 from servolink.cli.screen.output import text_width
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
@@ -22,7 +22,7 @@ def test_a_line_is_cut_to_the_columns_that_there_are(text: str, columns: int) ->
 
 
 def test_what_is_no_good_packet(capsys: pytest.CaptureFixture[str]) -> None:
-    learner, lines = Learner(), Lines(as_json=False)
+    learner, lines = Learner(), PacketPrinter(as_json=False)
     damaged = Codec().encode(QueryServoResponse())[:-1] + b"\xff"
     lying = encode_frame(QueryServoResponse.packet_id, b"\2" + bytes(11), "little")
     for passed in learner.feed(5.0, "received", b"noise" + damaged + lying + damaged[:3]) + learner.finish(5.0):

@@ -11,7 +11,7 @@ import pytest
 from servolink.project.model import Project
 from servolink.project.project_file import project_to_form
 from servolink.project.records import durations, wrong_durations
-from servolink.project.speed import Run
+from servolink.project.speed import RecordRun
 from servolink.protocol.json_form import record_from_json, record_to_json
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, MacroPlaying, Step
 from tests.studio.web_code import call_all, needs_node
@@ -80,7 +80,7 @@ def test_turns_and_times_are_those_of_the_board(slowness: float) -> None:
 def test_a_course_takes_as_long_as_preflight_says() -> None:
     courses = call_all([(_MODULE, "courseOf", [form, 3]) for form in FORMS])
     for project, course in zip(PROJECTS, courses, strict=True):
-        assert course["seconds"] == pytest.approx(Run(project, project.macros[2]).seconds(), abs=1e-6)
+        assert course["seconds"] == pytest.approx(RecordRun(project, project.macros[2]).seconds(), abs=1e-6)
 
 
 def test_the_highest_speeds_are_those_of_preflight() -> None:
@@ -88,7 +88,7 @@ def test_the_highest_speeds_are_those_of_preflight() -> None:
     courses = call_all([(_MODULE, "courseOf", [form, 3, start]) for form in FORMS])
     for project, course in zip(PROJECTS, courses, strict=True):
         expected, found = defaultdict[int, float](float), defaultdict[int, float](float)
-        for move in Run(project, project.macros[2]).moves(start):
+        for move in RecordRun(project, project.macros[2]).moves(start):
             expected[move.step.servo_id] = max(expected[move.step.servo_id], move.degrees_per_second)
         for turn in course["turns"]:
             way = abs(turn["end"] - turn.get("start", turn["end"]))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.board import HostSession, VirtualBoard
 from tests import processes
 from tests.transports.wires import on_loop
 
@@ -34,7 +34,7 @@ class Bridge(asyncio.DatagramProtocol):
 
     def __init__(self) -> None:
         self._board = VirtualBoard(servos=3)
-        self._sessions: dict[tuple[str, int], Session] = {}
+        self._sessions: dict[tuple[str, int], HostSession] = {}
         self._socket: asyncio.DatagramTransport | None = None
 
     def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]

@@ -18,7 +18,7 @@ from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
 from servolink.transports import hid_devices
 from servolink.transports.base import Transport
 from servolink.transports.device_info import DeviceInfo, PortIdentity
-from servolink.transports.hid import Report, Way, cut, declared
+from servolink.transports.hid import HidReport, Way, cut, declared
 from servolink.transports.registry import create
 from tests.transports.fake_hid import VENDOR_DESCRIPTOR, FakeHandle, FakeHid
 from tests.transports.rights import not_root
@@ -321,19 +321,19 @@ KEYBOARD = bytes.fromhex(
 
 
 def test_an_unnumbered_pair_of_reports_is_found() -> None:
-    assert declared(VENDOR_DESCRIPTOR) == [Report(Way.IN, 0, 0xFF00, 64), Report(Way.OUT, 0, 0xFF00, 64)]
+    assert declared(VENDOR_DESCRIPTOR) == [HidReport(Way.IN, 0, 0xFF00, 64), HidReport(Way.OUT, 0, 0xFF00, 64)]
 
 
 def test_numbered_reports_have_their_own_sizes() -> None:
     assert declared(NUMBERED) == [
-        Report(Way.IN, 5, 0xFF00, 32),
-        Report(Way.OUT, 6, 0xFF00, 16),
-        Report(Way.OUT, 7, 0xFF00, 63),
+        HidReport(Way.IN, 5, 0xFF00, 32),
+        HidReport(Way.OUT, 6, 0xFF00, 16),
+        HidReport(Way.OUT, 7, 0xFF00, 63),
     ]
 
 
 def test_fields_of_one_report_add_up_and_belong_to_the_outermost_page() -> None:
-    assert declared(KEYBOARD) == [Report(Way.IN, 0, 1, 8), Report(Way.OUT, 0, 1, 1)]
+    assert declared(KEYBOARD) == [HidReport(Way.IN, 0, 1, 8), HidReport(Way.OUT, 0, 1, 1)]
 
 
 def test_collections_after_each_other_keep_their_pages() -> None:
@@ -342,7 +342,7 @@ def test_collections_after_each_other_keep_their_pages() -> None:
 
 def test_pushed_items_come_back() -> None:
     pushed = bytes.fromhex("0600ffa10175089504a47510b481029102c0")
-    assert declared(pushed) == [Report(Way.IN, 0, 0xFF00, 4), Report(Way.OUT, 0, 0xFF00, 4)]
+    assert declared(pushed) == [HidReport(Way.IN, 0, 0xFF00, 4), HidReport(Way.OUT, 0, 0xFF00, 4)]
 
 
 def test_long_items_are_skipped() -> None:

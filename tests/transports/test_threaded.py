@@ -16,7 +16,7 @@ from servolink.transports import threaded
 from servolink.transports.device_info import PortIdentity
 from servolink.transports.hid import HidDevice, OpenHid
 from servolink.transports.threaded import DeviceTransport, OpenDevice
-from servolink.transports.usb import OpenUsb, UsbDevice
+from servolink.transports.usb import BulkDevice, OpenUsb
 from tests import processes
 from tests.processes import until
 from tests.transports.fake_hid import FakeHid
@@ -38,7 +38,7 @@ class Board:
     def transport(self) -> DeviceTransport:
         if isinstance(self.fake, FakeHid):
             return DeviceTransport(URL, HidDevice(self.fake, URL, PortIdentity()))
-        return DeviceTransport(URL, UsbDevice(URL, PortIdentity(), library=self.fake))
+        return DeviceTransport(URL, BulkDevice(URL, PortIdentity(), library=self.fake))
 
     def bring(self, chunk: bytes) -> None:
         self.fake.bring(chunk)

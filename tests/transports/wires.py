@@ -30,7 +30,7 @@ from servolink.transports.memory import MemoryTransport
 from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
 from servolink.transports.threaded import Device, DeviceTransport
-from servolink.transports.usb import UsbDevice
+from servolink.transports.usb import BulkDevice
 from tests.transports.fake_hid import KERNEL_QUEUE, FakeHid
 from tests.transports.fake_usb import PACKET, FakeUsb
 
@@ -368,7 +368,7 @@ class UsbWire(Wire):
     async def start(self) -> Transport:
         self.usb = FakeUsb()
         self.usb.heard = functools.partial(hear_in, asyncio.get_running_loop(), self.far)
-        return DeviceTransport("usb://1209:0001", UsbDevice("usb://1209:0001", PortIdentity(), library=self.usb))
+        return DeviceTransport("usb://1209:0001", BulkDevice("usb://1209:0001", PortIdentity(), library=self.usb))
 
     async def say(self, data: bytes) -> None:
         self.usb.bring(*(data[start : start + PACKET] for start in range(0, len(data) + 1, PACKET)))

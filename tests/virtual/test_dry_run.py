@@ -7,7 +7,7 @@ import pytest
 from servolink.errors import EncodeError, ProjectError
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual import dry_run as rehearsal
-from servolink.virtual.dry_run import LONGEST, DryRun, Move, Timeline
+from servolink.virtual.dry_run import LONGEST, DryMove, DryRun, Timeline
 
 UP = Action(1, "up", (Step(1, 60, 50), Step(2, -30, 25)))
 DOWN = Action(2, "down", (Step(1, 0, 10),))
@@ -20,7 +20,10 @@ def play(record: Action | Macro, *others: Macro) -> Timeline:
 
 def test_an_action() -> None:
     assert play(UP) == Timeline(
-        0.5, (Move(1, 0.0, 0.5, 0.0, 60), Move(2, 0.0, 0.25, 0.0, -30)), {1: 60.0, 2: -30.0, 3: 0.0}, is_whole=True
+        0.5,
+        (DryMove(1, 0.0, 0.5, 0.0, 60), DryMove(2, 0.0, 0.25, 0.0, -30)),
+        {1: 60.0, 2: -30.0, 3: 0.0},
+        is_whole=True,
     )
 
 
@@ -43,8 +46,8 @@ def test_a_macro_with_speed_loops_pauses_and_other_macros() -> None:
 def test_a_move_that_another_cuts_short() -> None:
     early = Action(3, "", (Step(1, 90, 100), Step(2, 5, 5), Step(1, -90, 50)))
     timeline = DryRun([early], [], [1, 2]).play(early)
-    assert timeline.moves[0] == Move(1, 0.0, 0.0, 0.0, 90, is_cut=True)
-    assert timeline.moves[2] == Move(1, 0.0, 0.5, 0.0, -90)
+    assert timeline.moves[0] == DryMove(1, 0.0, 0.0, 0.0, 90, is_cut=True)
+    assert timeline.moves[2] == DryMove(1, 0.0, 0.5, 0.0, -90)
     assert (timeline.seconds, timeline.angles[1]) == (0.5, -90.0)
 
 
@@ -54,7 +57,7 @@ def test_servos_end_at_their_stops() -> None:
 
 
 def test_servos_that_are_not_there_do_not_move() -> None:
-    assert DryRun([UP], [], [2]).play(UP).moves == (Move(2, 0.0, 0.25, 0.0, -30),)
+    assert DryRun([UP], [], [2]).play(UP).moves == (DryMove(2, 0.0, 0.25, 0.0, -30),)
 
 
 def test_an_endless_macro_is_cut_off() -> None:

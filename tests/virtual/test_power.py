@@ -19,7 +19,7 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-from servolink.virtual.board import Session, VirtualBoard
+from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.servo import ADC, DEGREES
 from servolink.virtual.storage import Contents
@@ -191,7 +191,7 @@ def test_a_write_is_torn_until_the_host_has_all_of_its_answer(packet: Packet) ->
         assert left(packet, after, partial_writes=True, bus_powered=False) == [done]
 
 
-def project_ids(end: Callable[[VirtualBoard, Session], None]) -> set[int]:
+def project_ids(end: Callable[[VirtualBoard, HostSession], None]) -> set[int]:
     """Write a project id, hear nothing, let that `end`, and return which ids the board may then have."""
     seen = set()
     for seed in range(20):
@@ -204,7 +204,7 @@ def project_ids(end: Callable[[VirtualBoard, Session], None]) -> set[int]:
 
 
 def test_a_power_cycle_tears_once() -> None:
-    def cycle(board: VirtualBoard, session: Session) -> None:
+    def cycle(board: VirtualBoard, session: HostSession) -> None:
         board.power_cycle(START)
         board.power_cycle(START + 1)
         contents = board.storage.contents
@@ -215,7 +215,7 @@ def test_a_power_cycle_tears_once() -> None:
 
 
 def test_a_write_is_done_when_its_host_goes_and_the_power_stays() -> None:
-    def first(board: VirtualBoard, session: Session) -> None:
+    def first(board: VirtualBoard, session: HostSession) -> None:
         other = Host(board)
         session.detach()
         other.session.detach()
@@ -224,10 +224,10 @@ def test_a_write_is_done_when_its_host_goes_and_the_power_stays() -> None:
 
 
 def test_of_several_hosts_at_once_the_last_write_is_torn() -> None:
-    def together(board: VirtualBoard, session: Session) -> None:
+    def together(board: VirtualBoard, session: HostSession) -> None:
         board.detach(session, Host(board).session)
 
-    def overtaken(board: VirtualBoard, session: Session) -> None:
+    def overtaken(board: VirtualBoard, session: HostSession) -> None:
         other = Host(board)
         other.ask(WriteProjectIDRequest(5))
         board.detach(session, other.session)
@@ -237,7 +237,7 @@ def test_of_several_hosts_at_once_the_last_write_is_torn() -> None:
 
 
 def test_what_was_set_from_outside_is_not_torn() -> None:
-    def change(board: VirtualBoard, session: Session) -> None:
+    def change(board: VirtualBoard, session: HostSession) -> None:
         board.storage.project_id = 9
         session.detach()
 

@@ -16,7 +16,7 @@ from servolink.discovery.names import resolve_url
 from servolink.discovery.search import search
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.permissions import rules
-from servolink.doctor.system import SystemFacts, UsbDevice, named_usb_device, usb_device
+from servolink.doctor.system import ListedUsbDevice, SystemFacts, named_usb_device, usb_device
 from servolink.errors import OpenError
 from servolink.script import FAILED, NO_BOARD, OK
 
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     return run_interruptible(main, "nothing was changed")
 
 
-def _devices(facts: SystemFacts, board: str | None) -> list[UsbDevice]:
+def _devices(facts: SystemFacts, board: str | None) -> list[ListedUsbDevice]:
     """Return the USB devices to write rules for. Raise OpenError if there are none."""
     urls = [asyncio.run(resolve_url(board))] if board else [candidate.url for candidate in search()]
     found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]

@@ -21,7 +21,7 @@ from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
-from servolink.doctor.learn_line import Line, SharedTransport
+from servolink.doctor.learn_line import SharedTransport, TrialLine
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_queries import Contact, make_contact
 from servolink.doctor.learn_trial import Trial, connected
@@ -158,7 +158,7 @@ class _Lesson:
         while True:
             try:
                 transport = SharedTransport(create(await resolve_url(self._name, through_hub=False)))
-                async with Line(transport, Codec()):
+                async with TrialLine(transport, Codec()):
                     return transport
             except OpenError:
                 if loop.time() >= end:

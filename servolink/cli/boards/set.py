@@ -18,7 +18,7 @@ from servolink.cli.screen.output import Table, print_error, print_table, print_t
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.errors import InvalidAddress, RequestTimeout, TransportError
-from servolink.profiles.profile import About, BoardSettings, fields_of
+from servolink.profiles.profile import BoardSettings, FieldHelp, fields_of
 from servolink.profiles.store import in_shell, setting_from_text
 from servolink.script import OK
 
@@ -60,7 +60,7 @@ def _unsettable(text: str) -> str:
     return name
 
 
-def _setting(name: str, about: About) -> Option:
+def _setting(name: str, about: FieldHelp) -> Option:
     """Return the option of a setting."""
 
     def read(text: str) -> Any:

@@ -169,7 +169,7 @@ def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> 
 
 def _shown(args: argparse.Namespace, learner: Learner, recording: SpyRecording | None) -> Callable[[Passed], None]:
     """Return what is done with each packet, on the thread that looks on."""
-    lines = Lines(as_json=args.json)
+    lines = PacketPrinter(as_json=args.json)
 
     def show(passed: Passed) -> None:
         if recording is not None and not recording.has_begun and (order := args.byte_order or learner.byte_order):
@@ -230,7 +230,7 @@ _LONGEST = 400  # characters of a line where nothing limits it
 _SHOWN = 16  # bytes of anything but a packet
 
 
-class Lines:
+class PacketPrinter:
     """Shows what passes, one after the other."""
 
     def __init__(self, *, as_json: bool) -> None:

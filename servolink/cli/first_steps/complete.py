@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
             words = _words(" ".join(words))
         except ValueError:  # a quotation is open
             return OK
-    found = _Line(words or [""]).possible()
+    found = _TypedLine(words or [""]).possible()
     if found is None:
         return FAILED
     last = words[-1] if words else ""
@@ -70,7 +70,7 @@ def _in_bash(word: str, last: str) -> str:
     return _PLAIN.sub(r"\\\g<0>", word[start:])
 
 
-class _Line:
+class _TypedLine:
     """A command line up to the cursor."""
 
     def __init__(self, words: Sequence[str]) -> None:

@@ -16,7 +16,7 @@ from functools import partial
 from pathlib import Path
 
 from servolink.cli.command import FIRST_STEPS, Command, flag
-from servolink.cli.first_steps.demo_stage import FaultyLine, Outcome, Scene, Stage
+from servolink.cli.first_steps.demo_stage import FaultyLine, Scene, Stage, StageResult
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table
 from servolink.cli.screen.terminal import cleanup
@@ -49,13 +49,13 @@ _IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a held respon
 _REACTION = 30.0  # seconds in which a button event must have come, however slow the machine
 
 
-async def show_servos(scene: Scene) -> Outcome:
+async def show_servos(scene: Scene) -> StageResult:
     """List the servos."""
     servos = await scene.board.servos()
     scene.stage.say(f"connected to {scene.board.url}")
     rows = [(servo.servo_id, servo.angle, servo.current, servo.temperature) for servo in servos]
     scene.stage.table(Table(("servo", "angle", "current (raw)", "temperature (raw)"), rows))
-    return Outcome(
+    return StageResult(
         {"url": scene.board.url, "servos": len(servos), "round_trip_seconds": scene.board.stats.round_trip(50)},
         {
             f"all {_SERVOS} servos responded": len(servos) == _SERVOS,
@@ -64,18 +64,18 @@ async def show_servos(scene: Scene) -> Outcome:
     )
 
 
-async def move_pose(scene: Scene) -> Outcome:
+async def move_pose(scene: Scene) -> StageResult:
     """Move all servos at once and watch them."""
     pose = {servo_id: round(90 * math.sin(servo_id / 16 * 2 * math.pi)) for servo_id in scene.angles}
     asked = 1.5 * scene.pace
     seconds = await scene.watch(pose, await scene.board.move(pose, duration=asked))
-    return Outcome(
+    return StageResult(
         {"targets": pose, "asked_seconds": asked, "seconds": seconds},
         {"every servo arrived": scene.angles == pose, "none was early": seconds >= asked},
     )
 
 
-async def run_action(scene: Scene) -> Outcome:
+async def run_action(scene: Scene) -> StageResult:
     """Store an action and run it."""
     bow = scene.action(_BOW, "Bow", lambda servo_id: 60 if servo_id % 2 else -60)
     await scene.board.add_action(bow)
@@ -83,7 +83,7 @@ async def run_action(scene: Scene) -> Outcome:
     scene.stage.say(f"stored and read back: action {_BOW} '{stored.action_caption}', {len(stored.steps)} steps")
     await scene.board.run_action(_BOW)
     seconds = await scene.watch(_targets(bow), bow.seconds)
-    return Outcome(
+    return StageResult(
         {"action_id": _BOW, "steps": len(bow.steps), "seconds": seconds},
         {
             "the action reads back as it was written": stored == bow,
@@ -92,7 +92,7 @@ async def run_action(scene: Scene) -> Outcome:
     )
 
 
-async def run_macro(scene: Scene) -> Outcome:
+async def run_macro(scene: Scene) -> StageResult:
     """Store a macro of two actions and run it."""
     lean = scene.action(_LEAN, "Lean", lambda servo_id: 75 * math.cos(servo_id / 16 * 2 * math.pi))
     rise = scene.action(_RISE, "Rise", lambda servo_id: -5 * servo_id)
@@ -105,7 +105,7 @@ async def run_macro(scene: Scene) -> Outcome:
     scene.stage.say(f"stored and read back: macro {_WAVE} 'Wave': lean, wait, rise at 80 % speed")
     await scene.board.run_macro(_WAVE)
     seconds = await _watch_wave(scene)
-    return Outcome(
+    return StageResult(
         {"macro_id": _WAVE, "commands": len(wave.commands), "seconds": seconds},
         {
             "the macro reads back as it was written": stored == wave,
@@ -114,7 +114,7 @@ async def run_macro(scene: Scene) -> Outcome:
     )
 
 
-async def press_button(scene: Scene) -> Outcome:
+async def press_button(scene: Scene) -> StageResult:
     """Store a joystick table, press a button, and see its event and its macro."""
     loop, virtual = asyncio.get_running_loop(), scene.virtual
     await scene.board.add_joystick_table(JoystickTable(_PAD, "Pad", (Button(_BUTTON, "Wave", _WAVE),)))
@@ -133,7 +133,7 @@ async def press_button(scene: Scene) -> Outcome:
     await _watch_wave(scene)
     seen = [(event.button_id, event.kind) for event in (pressed, released)]
     in_last_pose = scene.angles == _targets(await scene.board.action(_RISE))
-    return Outcome(
+    return StageResult(
         {"button_id": pressed.button_id, "events": [pressed.kind, released.kind], "event_seconds": round(latency, 6)},
         {
             f"button {_BUTTON} sent press and up": seen == [(_BUTTON, "press"), (_BUTTON, "up")],
@@ -142,14 +142,14 @@ async def press_button(scene: Scene) -> Outcome:
     )
 
 
-async def survive_damage(scene: Scene) -> Outcome:
+async def survive_damage(scene: Scene) -> StageResult:
     """Damage a bit of one response."""
     before, damaged = scene.counters(), scene.line.damaged
     scene.line.damage_next()
     scene.stage.say("one bit of the next response is changed on the line; then all angles are read")
     response = await scene.board.request(QueryServoRequest(ALL_SERVOS))
     since, damaged = scene.counted_since(before), scene.line.damaged - damaged
-    return Outcome(
+    return StageResult(
         {"damaged_responses": damaged, **since},
         {
             "exactly one response was damaged": damaged == 1,
@@ -160,7 +160,7 @@ async def survive_damage(scene: Scene) -> Outcome:
     )
 
 
-async def survive_delay(scene: Scene) -> Outcome:
+async def survive_delay(scene: Scene) -> StageResult:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
     await scene.board.servos()  # so that nothing that was sent again before is still to be answered
     loop, before, held, old = asyncio.get_running_loop(), scene.counters(), scene.line.held, scene.angles
@@ -183,7 +183,7 @@ async def survive_delay(scene: Scene) -> Outcome:
     read = {servo.servo_id: int(servo.angle) for servo in await scene.board.servos()}
     since, held = scene.counted_since(before), scene.line.held - held
     scene.stage.say("queries that were sent again count as well, and responses that came behind the one held back")
-    return Outcome(
+    return StageResult(
         {"delayed_responses": held, "late_angle": old[1], "angle": read[1], **since},
         {
             "exactly one response was delayed past its time": timed_out and held == 1,
@@ -193,7 +193,7 @@ async def survive_delay(scene: Scene) -> Outcome:
     )
 
 
-async def export_project(scene: Scene) -> Outcome:
+async def export_project(scene: Scene) -> StageResult:
     """Write everything on the board into a file."""
     await scene.board.write_project_id(_PROJECT)
     await scene.board.add_servo_parameters([ServoParameter(1, servo_caption="left arm")])
@@ -202,13 +202,13 @@ async def export_project(scene: Scene) -> Outcome:
     scene.stage.say(f"{scene.file}: {len(project.actions)} actions, each part read twice; the first lines:")
     for line in scene.file.read_text(encoding="utf-8").splitlines()[:9]:
         scene.stage.say(f"   {line}")
-    return Outcome(
+    return StageResult(
         {"file": str(scene.file), "actions": len(project.actions), "macros": len(project.macros)},
         {"the file holds what is on the board": load_project(scene.file) == project},
     )
 
 
-async def pull_cable(scene: Scene) -> Outcome:
+async def pull_cable(scene: Scene) -> StageResult:
     """Begin to write the file to a second board, and pull the cable in the middle."""
     line, reached = FaultyLine(create(scene.second_url)), list[Progress]()
 
@@ -227,13 +227,13 @@ async def pull_cable(scene: Scene) -> Outcome:
     scene.stage.say(f"pulled while {PHASES[at.phase]}, at {at.item}: {reason}")
     async with connect(scene.second_url) as board:
         is_unfinished = await board.has_unfinished_import()
-    return Outcome(
+    return StageResult(
         {"at": at.item, "done": at.done, "total": at.total},
         {"the import ended in the middle": bool(reason), "the board itself says that it is unfinished": is_unfinished},
     )
 
 
-async def finish_import(scene: Scene) -> Outcome:
+async def finish_import(scene: Scene) -> StageResult:
     """Continue the import, and compare."""
     project = load_project(scene.file)
     async with connect(scene.second_url) as board:
@@ -241,7 +241,7 @@ async def finish_import(scene: Scene) -> Outcome:
         scene.stage.say("the same import again: it goes on where it was, and reads back what it writes")
         plan = await board.plan_project(project)
         scene.stage.say(f"plan: {len(plan.changes)} differences")
-    return Outcome(
+    return StageResult(
         {"differences": len(plan.changes), "backup": str(applied.backup)},
         {
             "it went on": applied.resumed,
@@ -251,7 +251,7 @@ async def finish_import(scene: Scene) -> Outcome:
     )
 
 
-STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[Outcome]]], ...] = (
+STEPS: tuple[tuple[str, str, Callable[[Scene], Awaitable[StageResult]]], ...] = (
     ("servos", "A board with 16 servos, read over a serial port", show_servos),
     ("pose", "All servos move at once", move_pose),
     ("action", "An action, stored on the board and run", run_action),
@@ -327,7 +327,7 @@ async def _steps(scene: Scene) -> list[str]:
             outcome = await play(scene)
         except (ServolinkError, TimeoutError) as error:
             reason = str(error) or "nothing came in time"
-            await scene.stage.finish(name, Outcome({"error": reason}, {reason: False}))
+            await scene.stage.finish(name, StageResult({"error": reason}, {reason: False}))
             return [*failed, name]
         await scene.stage.finish(name, outcome)
         if not outcome.ok:

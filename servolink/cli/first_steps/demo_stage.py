@@ -25,7 +25,7 @@ _INDENT = "   "
 
 
 @dataclass
-class Outcome:
+class StageResult:
     """The result of a step: what was measured, and what had to be true."""
 
     measured: dict[str, Any] = field(default_factory=dict)
@@ -85,7 +85,7 @@ class Stage:
             if last:
                 _print_angles(*last.pop())
 
-    async def finish(self, name: str, outcome: Outcome) -> None:
+    async def finish(self, name: str, outcome: StageResult) -> None:
         """Show the outcome of a step and leave time to read."""
         if self._as_json:
             print_json({"step": name, "ok": outcome.ok, "checks": outcome.checks, "measured": outcome.measured})

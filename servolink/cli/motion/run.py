@@ -21,7 +21,7 @@ from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.project.speed import Run
+    from servolink.project.speed import RecordRun
     from servolink.protocol.record_types import RecordType
 
 _STOP_LIMIT = 0.15  # seconds for a stop to be confirmed after Ctrl-C, which must end soon
@@ -89,7 +89,7 @@ MACRO_RUN = replace(
 )
 
 
-async def play(board: Board, interruption: Interruption, found: Run, *, shown: bool) -> None:
+async def play(board: Board, interruption: Interruption, found: RecordRun, *, shown: bool) -> None:
     """Run it and wait until it is over, with bars if they are `shown`. An interruption stops all servos."""
     name = name_of_run(found)
     async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
@@ -98,7 +98,7 @@ async def play(board: Board, interruption: Interruption, found: Run, *, shown: b
     interruption.state = f"{name} is over"
 
 
-async def start_run(board: Board, found: Run, *, dry_run: bool = False) -> None:
+async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) -> None:
     """Run it, or only check that nothing forbids it, and return at once."""
     from servolink.protocol.records import Action
 
@@ -106,12 +106,12 @@ async def start_run(board: Board, found: Run, *, dry_run: bool = False) -> None:
     await run(_id(found), dry_run=dry_run)
 
 
-async def read_run(board: Board, word: str, name: int | str) -> Run:
+async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
     """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
     from servolink.client.collect import collect
     from servolink.client.names import record_id
     from servolink.motion.movement import INTERVAL_UNIT
-    from servolink.project.speed import Run
+    from servolink.project.speed import RecordRun
     from servolink.protocol.record_types import ACTION, MACRO
 
     async def get(kind: RecordType[Any], number: int) -> Any:
@@ -121,10 +121,10 @@ async def read_run(board: Board, word: str, name: int | str) -> Run:
     number = await record_id(board, kind, name)
     stored = await collect(get, kind, number)
     known = board.profile and board.profile.profile.settings.interval_unit
-    return Run(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
+    return RecordRun(stored, kind.by_id(stored)[number], known or INTERVAL_UNIT)
 
 
-async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: Run) -> _Servos:
+async def _prepare(board: Board, interruption: Interruption, args: argparse.Namespace, found: RecordRun) -> _Servos:
     """Check that the run is possible, and start servos if asked to."""
     from servolink.client.collect import check_can_wait
 
@@ -164,7 +164,7 @@ async def stopped_by_interruption(
         raise
 
 
-async def _follow(board: Board, found: Run, *, shown: bool) -> None:
+async def _follow(board: Board, found: RecordRun, *, shown: bool) -> None:
     """Wait until the run is over, with bars if they are `shown`. Raise TargetNotReached for servos that are late."""
     seconds, pose = found.seconds(), found.last_pose()
     if not pose:
@@ -174,7 +174,7 @@ async def _follow(board: Board, found: Run, *, shown: bool) -> None:
         await follow(board, pose, seconds, draw)
 
 
-def _print(args: argparse.Namespace, found: Run, servos: _Servos) -> None:
+def _print(args: argparse.Namespace, found: RecordRun, servos: _Servos) -> None:
     servo_ids, seconds = servos.here, found.known_seconds()
     if args.json:
         described = {f"{args.kind}_id": _id(found), f"{args.kind}_caption": _caption(found)}
@@ -196,19 +196,19 @@ def _print(args: argparse.Namespace, found: Run, servos: _Servos) -> None:
         print_text(f"{name_of_run(found)} was started; it{takes} moves {moved}")
 
 
-def _id(found: Run) -> int:
+def _id(found: RecordRun) -> int:
     from servolink.protocol.record_types import type_of
 
     return type_of(found.record).id_of(found.record)
 
 
-def _caption(found: Run) -> str:
+def _caption(found: RecordRun) -> str:
     from servolink.protocol.record_types import type_of
 
     return type_of(found.record).caption_of(found.record)
 
 
-def name_of_run(found: Run) -> str:
+def name_of_run(found: RecordRun) -> str:
     """Return the name of what is run, such as `action 3 'Wave'`."""
     from servolink.project.records import name_of
 

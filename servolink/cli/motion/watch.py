@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         with ExitStack() as stack:
             write = stack.enter_context(csv_file(watched, args.csv)) if args.csv else None
             on_screen = not args.json and can_draw()
-            output = stack.enter_context(screen(watched)) if on_screen else Lines(watched, as_json=args.json)
+            output = stack.enter_context(screen(watched)) if on_screen else ReadingPrinter(watched, as_json=args.json)
             return await _Watch(board, watched, args, output, interruption).run(write)
 
     return run_with_board(args, talk, reconnect=True)
@@ -203,7 +203,7 @@ class Output(Protocol):
         """Show the alarms of the latest reading, which has been shown."""
 
 
-class Lines:
+class ReadingPrinter:
     """A line for each servo and reading and for each button event, or an object for each reading.
 
     Notes are on standard error.

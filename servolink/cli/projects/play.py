@@ -39,7 +39,7 @@ from servolink.errors import ProjectError
 from servolink.project.records import by_servo, by_type, find
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.servos import ServoState
-from servolink.virtual.dry_run import DryRun, Move, Timeline
+from servolink.virtual.dry_run import DryMove, DryRun, Timeline
 
 if TYPE_CHECKING:
     from servolink.client.servos import Servo
@@ -219,7 +219,7 @@ def chart(timeline: Timeline, captions: Mapping[int, str], width: int) -> list[s
     return plain_lines(Table(("servo", "", _axis(timeline.seconds, scale, columns)), table))
 
 
-def _draw(row: list[str], move: Move, scale: float) -> None:
+def _draw(row: list[str], move: DryMove, scale: float) -> None:
     start, end = round(move.start * scale), min(round(move.end * scale), len(row))
     size = end - start
     if size < 2:

@@ -32,7 +32,7 @@ from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.recorder.channels import CHANNELS, Recorded
 from servolink.recorder.reading import Recording, Selection, base_name
 from servolink.recorder.report import RECORDING, is_zip, read_report
-from servolink.recorder.story import Line, Story, duration
+from servolink.recorder.story import Story, StoryRow, duration
 from servolink.recorder.summary import Summary
 from servolink.script import OK
 
@@ -176,7 +176,7 @@ def _head(recording: Recording) -> Iterator[tuple[str, str]]:
         yield "written by", f"servolink {about.version}"
 
 
-def _print_line(line: Line) -> None:
+def _print_line(line: StoryRow) -> None:
     """Print a line of the story, on a terminal in as many lines as its width needs."""
     head = f"{line.seconds:10.3f}  {_sized(line.who)}  "
     text, style = escape(line.text), "bold red" if line.is_problem else ""

@@ -102,7 +102,7 @@ def picture_of_servos(
         room = max(1, room - 1)
         left = f"{len(servos) - room} more: a larger terminal shows them"
         foot.insert(0, (left, "dim"))
-    table = _Table(watched, width, blocks=blocks)
+    table = _ServoTable(watched, width, blocks=blocks)
     lines = [*head, (table.header, "bold"), *map(table.line, servos[:room]), *foot]
     return [(_cut(text, width), style) for text, style in lines[:height]]
 
@@ -135,7 +135,7 @@ def _alarms(watched: Watched, width: int) -> Iterator[Line]:
         yield from wrapped(f"{seconds:.1f} s  {raised}", width, _BAD)
 
 
-class _Table:
+class _ServoTable:
     """The lines of the servos; a narrow terminal has shorter bars, then none, then no captions."""
 
     def __init__(self, watched: Watched, width: int, *, blocks: bool) -> None:

@@ -15,7 +15,7 @@ from servolink.connection.stats import Stats
 from servolink.motion.angles import Degrees
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.script import HELP
-from servolink.virtual.servo import Servo as VirtualServo
+from servolink.virtual.servo import SimulatedServo as VirtualServo
 
 _EVERY = 0.1  # seconds
 

@@ -118,13 +118,13 @@ class Motions:
         return (profile and profile.settings.interval_unit) or INTERVAL_UNIT
 
     async def _seconds_of(self, kind: RecordType[Any], record_id: int) -> float | None:
-        from servolink.project.speed import Run  # late: most programs run nothing that is stored
+        from servolink.project.speed import RecordRun  # late: most programs run nothing that is stored
 
         try:
             stored = await collect(self._get, kind, record_id)
         except ServolinkError:
             return None
-        return Run(stored, kind.by_id(stored)[record_id], self._interval_unit).known_seconds()
+        return RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit).known_seconds()
 
     async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
         return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))

@@ -18,7 +18,7 @@ from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
 from servolink.recorder.board_source import follow_servos
 from servolink.recorder.channels import Event
-from servolink.recorder.readings import Readings
+from servolink.recorder.readings import ReadingsFeed
 from servolink.recorder.recorder import Recorder, Wanted
 from servolink.recorder.writer import RecorderStatus
 
@@ -144,7 +144,7 @@ class HubRecorder:
         return next(folder / name for name in names if not (folder / name).exists())
 
     async def _follow_servos(self, recorder: Recorder) -> None:
-        readings = Readings(recorder.take, recorder.wanted.rate)
+        readings = ReadingsFeed(recorder.take, recorder.wanted.rate)
         try:
             await follow_servos(await self._open_board(), readings)
         except ServolinkError as error:

@@ -18,7 +18,7 @@ T = TypeVar("T")
 R = TypeVar("R", bound=Response)
 
 
-class Line(Protocol):
+class TransferConnection(Protocol):
     """A connection, as far as it concerns a transfer."""
 
     @property
@@ -60,7 +60,7 @@ class BoardConnection(Protocol):
         ...
 
     @property
-    def connection(self) -> Line:
+    def connection(self) -> TransferConnection:
         """The present connection: another object after a loss."""
         ...
 

@@ -157,7 +157,7 @@ def test_a_check_that_fails_is_named(
 
 
 def test_an_error_ends_the_play(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    async def broken(scene: object) -> stage.Outcome:
+    async def broken(scene: object) -> stage.StageResult:
         raise TimeoutError
 
     monkeypatch.setattr(demo, "STEPS", (("first", "First", broken), ("second", "Second", broken)))
@@ -195,8 +195,8 @@ def test_an_address_is_wrong_usage(url: str, capsys: pytest.CaptureFixture[str])
 def test_the_board_of_other_commands_is_left_alone(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def good(scene: object) -> stage.Outcome:
-        return stage.Outcome()
+    async def good(scene: object) -> stage.StageResult:
+        return stage.StageResult()
 
     monkeypatch.setattr(demo, "STEPS", (("first", "First", good),))
     monkeypatch.setenv("SERVOLINK_BOARD", "nonsense://x")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli.motion.watch import Lines, Screen, _Watch
+from servolink.cli.motion.watch import ReadingPrinter, Screen, _Watch
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.session import Interruption
 from servolink.client.alarms import Alarm, RaisedAlarm
@@ -322,7 +322,7 @@ def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
 
     async def main() -> None:
         board, shown = Shared(), watched(0)
-        watch = _Watch(board, shown, Namespace(), Lines(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
+        watch = _Watch(board, shown, Namespace(), ReadingPrinter(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
         tasks = [asyncio.create_task(each) for each in (watch._states(), watch._battery())]
         await asyncio.sleep(60)
         assert shown.battery == 80.0

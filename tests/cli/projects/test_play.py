@@ -13,7 +13,7 @@ from servolink.cli.screen.output import text_width
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.virtual.dry_run import Move, Timeline
+from servolink.virtual.dry_run import DryMove, Timeline
 from tests.cli.programs import call
 from tests.cli.terminals import in_terminal
 from tests.project.projects import HUMANOID
@@ -148,7 +148,7 @@ def test_captions_are_text(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert all(character == "\n" or character.isprintable() for character in said.out)
 
 
-def drawn(seconds: float, *moves: Move, width: int = 48) -> list[str]:
+def drawn(seconds: float, *moves: DryMove, width: int = 48) -> list[str]:
     """Return a chart without its labels."""
     lines = chart(Timeline(seconds, moves, {}, is_whole=True), {}, width)
     return [line[7:] for line in lines]
@@ -157,13 +157,13 @@ def drawn(seconds: float, *moves: Move, width: int = 48) -> list[str]:
 def test_bars() -> None:
     assert drawn(
         4.0,
-        Move(1, 0.0, 1.0, 0, 60),
-        Move(1, 1.0, 1.5, 60, -120, is_cut=True),
-        Move(1, 1.5, 1.5, 0, 9),
-        Move(2, 0.5, 0.7, 0, 1000),
-        Move(2, 2.0, 2.1, 0, 5),
-        Move(2, 3.98, 4.0, 0, 5),
-        Move(3, 0.0, 4.0, 0, 0),
+        DryMove(1, 0.0, 1.0, 0, 60),
+        DryMove(1, 1.0, 1.5, 60, -120, is_cut=True),
+        DryMove(1, 1.5, 1.5, 0, 9),
+        DryMove(2, 0.5, 0.7, 0, 1000),
+        DryMove(2, 2.0, 2.1, 0, 5),
+        DryMove(2, 3.98, 4.0, 0, 5),
+        DryMove(3, 0.0, 4.0, 0, 0),
     ) == [
         "  0 s       1         2         3         4",
         "  [60======][===>|",
@@ -173,12 +173,12 @@ def test_bars() -> None:
 
 
 def test_bars_end_where_the_chart_does() -> None:
-    _, *rows = drawn(2.0, Move(1, 1.0, 1e9, 0, 60), Move(2, 2.0, 1e9, 0, 60), Move(3, 1.0, 2.0, 0, 60))
+    _, *rows = drawn(2.0, DryMove(1, 1.0, 1e9, 0, 60), DryMove(2, 2.0, 1e9, 0, 60), DryMove(3, 1.0, 2.0, 0, 60))
     assert rows == [" " * 22 + "[60=================>", " " * 42 + "|", " " * 22 + "[60================]"]
 
 
 def test_a_chart_of_no_time() -> None:
-    axis, row = drawn(0.0, Move(1, 0.0, 0.0, 0, 60))
+    axis, row = drawn(0.0, DryMove(1, 0.0, 0.0, 0, 60))
     assert axis.split() == ["0", "s"]
     assert row.strip() == "|"
 
@@ -186,14 +186,14 @@ def test_a_chart_of_no_time() -> None:
 @pytest.mark.parametrize("seconds", [0.01, 0.07, 0.99, 3.0, 59.9, 600.0])
 @pytest.mark.parametrize("width", [1, 40, 80, 250])
 def test_a_chart_fits(seconds: float, width: int) -> None:
-    lines = chart(Timeline(seconds, (Move(254, 0.0, seconds, 0, 5),), {}, is_whole=True), {254: "左" * 10}, width)
+    lines = chart(Timeline(seconds, (DryMove(254, 0.0, seconds, 0, 5),), {}, is_whole=True), {254: "左" * 10}, width)
     assert all(text_width(line) <= max(width, 49) for line in lines)
     assert "0 s" in lines[0]
     assert lines[1].endswith("]")
 
 
 def test_a_chart_is_no_wider_than_anything_that_shows_it() -> None:
-    assert 900 < max(map(len, drawn(1.0, Move(1, 0.0, 1.0, 0, 5), width=99_999))) < 1100
+    assert 900 < max(map(len, drawn(1.0, DryMove(1, 0.0, 1.0, 0, 5), width=99_999))) < 1100
 
 
 def test_ctrl_c_ends_the_show(file: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from servolink.client.board import Board
-from servolink.discovery.search import Found
+from servolink.discovery.search import SearchResult
 from servolink.errors import ConnectionLost
 from servolink.protocol.records import Action, ServoParameter, Step
 from servolink.recorder.report import FACTS, PROJECT, RECORDING, read_report
@@ -145,7 +145,7 @@ def test_devices_here_are_named_by_their_kind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     device = DeviceInfo("serial:///dev/zyx-1", "Zyx", PortIdentity(0x1A86, 0x7523, serial_number="ZYX99"))
-    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: Found([device], []))
+    monkeypatch.setattr("servolink.doctor.examine.find_devices", lambda: SearchResult([device], []))
     path = tmp_path / "report.zip"
     call(capsys, "--board", "virtual://", "report", "--seconds", "0", "--yes", "-o", str(path))
     facts, files = read_report(path)
