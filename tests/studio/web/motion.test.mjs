@@ -1,9 +1,11 @@
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { afterEach, beforeEach, mock, test } from "node:test";
 import { document, FakeLink, tick, turns, window } from "./page.mjs";
 
 const web = "../../../servolink/studio/web/";
 const { Motion, pace, refusal, running, targets } = await import(`${web}state/motion.js`);
+const { MotionState, TRANSITIONS } = await import(`${web}state/motion-state.js`);
 const { lease, linkState, servos, welcome } = await import(`${web}state/robot.js`);
 const { RequestError } = await import(`${web}link/link.js`);
 
@@ -25,11 +27,13 @@ afterEach(() => {
   mock.timers.reset();
 });
 
+const mine = { session: "mine", who: "a page", since: 0, dead_man: 0.35 };
+
 /** Hold, as a person does who presses a control and gets the lease. */
 async function hold() {
   const held = motion.begin();
   await turns();
-  lease.value = { session: "mine", who: "a page", since: 0, dead_man: 0.35 };
+  lease.value = mine;
   link.taken("lease.take").resolve({});
   assert.equal(await held, true);
 }
@@ -164,7 +168,7 @@ test("a sequence plays step by step, and ends with the hold", async () => {
 test("a stored motion is stopped when the page is left", async () => {
   const begun = motion.run("macro", 3, 2);
   await turns();
-  lease.value = { session: "mine", who: "a page", since: 0, dead_man: 0.35 };
+  lease.value = mine;
   link.taken("lease.take").resolve({});
   await turns();
   link.taken("run").resolve({});
@@ -174,4 +178,166 @@ test("a stored motion is stopped when the page is left", async () => {
   await turns();
   assert.ok(link.taken("stop"));
   assert.equal(running.value, null);
+});
+
+/** Release the control while a servo turns. */
+async function brake() {
+  motion.towards({ 1: 90 });
+  await turns();
+  motion.end();
+  await turns();
+}
+
+/** Bring about each state, with a request for the lease under way that any of them may see answered. */
+const REACH = {
+  idle: async () => {
+    motion.begin();
+    await turns();
+    motion.end();
+  },
+  taking: async () => {
+    motion.begin();
+    await turns();
+  },
+  held: async () => {
+    motion.begin();
+    motion.begin();
+    await turns();
+    link.taken("lease.take").resolve({});
+    await turns();
+  },
+  ending: async () => {
+    motion.begin();
+    await turns();
+    await brake();
+  },
+  waiting: async () => {
+    motion.begin();
+    await turns();
+    await brake();
+    motion.begin();
+  },
+};
+
+/** Let each event happen. */
+const HAPPEN = {
+  pressed: () => void motion.begin(),
+  leased: () => link.taken("lease.take").resolve({}),
+  released: () => motion.end(),
+  braking: brake,
+  braked: () => link.taken("move.end").resolve({}),
+  dropped: () => link.listeners.get("stopped")({}),
+};
+
+for (const [state, events] of Object.entries(TRANSITIONS)) {
+  for (const [event, next] of Object.entries(events)) {
+    test(`a movement that is ${state} is ${next} after the event ${event}`, async () => {
+      lease.value = mine;
+      await REACH[state]();
+      assert.equal(motion.state, state);
+      await HAPPEN[event]();
+      await turns();
+      assert.equal(motion.state, next);
+    });
+  }
+  for (const event of Object.keys(HAPPEN).filter((name) => !(name in events))) {
+    test(`the event ${event} in the state ${state} is a defect`, () => {
+      const path = { idle: [], taking: ["pressed"], held: ["pressed", "leased"], ending: ["pressed", "braking"] };
+      const odd = new MotionState();
+      for (const each of path[state] ?? [...path.ending, "pressed"]) odd.change(each);
+      assert.equal(odd.now, state);
+      assert.throws(() => odd.change(event), new RegExp(`internal error: the event ${event} in the state ${state}`));
+      assert.equal(odd.now, state);
+    });
+  }
+}
+
+test("the page on the studio prints the states and their table", () => {
+  const page = readFileSync(new URL("../../../docs/design/studio.md", import.meta.url), "utf8");
+  const rows = (header) => page.split(`\n${header}\n`)[1].split("\n\n")[0].split("\n").slice(1);
+  const words = (row) => [...row.matchAll(/`(\w+)`/g)].map(([, word]) => word);
+  assert.deepEqual(rows("| state | control | what is under way |").flatMap(words), Object.keys(TRANSITIONS));
+  assert.deepEqual(
+    rows("| state | event | next state |").map(words),
+    Object.entries(TRANSITIONS).flatMap(([state, events]) =>
+      Object.entries(events).map(([event, next]) => [state, event, next]),
+    ),
+  );
+});
+
+test("a control that is held again waits until the servos have stopped", async () => {
+  await hold();
+  await brake();
+  const held = motion.begin();
+  await turns();
+  assert.equal(link.taken("lease.take"), null);
+  link.taken("move.end").resolve({});
+  await turns();
+  link.taken("lease.take").resolve({});
+  assert.equal(await held, true);
+});
+
+test("of two requests that stop servos the last one ends the state", async () => {
+  await hold();
+  await brake();
+  motion.begin();
+  await brake();
+  const [first, last] = [link.taken("move.end"), link.taken("move.end")];
+  first.resolve({});
+  await turns();
+  assert.equal(motion.state, "ending");
+  last.resolve({});
+  await turns();
+  assert.equal(motion.state, "idle");
+});
+
+test("the lease is given back only when the servos have stopped, and not if a control is held again", async () => {
+  const gives = () => link.told.filter((method) => method === "lease.give").length;
+  await hold();
+  await brake();
+  motion.leave();
+  assert.equal(gives(), 0);
+  link.taken("move.end").resolve({});
+  await turns();
+  assert.equal(gives(), 1);
+  await hold();
+  await brake();
+  motion.leave();
+  motion.begin();
+  link.taken("move.end").resolve({});
+  await turns();
+  assert.equal(gives(), 1);
+});
+
+test("a lease that the hub refuses leaves nothing held", async () => {
+  const held = motion.begin();
+  await turns();
+  link.taken("lease.take").reject(new RequestError({ code: 201, message: "another page moves the robot" }));
+  assert.equal(await held, false);
+  assert.equal(motion.state, "idle");
+  assert.equal(refusal.value, "another page moves the robot");
+});
+
+test("servos that have arrived are not stopped", async () => {
+  await hold();
+  motion.towards({ 1: 30 });
+  await turns();
+  link.taken("move").resolve({ seconds: 0 });
+  await turns();
+  servos.value = new Map([[1, { servo_id: 1, angle: 29, is_start: true, is_hold: true }]]);
+  motion.end();
+  await turns();
+  assert.equal(link.taken("move.end"), null);
+  assert.equal(motion.state, "idle");
+});
+
+test("movements of a lost lease are not ended: another page moves the robot", async () => {
+  await hold();
+  motion.towards({ 1: 90 });
+  await turns();
+  lease.value = { ...mine, session: "another" };
+  assert.equal(motion.state, "idle");
+  motion.end();
+  await turns();
+  assert.equal(link.taken("move.end"), null);
 });

@@ -1,51 +1,54 @@
-// The only part of the page that moves the robot: while something is held, never otherwise.
+// Motion of the robot by this page: while a control is held, never otherwise. No other module moves anything.
 
 import { effect, signal } from "../html.js";
 import { Beats } from "../link/beats.js";
 import { RequestError } from "../link/link.js";
+import { LatestPose } from "./latest-pose.js";
+import { MotionState } from "./motion-state.js";
 import { isMine, linkState, problem, servos } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
-/** One movement of several: when it begins and how long it takes, seconds. @typedef {{ at: number, duration: number, targets: Pose }} Part */
+/** One movement of several, with its begin and its duration in seconds. @typedef {{ at: number, duration: number, targets: Pose }} Part */
 
 const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the robot
-const PERIOD = 40; // milliseconds between two movements, at least
 const SHORTEST = 0.08; // seconds
 const LEAST = 0.01; // seconds, as the board counts them
 const SAME = 2; // degrees by which a servo may miss its target
 const LATE = 1; // seconds that a stored motion may take longer than it says
 
-/** What the person wants the servos to do, as far as it was sent or is about to be. */
+/** Targets of the movement by hand that were sent or are about to be. */
 export const targets = signal(/** @type {Pose} */ ({}));
-/** Why the latest movement was refused, empty if it was not. */
+/** Reason why the latest movement was refused, empty if it was not. */
 export const refusal = signal("");
 /** The stored motion that runs because this page started it. */
 export const running = signal(/** @type {{ type: "action" | "macro", id: number } | null} */ (null));
-/** How fast servos follow what is dragged, degrees per second. */
+/** Speed at which servos follow what is dragged, degrees per second. */
 export const pace = signal(120);
 
 /** Moves the robot of one connection. */
 export class Motion {
+  #link;
+  #beats;
+  #state = new MotionState();
+  #latest = new LatestPose((pose) => this.#call(pose, durationOf(pose)));
+  /** Sequence that is played, or was last. */
+  #played = { wake: () => {} };
+  /** Time until which a stored motion may turn servos, milliseconds of `performance.now()`. */
+  #runsUntil = 0;
+  /** Time at which the latest movement arrives, in the same milliseconds; Infinity until that is known. */
+  #arrivesAt = 0;
+  /** Request that stops servos; null in all states but `ending` and `waiting`. @type {Promise<void> | null} */
+  #braking = null;
+
   /** @param {Link} link */
   constructor(link) {
-    this._link = link;
-    this._beats = new Beats(() => this._link.tell("lease.beat"));
-    this._isHeld = false;
-    /** @type {Pose | null} */
-    this._wanted = null;
-    this._isSending = false;
-    this._sentAt = 0;
-    this._playing = {};
-    this._wake = () => {};
-    this._runsUntil = 0; // milliseconds of `performance.now()`
-    this._arrivesAt = 0; // the same, for what was moved last; Infinity until that is known
-    /** @type {Promise<void> | null} */
-    this._ending = null;
+    this.#link = link;
+    this.#beats = new Beats(() => link.tell("lease.beat"));
     effect(() => {
-      if (!isMine.value || linkState.value !== "open") this._letGo(); // somebody took over, or the connection is gone
+      if (!isMine.value || linkState.value !== "open") this.#drop(); // somebody took over, or the connection is gone
     });
-    link.on("stopped", () => this._letGo()); // nothing of what was wanted before a stop is sent after it
+    link.on("stopped", () => this.#drop()); // nothing that was wanted before a stop is sent after it
     for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
       [window, "blur"],
       [window, "pagehide"],
@@ -57,136 +60,141 @@ export class Motion {
     }
   }
 
+  /** State of the movement by hand. */
+  get state() {
+    return this.#state.now;
+  }
+
   /**
    * Begin to hold. Return whether the robot may be moved now.
    * @param {{ force?: boolean }} [options]
    */
   async begin({ force = false } = {}) {
-    this._isHeld = true;
+    this.#state.change("pressed");
     refusal.value = "";
-    await this._ending; // until then, servos are stopped
+    await this.#braking;
     try {
-      await this._link.call("lease.take", { dead_man: DEAD_MAN, force });
+      await this.#link.call("lease.take", { dead_man: DEAD_MAN, force });
     } catch (error) {
-      this._letGo();
-      this._refused(error);
+      this.#drop();
+      this.#refuse(error);
       return false;
     }
-    this._beats.start();
-    return this._isHeld; // it may have been let go of meanwhile
+    this.#state.change("leased");
+    this.#beats.start();
+    return this.#state.isHeld; // the control may have been released meanwhile
   }
 
   /**
-   * Move towards a pose while it is held; what was wanted before and was not sent is forgotten.
+   * Move towards a pose while a control is held. A pose that was wanted before and was not sent is forgotten.
    * @param {Pose} pose
    */
   towards(pose) {
-    if (!this._isHeld) return;
+    if (!this.#state.isHeld) return;
     targets.value = { ...targets.value, ...pose };
-    this._wanted = { ...this._wanted, ...pose };
-    if (!this._isSending) this._send();
+    this.#latest.want(pose);
   }
 
   /**
-   * Play movements one after the other while it is held. Return whether all of them were played.
+   * Play movements one after the other while a control is held. Return whether all of them were played.
    * @param {Part[]} parts in the order of their times
-   * @param {number} seconds how long all of it takes
+   * @param {number} seconds that all of them take
    * @param {(seconds: number) => void} [onTime] called with the time of each movement when it is sent
    */
   async play(parts, seconds, onTime = () => {}) {
-    const playing = (this._playing = {});
+    const mine = (this.#played = { wake: () => {} });
     let start = performance.now();
     for (const { at, duration, targets: pose } of [...parts, { at: seconds, duration: 0, targets: {} }]) {
-      await this._until(start + at * 1000);
-      if (!this._isHeld || this._playing !== playing) return false;
+      await this.#until(start + at * 1000, mine);
+      if (!this.#state.isHeld || this.#played !== mine) return false;
       start = Math.max(start, performance.now() - at * 1000); // late: each movement gets its full time all the same
       onTime(at);
-      if (Object.keys(pose).length > 0) await this._move(pose, Math.max(LEAST, duration));
+      if (Object.keys(pose).length > 0) {
+        targets.value = { ...targets.value, ...pose };
+        await this.#call(pose, Math.max(LEAST, duration));
+      }
     }
-    return this._isHeld && this._playing === playing;
+    return this.#state.isHeld && this.#played === mine;
   }
 
-  /** Let go: servos that still turn stop where they are. */
+  /** End the hold: servos that still turn stop where they are. */
   end() {
-    if (!this._isHeld) return;
-    this._isHeld = false;
-    this._wanted = null;
-    this._wake();
-    const moving = this._moving();
+    if (!this.#state.isHeld) return;
+    const moving = isMine.value ? this.#moving() : [];
+    this.#state.change(moving.length > 0 ? "braking" : "released");
+    this.#latest.drop();
+    this.#played.wake();
     targets.value = {};
-    if (moving.length === 0 || !isMine.value) return;
-    const ending = (this._ending = this._stopMoving(moving).finally(
-      () => this._ending === ending && (this._ending = null),
-    ));
+    if (moving.length > 0) this.#brake(moving);
   }
 
   /**
-   * Run what is stored on the board, watched over by this page: it is stopped when the page or the screen is left.
-   * Return whether it runs.
+   * Run a motion that is stored on the board, and stop it when the page or the screen is left. Return whether it runs.
    * @param {"action" | "macro"} type
    * @param {number} id
-   * @param {number} seconds how long it takes
+   * @param {number} seconds that it takes
    */
   async run(type, id, seconds) {
-    this._runsUntil = Infinity;
+    this.#runsUntil = Infinity;
     if (!(await this.begin())) return false;
     try {
-      await this._link.call("run", { type, id });
+      await this.#link.call("run", { type, id });
     } catch (error) {
-      this._runsUntil = 0;
-      this._refused(error);
+      this.#runsUntil = 0;
+      this.#refuse(error);
       return false;
     }
-    this._runsUntil = performance.now() + (seconds + LATE) * 1000;
+    this.#runsUntil = performance.now() + (seconds + LATE) * 1000;
     const mine = (running.value = { type, id });
     setTimeout(() => running.value === mine && (running.value = null), seconds * 1000);
     return true;
   }
 
-  /** Whether something that was started by `run` may still turn servos. */
+  /** Whether a motion that was started by `run` may still turn servos. */
   get isRunning() {
-    return performance.now() < this._runsUntil;
+    return performance.now() < this.#runsUntil;
   }
 
-  /** Stop what `run` started, if it is not over. Return whether there was anything to stop. */
+  /** Stop the motion that `run` started, if it is not over. Return whether there was anything to stop. */
   endRun() {
     if (!this.isRunning) return false;
     this.stop().catch(() => {}); // without a connection, the hub stops the robot
     return true;
   }
 
-  /** Let go, and give the lease back: this page is not looked at any more. */
+  /** End the hold and give the lease back: nobody looks at this page any more. */
   leave() {
     this.end();
     this.endRun();
-    if (this._ending === null) this._give();
-    else this._ending.then(() => this._isHeld || this._give());
+    if (this.#braking === null) this.#give();
+    else this.#braking.then(() => this.#state.isHeld || this.#give());
   }
 
-  _give() {
-    if (isMine.value) this._link.tell("lease.give");
-    this._beats.stop();
+  #give() {
+    if (isMine.value) this.#link.tell("lease.give");
+    this.#beats.stop();
   }
 
   /** Stop all servos at once, whoever moves them. */
   async stop() {
-    this._letGo();
-    await this._link.call("stop");
+    this.#drop();
+    await this.#link.call("stop");
   }
 
   /** Start all servos; they hold where they are. */
   async startAll() {
-    await this._link.call("servo.set", { servo: "all", start: true, hold: true });
+    await this.#link.call("servo.set", { servo: "all", start: true, hold: true });
   }
 
   /**
-   * Wait until a time of `performance.now()`, or until it is let go.
+   * Wait until a time of `performance.now()`, or until a sequence is woken because the hold has ended.
    * @param {number} time
+   * @param {{ wake: () => void }} sequence
    */
-  _until(time) {
+  #until(time, sequence) {
     return new Promise((done) => {
       const timer = setTimeout(done, Math.max(0, time - performance.now()));
-      this._wake = () => {
+      sequence.wake = () => {
         clearTimeout(timer);
         done(undefined);
       };
@@ -197,28 +205,19 @@ export class Motion {
    * @param {Pose} pose
    * @param {number} duration seconds
    */
-  async _move(pose, duration) {
-    targets.value = { ...targets.value, ...pose };
-    await this._call(pose, duration);
-  }
-
-  /**
-   * @param {Pose} pose
-   * @param {number} duration seconds
-   */
-  async _call(pose, duration) {
-    this._arrivesAt = Infinity;
+  async #call(pose, duration) {
+    this.#arrivesAt = Infinity;
     try {
-      const { seconds } = await this._link.call("move", { targets: pose, duration });
-      this._arrivesAt = performance.now() + seconds * 1000;
+      const { seconds } = await this.#link.call("move", { targets: pose, duration });
+      this.#arrivesAt = performance.now() + seconds * 1000;
     } catch (error) {
-      if (this._isHeld) this._refused(error); // or it was let go of, and that came first
+      if (this.#state.isHeld) this.#refuse(error); // a release before it has ended the movement already
     }
   }
 
   /** Return the servos that this page moves and that may still turn: readings alone may be old. */
-  _moving() {
-    const isOver = performance.now() >= this._arrivesAt;
+  #moving() {
+    const isOver = performance.now() >= this.#arrivesAt;
     return Object.entries(targets.value).flatMap(([key, target]) => {
       const id = Number(key),
         servo = servos.value.get(id);
@@ -227,44 +226,43 @@ export class Motion {
     });
   }
 
+  /**
+   * Stop servos that still turn. Of several such requests, the last one ends the state.
+   * @param {number[]} ids
+   */
+  #brake(ids) {
+    const mine = (this.#braking = this.#stopMoving(ids).finally(() => {
+      if (this.#braking !== mine) return;
+      this.#braking = null;
+      this.#state.change("braked");
+    }));
+  }
+
   /** @param {number[]} ids */
-  async _stopMoving(ids) {
+  async #stopMoving(ids) {
     const isOneStop = ids.length > 1 && [...servos.value.values()].every(isReady); // then all are the same afterwards
     try {
-      await this._link.call("move.end", { servos: isOneStop ? null : ids });
+      await this.#link.call("move.end", { servos: isOneStop ? null : ids });
     } catch (error) {
       if (error instanceof RequestError) problem.value = error.message; // without a connection, the hub stops the robot
     }
   }
 
-  async _send() {
-    this._isSending = true;
-    while (this._wanted !== null && this._isHeld) {
-      const pause = this._sentAt + PERIOD - performance.now();
-      if (pause > 0) await new Promise((done) => setTimeout(done, pause));
-      const pose = this._wanted;
-      if (pose === null || !this._isHeld) break;
-      this._wanted = null;
-      this._sentAt = performance.now();
-      await this._call(pose, durationOf(pose));
-    }
-    this._isSending = false;
-  }
-
-  _letGo() {
-    this._isHeld = false;
-    this._wake();
-    this._runsUntil = 0;
+  /** Forget all that was wanted: the robot may not be moved any more. */
+  #drop() {
+    this.#state.change("dropped");
+    this.#played.wake();
+    this.#runsUntil = 0;
     running.value = null;
-    this._wanted = null;
+    this.#latest.drop();
     targets.value = {};
-    if (!isMine.peek()) this._beats.stop();
+    if (!isMine.peek()) this.#beats.stop();
   }
 
   /** @param {unknown} error */
-  _refused(error) {
+  #refuse(error) {
     if (error instanceof RequestError) refusal.value = error.message;
-    this.end(); // what was moved before does not go on
+    this.end(); // earlier movements do not go on
   }
 }
 
