@@ -20,7 +20,7 @@ from benchmarks.measuring import Result, table
 from servolink.client.board import Board
 from servolink.project.transfer.read import Content
 from servolink.project.transfer.writing import writes
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (
     DEEP_MAKES,

@@ -12,7 +12,7 @@ import sys
 from contextlib import AsyncExitStack
 from time import perf_counter
 
-from servolink.listeners.bridge import serve_network
+from servolink.listeners.forwarding import serve_network
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
 from servolink.protocol.parser import FrameParser

@@ -12,8 +12,8 @@ from pkgutil import walk_packages
 
 from servolink import cli
 from servolink.cli.command import Command
+from servolink.cli.command_line import WHOLE, parser_of
 from servolink.cli.index import PATH, IndexEntry, declared
-from servolink.cli.parser import WHOLE, parser_of
 
 _SEVERAL = {argparse.ZERO_OR_MORE, argparse.ONE_OR_MORE}
 

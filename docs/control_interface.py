@@ -16,7 +16,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect as types
 
-from servolink.control.faults import KINDS, REMEDIES, ErrorData, ErrorObject
+from servolink.control.error_codes import KINDS, REMEDIES, ErrorData, ErrorObject
 from servolink.control.greeting import VERSION, Greeting, Welcome
 from servolink.control.messages import CREDIT
 from servolink.control.notifications import NOTIFICATIONS

@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from servolink.client.alarms import Alarm as Alarm
     from servolink.client.alarms import RaisedAlarm as RaisedAlarm
     from servolink.client.board import Board as Board
+    from servolink.client.board_servos import Servo as Servo
+    from servolink.client.button_events import ButtonEvent as ButtonEvent
+    from servolink.client.button_events import ButtonEvents as ButtonEvents
     from servolink.client.connect import connect as connect
     from servolink.client.connect import reconnecting as reconnecting
-    from servolink.client.events import ButtonEvent as ButtonEvent
-    from servolink.client.events import ButtonEvents as ButtonEvents
     from servolink.client.playing import Playback as Playback
-    from servolink.client.servos import Servo as Servo
-    from servolink.client.watch import ServoReading as ServoReading
-    from servolink.client.watch import ServoReadings as ServoReadings
+    from servolink.client.servo_readings import ServoReading as ServoReading
+    from servolink.client.servo_readings import ServoReadings as ServoReadings
     from servolink.connection.stats import Stats as Stats
     from servolink.discovery.search import discover as discover
     from servolink.errors import AmbiguousName as AmbiguousName
@@ -102,8 +102,8 @@ else:
         "BoardProfile": "servolink.profiles.profile",
         "build_project": "servolink.project.build",
         "Button": "servolink.protocol.records",
-        "ButtonEvent": "servolink.client.events",
-        "ButtonEvents": "servolink.client.events",
+        "ButtonEvent": "servolink.client.button_events",
+        "ButtonEvents": "servolink.client.button_events",
         "Codec": "servolink.protocol.codec",
         "connect": "servolink.client.connect",
         "ConnectionLost": "servolink.errors",
@@ -152,12 +152,12 @@ else:
         "run": "servolink.script",
         "save_project": "servolink.project.project_file",
         "scale_project": "servolink.project.adjust",
-        "Servo": "servolink.client.servos",
+        "Servo": "servolink.client.board_servos",
         "ServolinkError": "servolink.errors",
         "SeveralBoards": "servolink.errors",
         "ServoParameter": "servolink.protocol.records",
-        "ServoReading": "servolink.client.watch",
-        "ServoReadings": "servolink.client.watch",
+        "ServoReading": "servolink.client.servo_readings",
+        "ServoReadings": "servolink.client.servo_readings",
         "Stats": "servolink.connection.stats",
         "Step": "servolink.protocol.records",
         "TargetNotReached": "servolink.errors",

@@ -58,7 +58,7 @@ OUTSIDE_WORLD = {
 }
 """Modules for which a part that is passed bytes and times has no use."""
 SERVING = {
-    "servolink.usbip.server",
+    "servolink.usbip.usbip_server",
     "servolink.virtual.serve",
     "servolink.virtual.transport",
 }

@@ -91,7 +91,7 @@ def test_development_mode_shows_the_traceback(tmp_path: Path) -> None:
     code, _, err = run(tmp_path, program, "-X", "dev")
     assert code == 1
     assert "Traceback" in err
-    assert "servolink/client/servos.py" in err.replace("\\", "/")
+    assert "servolink/client/board_servos.py" in err.replace("\\", "/")
 
 
 def test_a_board_that_sends_terminal_codes_does_not_reach_the_terminal(tmp_path: Path) -> None:

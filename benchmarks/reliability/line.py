@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from random import Random
 
-from servolink.transports.faults import Faults, LineFaults
+from servolink.transports.line_faults import Faults, LineFaults
 
 STALL = 0.3
 """Seconds for which a stalled program does nothing."""

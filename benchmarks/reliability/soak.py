@@ -17,7 +17,7 @@ from benchmarks.reliability.history import DirectTransport
 from benchmarks.reliability.line import Line, bit_errors
 from benchmarks.reliability.process import Held, slope
 from benchmarks.reliability.stage import Scene, Stage
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.transports.serial import SerialTransport
 
 LINE = Line(

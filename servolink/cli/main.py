@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from servolink.cli.parser import parser_of
+from servolink.cli.command_line import parser_of
 from servolink.cli.screen.output import (
     fail,
     flush_stderr,

@@ -7,9 +7,9 @@ from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from servolink.client.names import Targets
+from servolink.client.board_servos import Servo, ServoController
+from servolink.client.captions import Targets
 from servolink.client.raw_packets import RawPackets
-from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
@@ -46,12 +46,12 @@ if TYPE_CHECKING:  # imported when they are first used, which most of them are i
     from pathlib import Path
 
     from servolink.client.alarms import Alarm
-    from servolink.client.events import ButtonEvents, ButtonSubscription
+    from servolink.client.board_records import RecordStore
+    from servolink.client.button_events import ButtonEvents, ButtonSubscription
     from servolink.client.playing import Playback, Playing
     from servolink.client.projects import ProjectTransfers
-    from servolink.client.records import RecordStore
+    from servolink.client.servo_readings import ServoReadings, ServoWatch
     from servolink.client.stored_runs import StoredRuns
-    from servolink.client.watch import ServoReadings, ServoWatch
     from servolink.profiles.profile import ProfileInUse
     from servolink.project.model import Project
 
@@ -107,19 +107,19 @@ class Board:
 
     @cached_property
     def _records(self) -> RecordStore:
-        from servolink.client.records import RecordStore
+        from servolink.client.board_records import RecordStore
 
         return RecordStore(self._session)
 
     @cached_property
     def _buttons(self) -> ButtonSubscription:
-        from servolink.client.events import ButtonSubscription
+        from servolink.client.button_events import ButtonSubscription
 
         return ButtonSubscription(self._session)
 
     @cached_property
     def _watch(self) -> ServoWatch:
-        from servolink.client.watch import ServoWatch
+        from servolink.client.servo_readings import ServoWatch
 
         return ServoWatch(self._session, self._servos)
 
@@ -285,7 +285,7 @@ class Board:
         of the given alarms were raised. An alarm with `stops` stops all servos at once.
         """
         from servolink.client.alarms import checked_alarms
-        from servolink.client.watch import ServoReadings
+        from servolink.client.servo_readings import ServoReadings
 
         return ServoReadings(self._watch, as_number(hz), checked_alarms(alarms))
 
@@ -500,7 +500,7 @@ class Board:
 
         Up to `limit` unread events are kept; the oldest are dropped and counted.
         """
-        from servolink.client.events import ButtonEvents
+        from servolink.client.button_events import ButtonEvents
 
         return ButtonEvents(self._buttons, limit)
 

@@ -6,10 +6,10 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from servolink.client.servos import Servo
+from servolink.client.board_servos import Servo
 from servolink.errors import MotionRefused, NotFound, RequestError
 from servolink.project.model import Project
-from servolink.project.records import name_of
+from servolink.project.record_lookup import name_of
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
 from servolink.protocol.records import MAX_NESTING, Action, Macro
 

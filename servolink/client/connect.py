@@ -29,7 +29,7 @@ from servolink.transports.registry import create
 
 if TYPE_CHECKING:  # loaded on use: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
-    from servolink.control.share import ShareTransport
+    from servolink.control.share_address import ShareTransport
     from servolink.profiles.profile import BoardProfile, ProfileInUse
 
 _HOW = (
@@ -335,7 +335,7 @@ def _hub_on(transport: Transport) -> ShareTransport | None:
     """Return the transport if a hub is at the other end."""
     if not getattr(transport, "is_shared", False):
         return None
-    from servolink.control.share import ShareTransport  # late: most boards are not shared
+    from servolink.control.share_address import ShareTransport  # late: most boards are not shared
 
     return transport if isinstance(transport, ShareTransport) else None
 

@@ -16,7 +16,7 @@ from servolink.control.channel import open_channel
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, RefusedNotice
 from servolink.control.roles import Role, needed_role
-from servolink.control.share import ShareTransport
+from servolink.control.share_address import ShareTransport
 from servolink.control.status import BoardState, HoldStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected
 from servolink.escaping import escape

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
+from servolink.client.board_servos import ServoController
 from servolink.client.collect import collect
 from servolink.client.projects import check_project
-from servolink.client.servos import ServoController
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
 from servolink.connection.gates import UnitsChanged
@@ -67,7 +67,7 @@ class Playing:
         self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
     ) -> float:
         """Play a record and return its duration in seconds (see `Board.play`)."""
-        from servolink.project.records import by_type, find
+        from servolink.project.record_lookup import by_type, find
 
         check_project(project)
         ticket = self._session.ticket()
@@ -94,7 +94,7 @@ class Playing:
     async def _playable(self, stored: Project, record: Any) -> RecordRun:
         """Return the run of a record. Raise EncodeError or RequestError for an unplayable or endless run."""
         from servolink.client.collect import check_can_wait
-        from servolink.project.records import name_of
+        from servolink.project.record_lookup import name_of
         from servolink.project.speed import RecordRun
 
         for one in (*stored.actions, *stored.macros):
@@ -118,7 +118,7 @@ class Playing:
 
     def _check_values(self, record: Any) -> None:
         """Raise EncodeError for values out of range; the caption is not sent."""
-        from servolink.project.records import name_of, with_caption
+        from servolink.project.record_lookup import name_of, with_caption
 
         kind: RecordType[Any] = type_of(record)
         try:
@@ -157,7 +157,7 @@ class _Player:
 
     def lost(self, error: ConnectionLost) -> ConnectionLost:
         """Return the error of a run whose connection was lost, with the first cause."""
-        from servolink.project.records import name_of
+        from servolink.project.record_lookup import name_of
 
         cause = self._connection.ended or error
         if self._has_begun:
@@ -196,7 +196,7 @@ class _Player:
         try:
             await self._connection.send(movement, ticket=self._ticket)
         except UnitsChanged:
-            from servolink.project.records import name_of
+            from servolink.project.record_lookup import name_of
 
             raise RequestError(
                 f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played", movement
@@ -225,7 +225,7 @@ class _Player:
             self._due = max(self._due, loop.time())
 
     def _check(self) -> None:
-        from servolink.project.records import name_of
+        from servolink.project.record_lookup import name_of
 
         self._session.check_goes_on(name_of(self._run.record), self.latest, self._ticket)
 

@@ -34,7 +34,7 @@ class ProjectTransfers:
 
     async def plan(self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback) -> Plan:
         """Return the changes of an `apply` (see `Board.plan_project`)."""
-        from servolink.project.transfer.plan import plan_project
+        from servolink.project.transfer.import_plan import plan_project
 
         check_project(project)
         board = self._pinned()
@@ -58,8 +58,8 @@ class ProjectTransfers:
         on_progress: ProgressCallback,
     ) -> ApplyResult:
         """Make the board hold exactly `project` (see `Board.apply_project`)."""
-        from servolink.project.transfer.apply import apply_project
         from servolink.project.transfer.backups import BackupStore
+        from servolink.project.transfer.importing import apply_project
 
         check_project(project)
         board, store = self._pinned(), BackupStore(folder)
@@ -78,8 +78,8 @@ class ProjectTransfers:
         self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback
     ) -> ApplyResult:
         """Write a backup to the board (see `Board.rollback_project`)."""
-        from servolink.project.transfer.apply import roll_back
         from servolink.project.transfer.backups import BackupStore
+        from servolink.project.transfer.importing import roll_back
 
         board, store = self._pinned(), BackupStore(folder)
         async with self._session.transfer("a backup is being restored", moves=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from servolink.client.servos import ServoController
+from servolink.client.board_servos import ServoController
 from servolink.client.session import Session
 from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits

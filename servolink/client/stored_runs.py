@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable, Mapping
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
+from servolink.client.board_records import RecordStore
+from servolink.client.board_servos import Servo, ServoController
 from servolink.client.collect import check_can_wait, collect
-from servolink.client.records import RecordStore
-from servolink.client.servos import Servo, ServoController
 from servolink.client.session import Session
 from servolink.connection.explain import described
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, TargetNotReached
@@ -19,7 +19,7 @@ from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
 from servolink.numeric import check_seconds
 from servolink.project.model import Project
-from servolink.project.records import name_of
+from servolink.project.record_lookup import name_of
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType

@@ -12,11 +12,11 @@ import msgspec
 from msgspec import UNSET, Raw, Struct, UnsetType
 
 from servolink import errors
-from servolink.control.faults import ErrorObject
+from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ProgressNotice
 from servolink.control.pending import PendingCalls
-from servolink.control.share import greet
+from servolink.control.share_address import greet
 from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
 

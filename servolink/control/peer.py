@@ -19,7 +19,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_
 import msgspec
 from msgspec import Struct
 
-from servolink.control.faults import Code, RpcError, error_object, is_defect
+from servolink.control.error_codes import Code, RpcError, error_object, is_defect
 from servolink.errors import EncodeError
 from servolink.escaping import escape, quote
 from servolink.json_text import read_json

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from servolink.control.faults import error_object
+from servolink.control.error_codes import error_object
 from servolink.control.peer import encode
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubError

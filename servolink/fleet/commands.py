@@ -18,7 +18,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import msgspec
 from msgspec import Raw
 
-from servolink.control.faults import Code, RpcError
+from servolink.control.error_codes import Code, RpcError
 from servolink.control.roles import Role
 from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
 from servolink.escaping import escape, quote

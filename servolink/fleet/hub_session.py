@@ -8,7 +8,7 @@ import msgspec
 from msgspec import UNSET, Raw
 
 from servolink.control.channel import Reply, RpcChannel, open_channel
-from servolink.control.faults import ErrorObject
+from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.fleet.policy import BoardPolicy

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.control.faults import ErrorObject
+from servolink.control.error_codes import ErrorObject
 from servolink.control.messages import Done, Ran, Runnable
 from servolink.control.notifications import ButtonPressed, ServosFrame
 from servolink.control.roles import RoleName

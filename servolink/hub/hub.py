@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from msgspec import Struct
 
 from servolink.client.board import Board
-from servolink.client.events import ButtonEvent
+from servolink.client.button_events import ButtonEvent
 from servolink.control.notifications import ConnectionNow, HoldNotice, ProgramNotice, RefusedNotice
 from servolink.control.roles import Role
 from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus

@@ -10,7 +10,7 @@ from servolink.errors import ProjectError
 from servolink.escaping import escape, quote
 from servolink.numeric import as_number, is_number
 from servolink.project.model import Project
-from servolink.project.records import MAX_INTERVAL, by_servo, by_type, name_of, with_caption, with_records
+from servolink.project.record_lookup import MAX_INTERVAL, by_servo, by_type, name_of, with_caption, with_records
 from servolink.protocol.record_types import Record, type_of
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter, Step
 

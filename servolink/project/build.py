@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from servolink.errors import ProjectError
 from servolink.numeric import as_number
 from servolink.project.model import Project
-from servolink.project.records import by_servo, by_type, durations, free_id, name_of, with_id, with_records
+from servolink.project.record_lookup import by_servo, by_type, durations, free_id, name_of, with_id, with_records
 from servolink.project.validate import validate_project
 from servolink.protocol.record_types import RecordType, type_of
 from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter

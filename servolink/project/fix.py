@@ -10,7 +10,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import name_of, wrong_durations
+from servolink.project.record_lookup import name_of, wrong_durations
 from servolink.project.validate import duplicates, number_of
 from servolink.protocol.record_types import ACTION, STORED_TYPES, TABLE
 from servolink.protocol.records import ServoParameter

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, without_neutral
-from servolink.project.records import by_servo, by_type, free_id, name_of, with_id, with_records
+from servolink.project.record_lookup import by_servo, by_type, free_id, name_of, with_id, with_records
 from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, type_of
 from servolink.protocol.records import ServoParameter
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import (
+from servolink.project.record_lookup import (
     by_type,
     dependency_order,
     free_id,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
-from servolink.project.records import dependency_order, name_of, with_dependencies
+from servolink.project.record_lookup import dependency_order, name_of, with_dependencies
 from servolink.project.speed import RecordRun
 from servolink.project.validate import Diagnostic, duplicates, too_fast
 from servolink.protocol.record_types import ACTION, MACRO, Record

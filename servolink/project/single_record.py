@@ -12,7 +12,7 @@ from servolink.escaping import escape
 from servolink.project.build import extend_project, refuse_new_errors
 from servolink.project.merge import merge_projects
 from servolink.project.model import Project
-from servolink.project.records import by_type, name_of, with_dependencies, with_id, with_records, wrong_durations
+from servolink.project.record_lookup import by_type, name_of, with_dependencies, with_id, with_records, wrong_durations
 from servolink.protocol.record_types import RECORD_TYPES, TABLE, Record, RecordType, type_of
 from servolink.protocol.records import Macro
 

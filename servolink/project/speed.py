@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from servolink.motion.limits import degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project
-from servolink.project.records import dependency_order, name_of
+from servolink.project.record_lookup import dependency_order, name_of
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
 

@@ -13,7 +13,7 @@ from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.project.model import Project, is_unfinished
-from servolink.project.records import dependency_levels, dependency_order, name_of, total_size, wrong_durations
+from servolink.project.record_lookup import dependency_levels, dependency_order, name_of, total_size, wrong_durations
 from servolink.project.speed import servo_moves
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.json_errors import convert

@@ -11,7 +11,7 @@ from servolink.connection.taps import Tap
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.packet import Packet
 from servolink.recorder.channels import Event, Wire
-from servolink.recorder.packets import command_done
+from servolink.recorder.packet_messages import command_done
 from servolink.recorder.readings import ReadingsFeed, Take
 
 if TYPE_CHECKING:

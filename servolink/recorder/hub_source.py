@@ -11,12 +11,12 @@ from typing import Any
 import msgspec
 from msgspec import Raw
 
-from servolink.client.servos import Servo
+from servolink.client.board_servos import Servo
 from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.messages import Tapping
 from servolink.control.notifications import ServosFrame, TapFrame, TapItem
-from servolink.control.share import this_program
+from servolink.control.share_address import this_program
 from servolink.control.status import ServoNow
 from servolink.errors import DecodeError, RequestTimeout, ServolinkError
 from servolink.escaping import escape

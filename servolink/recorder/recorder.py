@@ -16,7 +16,7 @@ from msgspec.structs import force_setattr
 from servolink.client.alarms import Alarm
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.client.watch import MOST_HZ
+from servolink.client.servo_readings import MOST_HZ
 from servolink.discovery.hubs import hub_of
 from servolink.discovery.names import resolve_board
 from servolink.errors import RecordingError

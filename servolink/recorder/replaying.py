@@ -33,7 +33,7 @@ from servolink.recorder.conversation import Asked, Conversation, Said, decoded, 
 from servolink.recorder.mcap_reader import MAGIC
 from servolink.recorder.reading import Recording
 from servolink.recorder.story import asked as in_words
-from servolink.transports import recording as text_recording
+from servolink.transports import line_recording as text_recording
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import BaseTransport

@@ -14,7 +14,7 @@ from servolink.recorder.backlog import Backlog, Timed
 from servolink.recorder.channels import TOPICS, Message, ProblemFound, Recorded, Wire, decode, encode
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import McapStream
-from servolink.recorder.packets import PacketStream
+from servolink.recorder.packet_messages import PacketStream
 from servolink.recorder.recording_file import Disk, RecordingFile
 
 CHUNK_SECONDS = 1.0

@@ -7,7 +7,7 @@ from typing import Literal
 
 from msgspec import Struct
 
-from servolink.control.faults import Code, RpcError
+from servolink.control.error_codes import Code, RpcError
 from servolink.control.messages import NoParams
 from servolink.control.roles import Role
 from servolink.discovery.search import boards, search
@@ -16,7 +16,7 @@ from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.system import SystemFacts
 from servolink.errors import InvalidAddress
 from servolink.studio.links import LinkAddress, LinkRole
-from servolink.studio.methods import METHODS, PageCaller
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 _OF_THE_HUB = "in use"
 

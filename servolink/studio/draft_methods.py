@@ -12,7 +12,7 @@ from servolink.control.messages import NoParams
 from servolink.control.roles import Role
 from servolink.errors import ProjectError
 from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
-from servolink.studio.methods import METHODS, PageCaller, Studio
+from servolink.studio.studio_methods import METHODS, PageCaller, Studio
 
 _LOOK = 0.5  # seconds between two looks at what other studios keep
 

@@ -18,7 +18,7 @@ from servolink.files import read_file, reason, user_folder, write_atomically
 from servolink.json_text import MAX_SIZE, read_json
 from servolink.project.figure import Figure, checked_figure, figure_from_json, figure_to_json
 from servolink.studio.drafts import file_name
-from servolink.studio.methods import METHODS, PageCaller
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 _logger = logging.getLogger(__name__)
 

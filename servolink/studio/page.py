@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.peer import MOST_BYTES, Peer
 from servolink.control.roles import Role, RoleName
-from servolink.control.share import greet
+from servolink.control.share_address import greet
 from servolink.errors import OpenError
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
@@ -26,7 +26,7 @@ from servolink.studio import (  # they add their methods
     recording_methods,
 )
 from servolink.studio.gate import Gate
-from servolink.studio.methods import METHODS, MOST_NAME, PageCaller, Studio
+from servolink.studio.studio_methods import METHODS, MOST_NAME, PageCaller, Studio
 
 __all__ = [
     "MOST_MESSAGE",

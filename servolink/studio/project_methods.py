@@ -17,7 +17,7 @@ from servolink.project.preflight import preflight
 from servolink.project.project_file import format_project, parse_project_file, project_from_form, project_to_form
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import Diagnostic, validate_project
-from servolink.studio.methods import METHODS, PageCaller
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 
 class FileText(Struct, forbid_unknown_fields=True):

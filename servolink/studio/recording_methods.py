@@ -9,10 +9,10 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.faults import Code, RpcError
+from servolink.control.error_codes import Code, RpcError
 from servolink.control.roles import Role
 from servolink.files import open_file, reason, user_folder
-from servolink.studio.methods import METHODS, PageCaller
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 _PIECE = 256 * 1024
 _NAME = re.compile(r"[\w][\w.-]{0,120}\.mcap", re.ASCII)

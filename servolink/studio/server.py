@@ -19,10 +19,10 @@ from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.drafts import file_name
-from servolink.studio.files import PageFile, page_files
 from servolink.studio.gate import Gate
-from servolink.studio.methods import Studio
 from servolink.studio.page import MOST_MESSAGE, serve_page
+from servolink.studio.page_files import PageFile, page_files
+from servolink.studio.studio_methods import Studio
 
 HEADERS = {
     # Forbids other origins, inline code and frames.

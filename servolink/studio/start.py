@@ -14,7 +14,7 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.control.greeting import Greeting
-from servolink.control.share import greet
+from servolink.control.share_address import greet
 from servolink.discovery import hubs
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, search
@@ -22,7 +22,7 @@ from servolink.files import user_folder
 from servolink.hub import serve_board
 from servolink.project.project_file import parse_project
 from servolink.protocol.record_types import RECORD_TYPES
-from servolink.studio.methods import Studio
+from servolink.studio.studio_methods import Studio
 
 VIRTUAL = "virtual://?servos=16"
 _SHARED = "share://"

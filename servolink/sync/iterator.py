@@ -10,9 +10,9 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from servolink.client import events, watch
+from servolink.client import button_events, servo_readings
 from servolink.client.readers import SharedIterator
-from servolink.client.watch import ServoReading
+from servolink.client.servo_readings import ServoReading
 from servolink.errors import ServolinkError
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.sync.loop_thread import LoopThread
@@ -127,7 +127,7 @@ class ServoReadings(BlockingIterator[ServoReading]):
     A program that is too slow gets the latest reading, and `missed` counts the others.
     """
 
-    _source: watch.ServoReadings
+    _source: servo_readings.ServoReadings
 
     def __repr__(self) -> str:
         """Return rate and state, such as `<ServoReadings at 50 Hz, reading>`."""
@@ -145,7 +145,7 @@ class ButtonEvents(BlockingIterator[ButtonEventResponse]):
     A reader that is too slow loses its oldest events; `dropped` counts them.
     """
 
-    _source: events.ButtonEvents
+    _source: button_events.ButtonEvents
 
     @property
     def dropped(self) -> int:

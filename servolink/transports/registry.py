@@ -34,7 +34,7 @@ _KINDS = {
     "tcp": _Kind("servolink.transports.stream", "from_address"),
     "hid": _Kind("servolink.transports.hid", "from_address", "hidapi"),
     "usb": _Kind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
-    "share": _Kind("servolink.control.share", "from_address"),
+    "share": _Kind("servolink.control.share_address", "from_address"),
     "memory": _Kind("servolink.transports.memory", "from_address"),
     "replay": _Kind("servolink.recorder.replaying", "from_address"),
     "virtual": _Kind("servolink.virtual.transport", "from_address"),

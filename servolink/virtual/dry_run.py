@@ -13,7 +13,7 @@ from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.servo import SimulatedServo
+from servolink.virtual.simulated_servo import SimulatedServo
 
 LONGEST = 600.0
 """Seconds after which a play is cut off."""

@@ -18,7 +18,7 @@ from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, Recor
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.player import is_playable
-from servolink.virtual.servo import SimulatedServo
+from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import servo_parameters
 
 Response = Packet | bytes | bool | None

@@ -12,7 +12,7 @@ from servolink.protocol.codec import Codec
 from servolink.virtual.buttons import Buttons
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.player import Player
-from servolink.virtual.servo import SimulatedServo
+from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
 MAX_SERVOS = 254

@@ -14,7 +14,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import MAX_NESTING, Action, Macro, MacroCommandType, MacroPlaying, Step
 from servolink.virtual.kind import INTERVAL_UNIT
-from servolink.virtual.servo import SimulatedServo
+from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
 # A macro can have billions of commands that take no time, and its host can sleep for hours while it runs. After so much

@@ -7,13 +7,13 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, contextmanager
 from itertools import count
 
-from servolink.listeners.bridge import serve_network, serve_terminal
+from servolink.listeners.forwarding import serve_network, serve_terminal
 from servolink.listeners.tcp import host_and_port
 from servolink.protocol.frame import MAGIC
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.usbip.device import Pipe, UsbDevice
-from servolink.usbip.server import UsbIpServer, serve_usbip
+from servolink.usbip.usbip_server import UsbIpServer, serve_usbip
 from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.transport import BoardDriver, FaultyVirtualTransport, VirtualTransport
 

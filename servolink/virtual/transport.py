@@ -11,8 +11,8 @@ from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
-from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import BaseTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
 from servolink.virtual.kind import OPTIONS, BoardKind

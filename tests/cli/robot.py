@@ -20,9 +20,9 @@ from servolink.client.connect import connect
 from servolink.errors import OpenError
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.script import parse_script
+from servolink.virtual.board_script import parse_script
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport
 from tests.cli.programs import Said, call
 from tests.virtual_time import VirtualTimeLoop

@@ -26,7 +26,7 @@ def test_a_command_is_declared_where_the_index_says(name: str) -> None:
 def test_a_command_imports_no_other(tmp_path: object) -> None:
     code = (
         "import sys\n"
-        "from servolink.cli.parser import parser_of\n"
+        "from servolink.cli.command_line import parser_of\n"
         "parser_of().parse_args(['stop'])\n"
         "print(*(name for name in sys.modules if name.startswith('servolink.cli.')))"
     )

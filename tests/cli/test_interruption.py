@@ -13,7 +13,7 @@ from servolink.platforms.signals import ENDING
 from servolink.project.build import build_project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from tests import processes
 from tests.cli.conftest import Addresses
 from tests.cli.programs import environment, finished, in_terminal, patient

@@ -17,8 +17,8 @@ import pytest
 
 import servolink
 from servolink.__main__ import interrupt, main
+from servolink.cli.command_line import EXIT_CODES
 from servolink.cli.index import below
-from servolink.cli.parser import EXIT_CODES
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
 
@@ -315,7 +315,14 @@ sys.exit(main(sys.argv[2:]))
 
 @pytest.mark.parametrize(
     "module",
-    ["argparse", "servolink.cli", "servolink.cli.main", "servolink.cli.parser", "servolink.cli.boards.find", "asyncio"],
+    [
+        "argparse",
+        "servolink.cli",
+        "servolink.cli.main",
+        "servolink.cli.command_line",
+        "servolink.cli.boards.find",
+        "asyncio",
+    ],
 )
 def test_ctrl_c_while_it_starts_prints_nothing(module: str) -> None:
     ran = processes.run(
@@ -341,7 +348,7 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
-@pytest.mark.parametrize("module", ["servolink.cli.parser", "msgspec"])
+@pytest.mark.parametrize("module", ["servolink.cli.command_line", "msgspec"])
 def test_ctrl_c_in_an_import_that_ignores_it_ends_the_command(module: str) -> None:
     command = [sys.executable, "-c", SWALLOWED_INTERRUPTION, module, "-b", "virtual://", "info"]
     ran = processes.run(command, env=environment())

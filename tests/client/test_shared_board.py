@@ -33,8 +33,8 @@ from servolink.errors import (
 from servolink.hub.hub import Hub
 from servolink.hub.methods.session import ControlInterface
 from servolink.project.model import Project
-from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.importing import backup_for
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionListRequest
 from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
 from servolink.virtual.kind import BoardKind

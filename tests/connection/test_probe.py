@@ -10,7 +10,7 @@ from servolink.doctor.line_quality import REQUESTS, LineCounts, check_line, meas
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import run

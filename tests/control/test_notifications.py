@@ -6,7 +6,7 @@ import msgspec
 import pytest
 from msgspec import Struct
 
-from servolink.control.faults import ErrorData, ErrorObject
+from servolink.control.error_codes import ErrorData, ErrorObject
 from servolink.control.greeting import Welcome
 from servolink.control.notifications import NAMES, NOTIFICATIONS, LeaseNotice
 from servolink.control.status import BoardState, HoldStatus, HubStatus, LeaseStatus, ProgramStatus, ServoNow

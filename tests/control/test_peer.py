@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from msgspec import Meta, Struct
 
 from servolink.control import peer
-from servolink.control.faults import Code
+from servolink.control.error_codes import Code
 from servolink.control.peer import MOST_BEGUN, MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
 from servolink.control.roles import Role
 from servolink.errors import MotionRefused, NotFound

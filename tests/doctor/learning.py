@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from servolink import Action, Macro, MacroCommand, ServoParameter, Step, connect
-from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
+from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_queries import make_contact
 from servolink.profiles.profile import Measured
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.codec import Codec
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.storage import Contents

@@ -11,7 +11,7 @@ from servolink.errors import OpenError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryMacroRequest
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind

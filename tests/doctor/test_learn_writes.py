@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink import connect
-from servolink.doctor.learn import learn_by_asking, learn_by_writing
+from servolink.doctor.learn_board import learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_queries import make_contact
 from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkError
@@ -18,7 +18,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.record_types import ACTION, STORED_TYPES
 from servolink.protocol.settings import ClearAllDataRequest
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind

@@ -23,8 +23,8 @@ from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.profiles.store import profile_path, save_profile
 from servolink.protocol.codec import Codec
 from servolink.transports.base import Receiver
-from servolink.transports.faults import Faults
 from servolink.transports.lifecycle import WrappedTransport
+from servolink.transports.line_faults import Faults
 from servolink.virtual import transport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport

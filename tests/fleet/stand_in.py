@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from servolink.control.faults import ErrorData, ErrorObject
+from servolink.control.error_codes import ErrorData, ErrorObject
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received

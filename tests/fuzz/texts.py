@@ -17,12 +17,12 @@ from servolink.project.project_file import format_project, parse_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults, LineFaults
-from servolink.transports.recording import ReplayTransport
+from servolink.transports.line_faults import Faults, LineFaults
+from servolink.transports.line_recording import ReplayTransport
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.board_script import parse_script
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.script import parse_script
 from servolink.virtual.state_file import load_state, save_state
 from tests.fuzz.errors import check
 

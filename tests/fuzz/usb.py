@@ -6,10 +6,10 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from servolink.errors import DecodeError
-from servolink.usbip import messages
+from servolink.usbip import usbip_messages
 from servolink.usbip.device import MAX_WAITING, UsbDevice
 from servolink.usbip.endpoint import Urb
-from servolink.usbip.messages import COMMAND_SIZE, OPENING_SIZE
+from servolink.usbip.usbip_messages import COMMAND_SIZE, OPENING_SIZE
 from servolink.virtual.board import VirtualBoard
 from tests.fuzz.recipes import Cursor, made
 
@@ -27,7 +27,7 @@ def check_device(data: bytes) -> None:
         pipe.receive = _hearing(board, pipe.send)
     submitted = 0
     with suppress(DecodeError):
-        messages.parse_opening(cursor.take(OPENING_SIZE))
+        usbip_messages.parse_opening(cursor.take(OPENING_SIZE))
     while cursor.left:
         try:
             submitted += _obey(device, cursor)
@@ -49,7 +49,7 @@ def _obey(device: UsbDevice, cursor: Cursor) -> int:
         device.unlink(cursor.byte())
         return 0
     if kind >= 128:
-        command = messages.parse_command(cursor.take(COMMAND_SIZE))
+        command = usbip_messages.parse_command(cursor.take(COMMAND_SIZE))
         if not isinstance(command, Urb):
             device.unlink(command.number)
             return 0

@@ -15,7 +15,7 @@ from servolink.project.project_file import load_project
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.frame import HEADER_SIZE
-from servolink.transports.recording import RecordingTransport
+from servolink.transports.line_recording import RecordingTransport
 from servolink.transports.registry import create
 from tests.cli.programs import in_terminal
 from tests.cli.terminals import ESCAPE, in_pipe

@@ -14,18 +14,18 @@ from servolink.errors import ServolinkError
 from servolink.listeners.tcp import host_and_port
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, parse_project, save_project
-from servolink.project.records import find
+from servolink.project.record_lookup import find
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionResponse
 from servolink.protocol.json_form import packet_from_json
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import Action
 from servolink.transports.address import Address
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.board_script import parse_script
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.script import parse_script
 from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import VirtualTransport
 from tests.hostile.calls import PROJECT

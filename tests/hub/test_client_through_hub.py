@@ -9,14 +9,14 @@ import pytest
 
 from tests.client import (
     fake_board,
+    test_angle_units,
     test_arriving,
+    test_board_servos,
+    test_captions,
     test_limited_runs,
-    test_names,
     test_new_records,
     test_playing,
-    test_servos,
     test_soft_start,
-    test_units,
     test_waiting,
 )
 from tests.hub.through_hub import connect_through_hub
@@ -24,12 +24,12 @@ from tests.hub.through_hub import connect_through_hub
 MODULES = (
     test_arriving,
     test_limited_runs,
-    test_names,
+    test_captions,
     test_new_records,
     test_playing,
-    test_servos,
+    test_board_servos,
     test_soft_start,
-    test_units,
+    test_angle_units,
     test_waiting,
 )
 ONLY_DIRECT = {

@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.control import share
+from servolink.control import share_address
 from servolink.control.greeting import MOST_GREETING, Greeting
-from servolink.control.share import this_program
+from servolink.control.share_address import this_program
 from servolink.errors import OpenError
 from servolink.hub.doors import socket_door
 from servolink.hub.hub import Hub
@@ -175,7 +175,7 @@ def test_a_cancelled_greeting_leaves_nothing(folder: Path) -> None:
 
 
 def test_a_hub_that_says_nothing_is_given_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(share, "_WELCOME_LIMIT", 0.1)
+    monkeypatch.setattr(share_address, "_WELCOME_LIMIT", 0.1)
 
     async def main() -> None:
         folder.mkdir(mode=0o700)
@@ -230,7 +230,7 @@ def test_a_program_says_who_it_is(words: list[str], who: str, monkeypatch: pytes
 @pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.slow)])
 def test_many_programs_are_served_at_the_same_time(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # Both sides share a processor, and perhaps a busy one.
-    monkeypatch.setattr(share, "_WELCOME_LIMIT", LIMIT)
+    monkeypatch.setattr(share_address, "_WELCOME_LIMIT", LIMIT)
     monkeypatch.setattr(socket_door, "GREETING_LIMIT", LIMIT)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:

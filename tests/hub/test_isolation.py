@@ -40,7 +40,7 @@ from servolink.protocol.servos import (
 )
 from servolink.protocol.settings import SendDummyDataRequest
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.servo import to_adc
+from servolink.virtual.simulated_servo import to_adc
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
 from tests.client.sockets import Socket

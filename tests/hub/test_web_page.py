@@ -12,7 +12,7 @@ import pytest
 
 from servolink.hub.doors.network import tcp_door
 from servolink.hub.hub import Hub
-from servolink.listeners.bridge import listen
+from servolink.listeners.forwarding import listen
 from servolink.protocol.codec import Codec
 from servolink.protocol.servos import QueryServoListRequest
 from servolink.virtual.board import VirtualBoard

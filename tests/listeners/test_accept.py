@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from servolink.listeners import accept
-from servolink.listeners.bridge import listen
+from servolink.listeners.forwarding import listen
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from servolink.transports.registry import create
 from servolink.transports.stream import keep_alive

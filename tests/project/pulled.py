@@ -26,7 +26,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.transports.base import Transport
-from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind, Clear, OnDuplicate, UnknownIds
 from servolink.virtual.storage import AnyType, Contents

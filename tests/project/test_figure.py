@@ -33,7 +33,7 @@ from servolink.project.project_file import (
     save_project,
 )
 from servolink.protocol.records import Action, Step
-from servolink.studio.files import page_files
+from servolink.studio.page_files import page_files
 from tests.cli.programs import call
 from tests.project.test_file import ROBOT, TEXT
 

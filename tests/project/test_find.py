@@ -8,7 +8,7 @@ import pytest
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.records import find
+from servolink.project.record_lookup import find
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import Action, Macro
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE

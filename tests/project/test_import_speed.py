@@ -12,7 +12,7 @@ from benchmarks import import_speed
 from benchmarks.import_speed import CDC, FEW, FTDI, GOALS, SERIAL, BoardLine, Case
 from benchmarks.wire import Line
 from servolink.client.connect import connect
-from servolink.project.transfer.plan import Cost, estimated_seconds
+from servolink.project.transfer.import_plan import Cost, estimated_seconds
 from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import ACTION
 from servolink.virtual.board import VirtualBoard

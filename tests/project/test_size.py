@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.project.model import Project
-from servolink.project.records import total_size
+from servolink.project.record_lookup import total_size
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.frame import OVERHEAD

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.project.records import MAX_INTERVAL, dependency_order, durations
+from servolink.project.record_lookup import MAX_INTERVAL, dependency_order, durations
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER_SIZE
 from servolink.protocol.record_types import ACTION, MACRO, RecordType

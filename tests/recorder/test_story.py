@@ -15,9 +15,9 @@ from servolink.recorder.channels import (
     ServoState,
 )
 from servolink.recorder.reading import Entry
+from servolink.recorder.recording_summary import Summary
 from servolink.recorder.round_trips import Times
 from servolink.recorder.story import Story, StoryRow
-from servolink.recorder.summary import Summary
 
 ASK = PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 3}, 10)
 ANSWER = PacketSeen("received", 20021, "QueryServoResponse", {"servos": [{"servo_id": 3}]}, 30)

@@ -14,8 +14,8 @@ from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.lifecycle import WrappedTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import contents_of

@@ -10,7 +10,7 @@ import pytest
 
 from servolink.project.model import Project
 from servolink.project.project_file import project_to_form
-from servolink.project.records import durations, wrong_durations
+from servolink.project.record_lookup import durations, wrong_durations
 from servolink.project.speed import RecordRun
 from servolink.protocol.json_form import record_from_json, record_to_json
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, MacroPlaying, Step

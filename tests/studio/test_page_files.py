@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from servolink.doctor import environment, permissions
-from servolink.studio.files import page_files
+from servolink.studio.page_files import page_files
 from tests.studio.vendor import VENDOR, sha256
 from tests.syntax import tree_of
 

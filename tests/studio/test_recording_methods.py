@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.control.faults import Code
+from servolink.control.error_codes import Code
 from servolink.control.roles import RoleName
 from tests.studio.serving import Place, call, run, welcomed
 

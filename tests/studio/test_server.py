@@ -13,9 +13,9 @@ from servolink.errors import OpenError
 from servolink.files import user_folder
 from servolink.hub.serving import serve_board
 from servolink.studio import draft_methods
-from servolink.studio.methods import Studio
 from servolink.studio.server import HEADERS, keep_port, last_ports, serve_studio
 from servolink.studio.start import VIRTUAL, studio_for
+from servolink.studio.studio_methods import Studio
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
 from tests.studio.serving import LIMIT, Place, call, run, welcomed

@@ -16,9 +16,9 @@ import servolink
 import servolink.sync
 from servolink import Servo
 from servolink.client.board import Board
-from servolink.client.events import ButtonSubscription
+from servolink.client.button_events import ButtonSubscription
+from servolink.client.servo_readings import ServoWatch
 from servolink.client.session import Session
-from servolink.client.watch import ServoWatch
 from servolink.errors import ConnectionLost, NotFound, OpenError, RequestTimeout
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse

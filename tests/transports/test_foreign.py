@@ -11,9 +11,9 @@ from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, OpenError
 from servolink.protocol.servos import QueryServoRequest
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import BaseTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
 from tests.transports.wires import Ear

@@ -24,10 +24,10 @@ from servolink.files import user_folder
 from servolink.platforms.local_sockets import socket_folder, socket_path
 from servolink.transports.base import Transport
 from servolink.transports.device_info import PortIdentity
-from servolink.transports.faults import Faults, FaultyTransport
 from servolink.transports.hid import HidDevice
+from servolink.transports.line_faults import Faults, FaultyTransport
+from servolink.transports.line_recording import RecordingTransport
 from servolink.transports.memory import MemoryTransport
-from servolink.transports.recording import RecordingTransport
 from servolink.transports.registry import create
 from servolink.transports.threaded import Device, DeviceTransport
 from servolink.transports.usb import BulkDevice

@@ -21,9 +21,9 @@ from servolink.protocol.editing import WriteProjectIDRequest
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.usbip import device, messages, server
+from servolink.usbip import device, usbip_messages, usbip_server
 from servolink.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
-from servolink.usbip.server import UsbIpServer
+from servolink.usbip.usbip_server import UsbIpServer
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.serve import serve, serve_usb_device
@@ -133,7 +133,7 @@ def test_reports_come_one_each_millisecond_as_on_a_bus_and_the_rest_before_one_i
             host.submit(HID_OUT, data=CODEC.encode(QueryServoRequest(255)).ljust(64, b"\0"))
             start = loop.time()
             said = [await host.next() for _ in range(20)]
-            assert loop.time() - start >= 18 * server.HID_INTERVAL
+            assert loop.time() - start >= 18 * usbip_server.HID_INTERVAL
             unlinked = host.unlink(reads[-1])
             said += [await host.next() for _ in range(22)]
             assert [each.number for each in said if each.number in reads] == reads
@@ -253,10 +253,10 @@ def command(kind: int, direction: int, endpoint: int, length: int, packets: int 
         command(1, 0, 200, 0),
         command(1, 0, 1, -1),
         command(1, 1, 4, -5),
-        command(1, 0, 1, messages.MAX_DATA + 1),
+        command(1, 0, 1, usbip_messages.MAX_DATA + 1),
         command(1, 1, 4, 64, packets=8),
         submit(5, BULK_IN, 64) * 2,
-        b"".join(submit(number, BULK_IN, 64) for number in range(server.MAX_OUTSTANDING + 1)),
+        b"".join(submit(number, BULK_IN, 64) for number in range(usbip_server.MAX_OUTSTANDING + 1)),
     ],
     ids=["command", "direction", "endpoint", "length", "room", "too-long", "isochronous", "number", "too-many"],
 )
@@ -277,7 +277,7 @@ def test_a_host_that_says_what_no_host_says_is_disconnected_and_the_next_one_ser
 
 
 def test_a_host_that_sends_and_never_reads_is_disconnected_at_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "MAX_HELD", 100_000)
+    monkeypatch.setattr(usbip_server, "MAX_HELD", 100_000)
 
     async def main() -> None:
         async with exported(VirtualBoard(servos=254)) as (place, usbip), attached(*place) as host:
@@ -314,7 +314,7 @@ def test_what_is_no_usbip_is_hung_up_on(said: bytes) -> None:
 
 
 def test_a_host_that_says_nothing_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "_OPENING_LIMIT", 0.01)
+    monkeypatch.setattr(usbip_server, "_OPENING_LIMIT", 0.01)
 
     async def main() -> None:
         async with exported() as (place, _):

@@ -32,8 +32,8 @@ from servolink.protocol.servos import QueryServoListRequest, QueryServoListRespo
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.board_script import PowerCycle, Push
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.script import PowerCycle, Push
 from servolink.virtual.state_file import StateFile, load_state
 from tests import processes
 from tests.cli.programs import call

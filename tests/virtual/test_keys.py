@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.virtual.script import Keys, PowerCycle, presses
+from servolink.virtual.board_script import Keys, PowerCycle, presses
 
 
 def test_a_digit_presses_its_button() -> None:

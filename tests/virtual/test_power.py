@@ -21,7 +21,7 @@ from servolink.protocol.servos import (
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.servo import ADC, DEGREES
+from servolink.virtual.simulated_servo import ADC, DEGREES
 from servolink.virtual.storage import Contents
 from tests.virtual.host import START, Host
 

@@ -11,15 +11,15 @@ from contextlib import ExitStack
 import pytest
 
 from servolink.errors import OpenError
-from servolink.listeners import bridge as bridging
-from servolink.listeners.bridge import Connect, serve_network
+from servolink.listeners import forwarding as bridging
+from servolink.listeners.forwarding import Connect, serve_network
 from servolink.listeners.tcp import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest
 from servolink.protocol.joystick import PRESS, UP, ButtonEventResponse, SubscribeButtonEventRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.transports.faults import MAX_LATE, Faults, FaultyTransport
+from servolink.transports.line_faults import MAX_LATE, Faults, FaultyTransport
 from servolink.transports.registry import create
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve

@@ -16,11 +16,11 @@ from servolink.cli.screen.output import Table, is_terminal, print_error, print_j
 from servolink.cli.screen.terminal import can_ask, confirm, wait_for_enter
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
-from servolink.client.names import ALL, servo_id
+from servolink.client.captions import ALL, servo_id
 from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
-from servolink.doctor.learn import Learnt, learn_by_asking, learn_by_writing
+from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport, TrialLine
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_queries import Contact, make_contact

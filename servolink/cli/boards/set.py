@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
-from servolink.cli.boards.board import NAME, known_name, label, limit_rows, print_board, value_text
+from servolink.cli.boards.known import NAME, known_name, label, limit_rows, print_board, value_text
 from servolink.cli.command import Command, Option, group, option
 from servolink.cli.screen.output import Table, print_error, print_table, print_text
 from servolink.cli.session import Interruption, run_interruptible
@@ -142,9 +142,9 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
     if url is None:
         raise InvalidAddress(f"{name} has no address, so its captions are unknown; give ids in place of captions")
 
+    from servolink.client.captions import servo_ids
     from servolink.client.connect import connect
     from servolink.client.identity_guard import IdentityGuard
-    from servolink.client.names import servo_ids
 
     try:
         async with connect(

@@ -6,7 +6,7 @@ import argparse
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from servolink.cli.boards.state import refuse_marker
+from servolink.cli.boards.board_settings import refuse_marker
 from servolink.cli.command import DEVELOPERS, Command, flag, option
 from servolink.cli.developers.packets import lines_for, parse_object
 from servolink.cli.motion.move import LIMITS, limits_of

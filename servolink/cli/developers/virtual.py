@@ -27,11 +27,11 @@ from servolink.platforms.signals import not_ignored
 from servolink.protocol.codec import Codec
 from servolink.script import OK
 from servolink.transports.device_info import DeviceInfo
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.board_script import HELP, ButtonChange, Event, Keys, Push, parse_script
 from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
-from servolink.virtual.script import HELP, ButtonChange, Event, Keys, Push, parse_script
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import StateFile
 from servolink.virtual.transport import StateSaver

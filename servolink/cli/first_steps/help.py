@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from servolink.cli.command import FIRST_STEPS, Command, option
-from servolink.cli.parser import parser_of
+from servolink.cli.command_line import parser_of
 
 
 @Command(

@@ -14,7 +14,7 @@ from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.client.events import ButtonEvents
+    from servolink.client.button_events import ButtonEvents
 
 
 @Command(

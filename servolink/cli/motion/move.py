@@ -22,7 +22,7 @@ from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.client.servos import Servo
+    from servolink.client.board_servos import Servo
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, at most, when neither time nor speed is given."""
@@ -100,7 +100,7 @@ def run_move(args: argparse.Namespace) -> int:
         usage_error(args, "--adc needs --duration: speeds are in degrees per second")
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        from servolink.client.names import find_targets
+        from servolink.client.captions import find_targets
 
         found, captions = await find_targets(board, named)
         targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
@@ -259,7 +259,7 @@ async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
 
 async def find_chosen(board: Board, servos: Sequence[int | str]) -> tuple[list[int], dict[int, str]]:
     """Return the ids of servos, as `chosen_servos` does, and the captions that were read for that, by id."""
-    from servolink.client.names import find_servos
+    from servolink.client.captions import find_servos
     from servolink.protocol.servos import ALL_SERVOS
 
     chosen, captions = await find_servos(board, servos)

@@ -108,8 +108,8 @@ async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) ->
 
 async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
     """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
+    from servolink.client.captions import record_id
     from servolink.client.collect import collect
-    from servolink.client.names import record_id
     from servolink.motion.movement import INTERVAL_UNIT
     from servolink.project.speed import RecordRun
     from servolink.protocol.record_types import ACTION, MACRO
@@ -210,6 +210,6 @@ def _caption(found: RecordRun) -> str:
 
 def name_of_run(found: RecordRun) -> str:
     """Return the name of what is run, such as `action 3 'Wave'`."""
-    from servolink.project.records import name_of
+    from servolink.project.record_lookup import name_of
 
     return name_of(found.record)

@@ -27,8 +27,8 @@ from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.client.names import button_id
-from servolink.client.servos import Servo
+from servolink.client.board_servos import Servo
+from servolink.client.captions import button_id
 from servolink.errors import ConnectionLost, ProjectError, RequestError, ServolinkError
 from servolink.platforms.signals import handled
 from servolink.profiles.profile import BoardIdentityRecord, Measured, merge_profile

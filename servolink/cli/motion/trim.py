@@ -23,7 +23,7 @@ from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
 from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.client.servos import Servo
+from servolink.client.board_servos import Servo
 from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.records import ServoParameter
@@ -31,7 +31,7 @@ from servolink.script import OK
 
 if TYPE_CHECKING:  # and imported late: --help needs none of it
     from servolink.client.board import Board
-    from servolink.client.servos import Servo
+    from servolink.client.board_servos import Servo
 
 _NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
 _COARSE = 5  # degrees
@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
 
 async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
     """Return the degrees of `--set`, by servo id."""
-    from servolink.client.names import servo_ids
+    from servolink.client.captions import servo_ids
 
     ids = await servo_ids(board, [servo for servo, _ in args.nudges])
     nudges = dict(zip(ids, (degrees for _, degrees in args.nudges), strict=True))

@@ -18,8 +18,8 @@ from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape
 from servolink.project.project_file import read_project_file
-from servolink.project.transfer.apply import backup_for
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.importing import backup_for
 from servolink.project.transfer.results import ApplyResult, Phase, Plan, Progress, ProgressCallback
 from servolink.script import FAILED, OK
 

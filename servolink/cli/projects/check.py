@@ -16,7 +16,7 @@ from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
 from servolink.project.project_file import read_project_file, save_repaired
-from servolink.project.records import find, find_servo
+from servolink.project.record_lookup import find, find_servo
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.servos import ALL_SERVOS

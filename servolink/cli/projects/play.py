@@ -18,7 +18,7 @@ from servolink.cli.screen.output import console, print_error, print_json, print_
 from servolink.cli.screen.terminal import cleanup, single_keys
 from servolink.cli.session import Interruption, run_with_board
 from servolink.project.model import Project
-from servolink.project.records import name_of, servos_used
+from servolink.project.record_lookup import name_of, servos_used
 from servolink.protocol.record_types import type_of
 from servolink.protocol.records import Action, Macro
 from servolink.script import OK
@@ -36,13 +36,13 @@ from servolink.cli.projects.source import is_address, with_project
 from servolink.cli.screen.output import Table, is_terminal, plain_lines, print_table, text_width
 from servolink.cli.usage import named_board, usage_error
 from servolink.errors import ProjectError
-from servolink.project.records import by_servo, by_type, find
+from servolink.project.record_lookup import by_servo, by_type, find
 from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.servos import ServoState
 from servolink.virtual.dry_run import DryMove, DryRun, Timeline
 
 if TYPE_CHECKING:
-    from servolink.client.servos import Servo
+    from servolink.client.board_servos import Servo
 
 _PAUSE = 0.04  # seconds between two drawings
 
@@ -149,7 +149,7 @@ async def _show(dry_run: DryRun, record: Action | Macro, timeline: Timeline) -> 
 
 
 def _servo(state: ServoState) -> Servo:
-    from servolink.client.servos import Servo
+    from servolink.client.board_servos import Servo
 
     reported = (state.servo_id, state.angle, state.current, state.temperature, state.servo_type)
     return Servo(*reported, is_start=bool(state.is_start), is_hold=bool(state.is_hold))

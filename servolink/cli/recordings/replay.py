@@ -19,7 +19,7 @@ from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.escaping import escape
-from servolink.listeners.bridge import serve_network, serve_terminal
+from servolink.listeners.forwarding import serve_network, serve_terminal
 from servolink.listeners.tcp import host_and_port
 from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -36,7 +36,7 @@ from servolink.script import OK
 from servolink.transports.base import Transport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS
-from servolink.virtual.servo import to_degrees
+from servolink.virtual.simulated_servo import to_degrees
 from servolink.virtual.state_file import load_state
 
 _VIRTUAL = "virtual"

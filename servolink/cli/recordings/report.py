@@ -27,9 +27,9 @@ from servolink.cli.usage import refuse_input, usage_error
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.system import SystemFacts
 from servolink.errors import ServolinkError
+from servolink.recorder.bug_report import FACTS, PROJECT, RECORDING, blank_recording, facts_text, pack, write_report
 from servolink.recorder.new_file import check_free
 from servolink.recorder.private_text import PrivateText
-from servolink.recorder.report import FACTS, PROJECT, RECORDING, blank_recording, facts_text, pack, write_report
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:

@@ -29,11 +29,11 @@ from servolink.cli.screen.output import (
 from servolink.cli.usage import usage_error
 from servolink.escaping import escape
 from servolink.protocol.codec import PACKETS_BY_NAME
+from servolink.recorder.bug_report import RECORDING, is_zip, read_report
 from servolink.recorder.channels import CHANNELS, Recorded
 from servolink.recorder.reading import Recording, Selection, base_name
-from servolink.recorder.report import RECORDING, is_zip, read_report
+from servolink.recorder.recording_summary import Summary
 from servolink.recorder.story import Story, StoryRow, duration
-from servolink.recorder.summary import Summary
 from servolink.script import OK
 
 SECONDS = number(0, 10**9, "seconds")

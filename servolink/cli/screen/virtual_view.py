@@ -9,13 +9,13 @@ from contextlib import asynccontextmanager, suppress
 from servolink.cli.screen.live import Line, pictures
 from servolink.cli.screen.output import counted
 from servolink.cli.screen.servo_picture import LEGEND, Watched, picture_of_servos, wrapped
-from servolink.client.servos import Servo
-from servolink.client.watch import ServoReading
+from servolink.client.board_servos import Servo
+from servolink.client.servo_readings import ServoReading
 from servolink.connection.stats import Stats
 from servolink.motion.angles import Degrees
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.script import HELP
-from servolink.virtual.servo import SimulatedServo as VirtualServo
+from servolink.virtual.board_script import HELP
+from servolink.virtual.simulated_servo import SimulatedServo as VirtualServo
 
 _EVERY = 0.1  # seconds
 

@@ -17,16 +17,16 @@ from servolink.cli.projects.apply import BoardImport
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import print_error, print_text
 from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
-from servolink.cli.stored.records import print_changes
+from servolink.cli.stored.record_tables import print_changes
 from servolink.client.board import Board
-from servolink.client.names import ALL
+from servolink.client.captions import ALL
 from servolink.errors import ProjectError
 from servolink.escaping import quote
 from servolink.project.build import refuse_new_errors
 from servolink.project.model import Project
 from servolink.project.naming import Named, id_or_caption, listed
-from servolink.project.records import by_servo
-from servolink.project.transfer.plan import compare
+from servolink.project.record_lookup import by_servo
+from servolink.project.transfer.import_plan import compare
 from servolink.project.transfer.results import ApplyResult, Change, Plan, ProgressCallback
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
 from servolink.protocol.records import ServoParameter

@@ -20,7 +20,7 @@ from servolink.files import read_file, reason
 from servolink.json_text import MAX_SIZE, read_json
 from servolink.project.model import Project
 from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
-from servolink.project.records import find_servo
+from servolink.project.record_lookup import find_servo
 from servolink.protocol.json_form import record_from_json, record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, Record, RecordType
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType

@@ -85,7 +85,7 @@ async def _find_servos(
 
     Raise NotFound, before anything is changed, for a servo that is missing.
     """
-    from servolink.client.names import find_servos
+    from servolink.client.captions import find_servos
     from servolink.protocol.servos import ALL_SERVOS
 
     found, captions = await find_servos(board, servos)

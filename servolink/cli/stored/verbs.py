@@ -139,7 +139,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         ),
         defaults=defaults,
         needs_records=True,
-        run=late("stored.edit:run_add"),
+        run=late("stored.edit_records:run_add"),
     )
     yield Command(
         f"{noun} set",
@@ -153,7 +153,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         ),
         defaults=defaults,
         needs_records=True,
-        run=late("stored.edit:run_set"),
+        run=late("stored.edit_records:run_set"),
     )
     yield Command(
         f"{noun} rename",
@@ -162,7 +162,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
         options=(_NAME, option("caption", "CAPTION", "the new caption, at most 32 bytes")),
         defaults=defaults,
         needs_records=True,
-        run=late("stored.edit:run_rename"),
+        run=late("stored.edit_records:run_rename"),
     )
     yield Command(
         f"{noun} delete",
@@ -173,7 +173,7 @@ def _commands(noun: str, about: _About) -> Iterator[Command]:
             flag("--yes", "do not ask"),
         ),
         needs_records=True,
-        run=late("stored.edit:run_delete"),
+        run=late("stored.edit_records:run_delete"),
     )
 
 
@@ -183,6 +183,6 @@ TABLE_ACTIVATE = Command(
     examples=("table activate 1",),
     options=(_NAME,),
     needs_records=True,
-    run=late("stored.edit:run_activate"),
+    run=late("stored.edit_records:run_activate"),
 )
 COMMANDS = tuple(command for noun, about in _TYPES.items() for command in _commands(noun, about))

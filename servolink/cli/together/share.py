@@ -19,7 +19,7 @@ from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting
 from servolink.control.messages import LeaseNow
 from servolink.control.roles import RoleName
-from servolink.control.share import this_program
+from servolink.control.share_address import this_program
 from servolink.control.status import HubStatus
 from servolink.discovery.hubs import candidates, hub_of
 from servolink.discovery.names import resolve_url

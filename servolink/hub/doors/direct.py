@@ -9,7 +9,7 @@ from copy import copy
 from functools import partial
 from typing import TypeVar, cast
 
-from servolink.client.events import ButtonEvent
+from servolink.client.button_events import ButtonEvent
 from servolink.connection.explain import lost, outcome_unknown, same, timed_out
 from servolink.connection.gates import Gates, limits_gate
 from servolink.connection.options import HUB_MARGIN, SLOW_PATIENCE

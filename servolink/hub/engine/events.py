@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from servolink.client.board import Board
-from servolink.client.events import ButtonEvent, ButtonEvents
+from servolink.client.button_events import ButtonEvent, ButtonEvents
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.hub.rules.exchanges import Asker
 from servolink.protocol.codec import in_range

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from servolink.client.events import ButtonEvent
+from servolink.client.button_events import ButtonEvent
 from servolink.control.roles import Role
 from servolink.control.status import ProgramStatus
 from servolink.errors import DecodeError

@@ -12,7 +12,7 @@ from servolink.control.status import HoldStatus
 from servolink.protocol.packet import Packet
 from servolink.recorder.board_source import WireTap
 from servolink.recorder.channels import Event, Message, ProblemFound
-from servolink.recorder.packets import command_done
+from servolink.recorder.packet_messages import command_done
 from servolink.recorder.readings import Take
 
 if TYPE_CHECKING:

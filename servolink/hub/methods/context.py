@@ -11,10 +11,10 @@ from typing import NamedTuple, TypeAlias, TypeVar
 from msgspec import Struct
 
 from servolink.client.board import Board, with_ticket
-from servolink.client.names import servo_or_caption
+from servolink.client.captions import servo_or_caption
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
-from servolink.control.faults import Code, RpcError
+from servolink.control.error_codes import Code, RpcError
 from servolink.control.greeting import Greeting
 from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 from servolink.errors import DecodeError, ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, without_neutral
-from servolink.project.records import total_size
+from servolink.project.record_lookup import total_size
 from servolink.project.transfer.pinned import BoardConnection, in_parallel
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest

@@ -11,7 +11,7 @@ from msgspec import Struct
 
 from servolink.errors import EncodeError, OutcomeUnknown, ProjectError, RequestTimeout
 from servolink.project.model import Project, without_neutral
-from servolink.project.records import dependency_levels
+from servolink.project.record_lookup import dependency_levels
 from servolink.project.transfer.pinned import BoardConnection, in_parallel
 from servolink.project.transfer.read import BoardReader, Content
 from servolink.project.transfer.results import Progress, ProgressCallback

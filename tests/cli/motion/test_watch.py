@@ -17,15 +17,15 @@ from servolink.cli.motion.watch import ReadingPrinter, Screen, _Watch
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.session import Interruption
 from servolink.client.alarms import Alarm, RaisedAlarm
-from servolink.client.servos import Servo
-from servolink.client.watch import ServoReading
+from servolink.client.board_servos import Servo
+from servolink.client.servo_readings import ServoReading
 from servolink.connection.stats import Stats
 from servolink.errors import RequestTimeout
 from servolink.motion.angles import Adc, Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.records import ServoParameter
-from servolink.transports.faults import Faults
+from servolink.transports.line_faults import Faults
 from tests.cli.programs import in_terminal
 from tests.cli.robot import Robot
 from tests.virtual_time import run

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from servolink.cli.projects.plan import plan_to_json, print_plan
-from servolink.cli.stored import records as difference
-from servolink.cli.stored.records import lines_of
+from servolink.cli.stored import record_tables as difference
+from servolink.cli.stored.record_tables import lines_of
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.transfer.plan import compare
+from servolink.project.transfer.import_plan import compare
 from servolink.project.transfer.results import Change, Memory, Plan
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 

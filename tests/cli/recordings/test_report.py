@@ -10,13 +10,13 @@ from servolink.client.board import Board
 from servolink.discovery.search import SearchResult
 from servolink.errors import ConnectionLost
 from servolink.protocol.records import Action, ServoParameter, Step
-from servolink.recorder.report import FACTS, PROJECT, RECORDING, read_report
+from servolink.recorder.bug_report import FACTS, PROJECT, RECORDING, read_report
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.cli.programs import call
 from tests.cli.robot import Robot
 from tests.cli.terminals import in_terminal
+from tests.recorder.test_bug_report import PRIVATE, in_it
 from tests.recorder.test_replaying import WAVE
-from tests.recorder.test_report import PRIVATE, in_it
 
 
 @pytest.fixture

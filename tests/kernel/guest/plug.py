@@ -16,7 +16,7 @@ from typing import Self, TypeVar
 
 from servolink.usbip.descriptors import FULL_SPEED
 from servolink.usbip.device import UsbDevice
-from servolink.usbip.server import Attachment, Use
+from servolink.usbip.usbip_server import Attachment, Use
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import plugged
 from servolink.virtual.transport import BoardDriver

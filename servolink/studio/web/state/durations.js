@@ -1,4 +1,4 @@
-// How long the commands of macros take, as `servolink/project/records.py` computes it.
+// How long the commands of macros take, as `servolink/project/record_lookup.py` computes it.
 
 /** @typedef {import("./records.js").Project} Project */
 /** @typedef {import("./records.js").Macro} Macro */

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, OpenError
-from servolink.transports.faults import Faults, FaultyTransport
+from servolink.transports.line_faults import Faults, FaultyTransport
+from servolink.transports.line_recording import RecordingTransport, ReplayTransport
 from servolink.transports.memory import MemoryTransport
-from servolink.transports.recording import RecordingTransport, ReplayTransport
 from servolink.transports.registry import create
 from tests.transports.wires import Ear
 from tests.virtual_time import run

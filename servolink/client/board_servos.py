@@ -8,11 +8,11 @@ from contextlib import suppress
 
 from msgspec import Struct
 
-from servolink.client.names import ALL, Targets, servo_targets
-from servolink.client.names import servo_id as id_of_servo
+from servolink.client.angle_units import AngleUnits
+from servolink.client.captions import ALL, Targets, servo_targets
+from servolink.client.captions import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
-from servolink.client.units import AngleUnits
 from servolink.connection.gates import UnitsChanged
 from servolink.errors import (
     ConnectionLost,

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.virtual.servo import ADC, HIGHEST, LOWEST, SimulatedServo, to_adc, to_degrees
+from servolink.virtual.simulated_servo import ADC, HIGHEST, LOWEST, SimulatedServo, to_adc, to_degrees
 
 
 @pytest.fixture

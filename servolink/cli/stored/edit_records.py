@@ -10,14 +10,14 @@ from servolink.cli.screen.output import print_result
 from servolink.cli.session import UNTOUCHED, Interruption, on_board, refuse_without_answer
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
-from servolink.cli.stored.show import kind_of
+from servolink.cli.stored.show_records import kind_of
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.client.names import ALL
+from servolink.client.captions import ALL
 from servolink.errors import NotFound, ProjectError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
-from servolink.project.records import find, name_of, with_caption, with_id
+from servolink.project.record_lookup import find, name_of, with_caption, with_id
 from servolink.project.single_record import add_from, add_record, remove_records, replace_from, replace_record
 from servolink.protocol.record_types import RecordType
 from servolink.script import OK

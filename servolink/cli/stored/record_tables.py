@@ -8,7 +8,7 @@ from typing import Any
 
 from servolink.cli.screen.output import Table, print_text
 from servolink.project.model import is_unfinished
-from servolink.project.records import name_of
+from servolink.project.record_lookup import name_of
 from servolink.project.summary import caption_of, summary_of
 from servolink.project.transfer.results import Change
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, type_of

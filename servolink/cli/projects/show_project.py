@@ -9,9 +9,9 @@ from typing import Any
 from servolink.cli.command import Command, option
 from servolink.cli.projects.source import SOURCE, with_project
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.cli.stored.records import command_text, record_table
+from servolink.cli.stored.record_tables import command_text, record_table
 from servolink.project.model import Project
-from servolink.project.records import find, macro_seconds, total_size
+from servolink.project.record_lookup import find, macro_seconds, total_size
 from servolink.protocol.json_form import record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, type_of
 from servolink.protocol.records import Action, MacroCommand

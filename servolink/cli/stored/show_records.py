@@ -10,7 +10,7 @@ from servolink.cli.command import STORED, Command, option
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.stored import NOUNS, a
-from servolink.cli.stored.records import record_table
+from servolink.cli.stored.record_tables import record_table
 from servolink.client.board import Board
 from servolink.protocol.json_form import record_to_json
 from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType

@@ -26,6 +26,16 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.records import ActionEntry, Button, ServoParameter, Step
 from servolink.protocol.settings import SendDummyDataRequest
+from servolink.recorder.bug_report import (
+    FACTS,
+    RECORDING,
+    blank_recording,
+    blank_stream,
+    facts_text,
+    is_zip,
+    pack,
+    read_report,
+)
 from servolink.recorder.channels import (
     TOPICS,
     CommandDone,
@@ -41,16 +51,6 @@ from servolink.recorder.channels import (
 )
 from servolink.recorder.private_text import PrivateText
 from servolink.recorder.reading import Recording
-from servolink.recorder.report import (
-    FACTS,
-    RECORDING,
-    blank_recording,
-    blank_stream,
-    facts_text,
-    is_zip,
-    pack,
-    read_report,
-)
 from tests.recorder.files import write
 
 PRIVATE = "Zyx-Geheim"

@@ -9,8 +9,8 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from typing import TypeAlias
 
 from servolink.errors import DecodeError
-from servolink.listeners.bridge import listen
-from servolink.usbip import messages
+from servolink.listeners.forwarding import listen
+from servolink.usbip import usbip_messages
 from servolink.usbip.descriptors import HID_IN
 from servolink.usbip.device import UsbDevice
 from servolink.usbip.endpoint import Urb
@@ -46,17 +46,17 @@ class Attachment:
         finally:
             self._end_polling()
 
-    async def _command(self) -> Urb | messages.Unlink:
-        command = messages.parse_command(await self._reader.readexactly(messages.COMMAND_SIZE))
+    async def _command(self) -> Urb | usbip_messages.Unlink:
+        command = usbip_messages.parse_command(await self._reader.readexactly(usbip_messages.COMMAND_SIZE))
         if isinstance(command, Urb) and not command.inward:
             command.data = await self._reader.readexactly(command.length)
         return command
 
-    def _carry_out(self, command: Urb | messages.Unlink) -> None:
-        if isinstance(command, messages.Unlink):
+    def _carry_out(self, command: Urb | usbip_messages.Unlink) -> None:
+        if isinstance(command, usbip_messages.Unlink):
             status = self.device.unlink(command.urb)
             self._end_polling()  # the returned URBs come before the message about them
-            self._write(messages.unlinked(command, status))
+            self._write(usbip_messages.unlinked(command, status))
             return
         self.device.submit(command)
         if self.device.outstanding > MAX_OUTSTANDING or self.device.held > MAX_HELD:
@@ -64,10 +64,10 @@ class Attachment:
 
     def _return_urb(self, urb: Urb, status: int) -> None:
         if urb.endpoint != HID_IN:
-            self._write(messages.submitted(urb, status))
+            self._write(usbip_messages.submitted(urb, status))
             return
         # A bus transfers one report each millisecond. All at once, they would overrun the 64 for which Linux has room.
-        self._reports.append(messages.submitted(urb, status))
+        self._reports.append(usbip_messages.submitted(urb, status))
         if self._poll is None:
             self._fetch_report()
 
@@ -129,17 +129,17 @@ class UsbIpServer:
 
     async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Respond to the first request of a host: for the list, or for the device, which it then has."""
-        code = messages.parse_opening(await reader.readexactly(messages.OPENING_SIZE))
-        if code == messages.IMPORT:
-            bus_id = (await reader.readexactly(messages.BUS_ID_SIZE)).rstrip(b"\0")
-            if bus_id == messages.BUS_ID.encode() and self._host is None:
+        code = usbip_messages.parse_opening(await reader.readexactly(usbip_messages.OPENING_SIZE))
+        if code == usbip_messages.IMPORT:
+            bus_id = (await reader.readexactly(usbip_messages.BUS_ID_SIZE)).rstrip(b"\0")
+            if bus_id == usbip_messages.BUS_ID.encode() and self._host is None:
                 self._host = writer
-                writer.write(messages.import_granted())
+                writer.write(usbip_messages.import_granted())
                 return
-            known = bus_id == messages.BUS_ID.encode()
-            writer.write(messages.import_refused(messages.BUSY if known else messages.UNKNOWN))
-        elif code == messages.LIST:
-            writer.write(messages.device_list())
+            known = bus_id == usbip_messages.BUS_ID.encode()
+            writer.write(usbip_messages.import_refused(usbip_messages.BUSY if known else usbip_messages.UNKNOWN))
+        elif code == usbip_messages.LIST:
+            writer.write(usbip_messages.device_list())
         writer.close()
         await writer.wait_closed()
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from servolink.virtual.board_script import ButtonChange, PowerCycle, Push, parse_script, presses
 from servolink.virtual.buttons import LONG_PRESS_AFTER
-from servolink.virtual.script import ButtonChange, PowerCycle, Push, parse_script, presses
 
 
 def test_words_become_changes_in_order_of_time() -> None:

@@ -16,7 +16,7 @@ from servolink.project.merge import merge_projects
 from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, schema_text
-from servolink.project.records import find, find_servo
+from servolink.project.record_lookup import find, find_servo
 from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES
 from servolink.protocol.records import Action
 from servolink.script import OK

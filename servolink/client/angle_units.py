@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.client.names import servo_id as id_of_servo
+from servolink.client.captions import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.explain import timed_out
 from servolink.connection.packet_connection import PacketConnection

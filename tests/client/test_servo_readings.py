@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
-from servolink.client.watch import ServoReading, ServoReadings
+from servolink.client.servo_readings import ServoReading, ServoReadings
 from servolink.errors import ConnectionLost, RequestTimeout
 from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest

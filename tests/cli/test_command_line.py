@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from servolink.cli.command import TOPICS
+from servolink.cli.command_line import EXIT_CODES, parser_of
 from servolink.cli.index import below, index, load
-from servolink.cli.parser import EXIT_CODES, parser_of
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step

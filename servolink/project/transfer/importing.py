@@ -13,6 +13,7 @@ from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.backups import BackupStore
+from servolink.project.transfer.import_plan import memory_after
 from servolink.project.transfer.import_run import ImportRun
 from servolink.project.transfer.journal import (
     Digests,
@@ -25,7 +26,6 @@ from servolink.project.transfer.journal import (
 )
 from servolink.project.transfer.marker import is_same_id
 from servolink.project.transfer.pinned import BoardConnection, PinnedConnection
-from servolink.project.transfer.plan import memory_after
 from servolink.project.transfer.read import BoardReader, Content, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
 from servolink.project.transfer.writing import check_writable, writes

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
-from servolink.client.names import button_id
+from servolink.client.captions import button_id
 from servolink.errors import AmbiguousName, EncodeError, NotFound, RequestError, ServolinkError
 from servolink.project.model import Project
 from servolink.protocol.editing import (

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from servolink.client.names import record_id as id_of_record
+from servolink.client.captions import record_id as id_of_record
 from servolink.client.session import Session
 from servolink.errors import EncodeError, NotFound
 from servolink.escaping import quote
@@ -39,7 +39,7 @@ class RecordStore:
         return record_type.entries_in(await self._session.request(record_type.list_request))
 
     async def id_of(self, record_type: RecordType[Any], record: int | str, *, must_exist: bool = False) -> int:
-        """Return the id of a record given by id or caption (see `servolink.client.names`)."""
+        """Return the id of a record given by id or caption (see `servolink.client.captions`)."""
         return await id_of_record(self._session, record_type, record, must_exist=must_exist)
 
     async def get(self, record_type: RecordType[T], record: int | str) -> T:

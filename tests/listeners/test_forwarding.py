@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from servolink.listeners import bridge
-from servolink.listeners.bridge import serve_network
+from servolink.listeners import forwarding
+from servolink.listeners.forwarding import serve_network
 from servolink.listeners.tcp import host_and_port
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest
@@ -28,7 +28,7 @@ ANSWER = QueryServoListResponse((1, 2, 3))
 
 
 def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(bridge, "_LINGER", 0.0)
+    monkeypatch.setattr(forwarding, "_LINGER", 0.0)
 
     async def main() -> None:
         ours, theirs = MemoryTransport.pair()
@@ -88,7 +88,7 @@ def test_a_long_request_is_whole_although_its_host_reads_late() -> None:
         reader.feed_data(b"".join(frames))
         reader.feed_eof()
         writing: Any = writer
-        await bridge.bridge(reader, writing, lambda: VirtualTransport(board))
+        await forwarding.bridge(reader, writing, lambda: VirtualTransport(board))
 
     run(main())
     assert [action_id for action_id, _ in board.storage.contents.records[ACTION]] == [*range(1, 101)]

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
+from servolink.client.button_events import ButtonEvent, ButtonEvents
 from servolink.client.connect import connect
-from servolink.client.events import ButtonEvent, ButtonEvents
 from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected
 from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
 from tests.client.fake_board import LOST, FakeBoard, Fate, late, lie, opened, turns_of_the_loop

@@ -20,7 +20,7 @@ from servolink.protocol.servos import (
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.servo import to_adc
+from servolink.virtual.simulated_servo import to_adc
 from tests.client.fake_board import (
     LOST,
     SWALLOWED,

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from servolink.errors import ConnectionLost, ServolinkError, TransportUnavailable
 from servolink.transports.address import Address
-from servolink.transports.faults import MAX_LATE, Faults, FaultyTransport, LineFaults
+from servolink.transports.line_faults import MAX_LATE, Faults, FaultyTransport, LineFaults
 from servolink.transports.memory import MemoryTransport
 from tests.transports.wires import Ear
 from tests.virtual_time import VirtualTimeLoop, run
