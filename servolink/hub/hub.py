@@ -81,6 +81,7 @@ class Hub:
             board, self.stops, sender, self._upstream, self.leases, tell=self.tell, follow=self._over
         )
         self.ask, self.ask_stop, self.ask_waiting = self._upstream.ask, self._stopping.ask, self._upstream.send_waiting
+        self.withdraw = self._upstream.withdraw
         """Take the requests and stops of a `Program`, and send its requests when the program reads again."""
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()

@@ -65,12 +65,9 @@ class DirectProgram(Program):
         super().put(exchange)
 
     def withdraw(self, exchange: Exchange) -> bool:
-        """Return whether a request was not sent yet, which it will then never be."""
-        if exchange not in self.queue.exchanges:
-            return False
-        self.queue.exchanges.remove(exchange)
-        del self._open[id(exchange)]
-        return True
+        """Give up a request. Return whether it was not sent yet, and so never will be."""
+        self._open.pop(id(exchange), None)
+        return self._hub.withdraw(exchange)
 
     def finish(
         self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None

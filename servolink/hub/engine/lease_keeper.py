@@ -71,9 +71,11 @@ class LeaseKeeper:
 
     # --- what programs do ---------------------------------------------------------------------------------------
 
-    def take_for_motion(self, session: str) -> None:
-        """Give a free lease to a program that is about to move servos."""
-        self._report(self._lease.take(session, self._loop.time(), is_beat=False))
+    def take_for_motion(self, session: str) -> bool:
+        """Give a free lease to a program that is about to move servos. Return whether the program has the lease."""
+        if self._lease.holder != session:
+            self._report(self._lease.take(session, self._loop.time(), is_beat=False))
+        return self._lease.holder == session
 
     def refuse(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
         """Refuse a motion while another program holds the lease."""

@@ -47,6 +47,10 @@ class Exchanger(Protocol):
     def ask_stop(self, exchange: Exchange) -> None:
         """Take a stop, send it before everything else, and call `exchange.program.finish` at the end."""
 
+    def withdraw(self, exchange: Exchange) -> bool:
+        """Drop a request that was not sent yet. Return whether there was one."""
+        ...
+
     def forget(self, program: Program) -> None:
         """Drop all unsent requests of a program that has left."""
 

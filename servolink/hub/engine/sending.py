@@ -146,13 +146,18 @@ class PacketSender:
         return await self._motions.refused(exchange.packet)
 
     async def _prepare(self, exchange: Exchange) -> ServolinkError | None:
-        """Check the identity of the board and take the lease for a motion. Return the reason for a refusal, or ""."""
+        """Check the identity of the board and take the lease for a motion. Return the refusal, None if there is none.
+
+        The connection does the same for a motion that is sent at once.
+        """
         packet, program, connection = exchange.packet, exchange.program, self._board.connection
         self._guard(connection)
         if program.has_left:  # and must not take the lease
             return MotionRefused("its program has left")
         if refusal := refuse_role(packet, program.role):
             return refusal
+        if is_motion(packet) and not exchange.may_wait:
+            return None
         try:
             await connection.prepare(packet, connection.stops.ticket(who=program.session_id))
         except WrongBoard as error:
@@ -184,7 +189,6 @@ class PacketSender:
         if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
             return await self.refused(exchange, refusal)
         stops, until = self._board.connection.stops, exchange.ticket.until
-        self.motions += 1
         try:
             ticket = stops.ticket(until=until, who=exchange.program.session_id)
             outcome = await self._motions.send(exchange.packet, ticket, unchecked=exchange.is_unchecked)
@@ -222,12 +226,12 @@ class PacketSender:
 
     async def _take_lease(self, packet: Packet, ticket: Ticket) -> None:
         """Take the lease for a motion of a program, and keep its units while a soft start comes first."""
-        program = self._programs.get(ticket.who)
-        if not is_motion(packet) or not ticket.who:
+        if not ticket.who or not is_motion(packet):
             return
+        program = self._programs.get(ticket.who)
         if program is None:
             raise MotionRefused("its program has left")
-        self._keeper.take_for_motion(ticket.who)
+        self.motions += self._keeper.take_for_motion(ticket.who)
         exchange = program.queue.blocked_by
         if exchange is not None and isinstance(packet, ExecuteActionRequest) and packet != exchange.packet:
             exchange.has_begun = True

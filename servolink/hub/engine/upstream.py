@@ -64,6 +64,10 @@ class Upstream:
         self.waiting.add(exchange)
         self.send_waiting()
 
+    def withdraw(self, exchange: Exchange) -> bool:
+        """Drop a request that was not sent yet. Return whether there was one."""
+        return bool(self.waiting.drop_where(lambda waiting: waiting is exchange))
+
     async def begin(self, exchange: Exchange) -> Packet | None:
         """Send a motion ahead of all waiting requests, and return the response. Raise the reason for a failure."""
         outcome: object = False
@@ -101,7 +105,8 @@ class Upstream:
             if self._sender.send_at_once(exchange, self._answered):
                 continue
             exchange.program.queue.blocked_by = exchange
-            if self._sender.may_wait(exchange):
+            exchange.may_wait = self._sender.may_wait(exchange)
+            if exchange.may_wait:
                 self._active -= 1  # must not occupy one of the places of the connection
                 self._tasks.begin(self._carry_out(exchange))
             else:

@@ -77,6 +77,8 @@ class Exchange(Struct, eq=False):
     """Frame of the response; None without one."""
     has_begun: bool = False
     """Whether a soft start has begun, during which the units of the program are kept."""
+    may_wait: bool = True
+    """Whether the request may wait for more than the line, such as other angle units."""
     is_silent: bool = False
     """Whether the response is withheld from the program."""
     is_over: bool = False
