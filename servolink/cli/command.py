@@ -20,7 +20,7 @@ TOPICS = (FIRST_STEPS, MOVE, STORED, PROJECTS, TOGETHER, RECORDINGS, DEVELOPERS)
 """In the order of `servolink --help`."""
 
 PATIENCE = "3"
-"""Seconds of `--timeout` of most commands if they are not given."""
+"""Default of `--timeout` in seconds, for most commands."""
 
 Run: TypeAlias = Callable[[argparse.Namespace], int]
 
@@ -52,7 +52,7 @@ class Group(NamedTuple):
 
     options: tuple[Option | Group, ...]
     title: str = ""
-    """Empty for options that exclude each other."""
+    """Heading in the help; empty for mutually exclusive options."""
     required: bool = False
 
     def add_to(self, parser: Any) -> None:
@@ -112,23 +112,23 @@ class Command:
     name: str
     """As it is typed, such as `move` or `project show`."""
     topic: str = ""
-    """Where `servolink --help` lists it; empty for subcommands."""
+    """Heading in `servolink --help`; empty for subcommands."""
     help: str = field(kw_only=True)
     details: str = ""
-    """Said in its own help, below `help`."""
+    """Further paragraphs of its own help."""
     examples: tuple[str, ...] = ()
     """Words after `servolink`, each for a board of its own; a test runs all of them on virtual boards."""
     options: tuple[Option | Group, ...] = ()
     defaults: Mapping[str, Any] = field(default_factory=dict)
-    """Values that the function finds in its arguments beside those of options."""
+    """Further values of the arguments passed to `run`."""
     takes_board: bool = True
     """Whether it has the options `--board` and `--timeout`."""
     patience: str = PATIENCE
-    """Seconds of its own `--timeout` if they are not given."""
+    """Default of `--timeout` in seconds, as its help says."""
     needs_records: bool = False
     """Whether its examples need something stored on the board."""
     hint: str = ""
-    """Said to people who give it arguments though it takes none."""
+    """Advice behind the error for an unexpected argument."""
     run: Run | None = None
 
     def __call__(self, run: Run) -> Command:

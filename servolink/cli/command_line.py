@@ -202,7 +202,7 @@ def _epilog(command: Command) -> str:
 
 
 def _closest(word: str, known: Iterable[str]) -> str:
-    """Return what was probably meant by `word`, or "" if nothing is like it."""
+    """Return the known word closest to `word`, or "" if none is close."""
     from difflib import get_close_matches
 
     known = list(known)

@@ -28,7 +28,7 @@ class IndexEntry(NamedTuple):
     options: dict[str, str | None]
     """Metavar of the value of each option, or choices with `|` between them; None for a flag."""
     arguments: list[str]
-    """Those of each argument; one that may be repeated ends in `...`."""
+    """Metavar of each argument, or its choices; a repeatable one ends in `...`."""
 
 
 @cache

@@ -28,7 +28,7 @@ def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:
     """End as wrong usage if one of `outputs` is the file that is read, `source`, under whatever name."""
     for path in outputs:
-        with suppress(OSError, ValueError):  # there is no such file
+        with suppress(OSError, ValueError):  # missing file
             if path.samefile(source):
                 usage_error(
                     args, f"{path} is the file that is read, and would be lost; choose another name with --output"

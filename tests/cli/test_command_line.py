@@ -168,3 +168,14 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
 def test_the_help_says_how_long_a_command_waits(command: str, seconds: str, capsys: pytest.CaptureFixture[str]) -> None:
     told = " ".join(call(capsys, command, "--help").out.split())
     assert f"how long to wait for each response, {seconds} unless given" in told
+
+
+@pytest.mark.parametrize("words", ["", "move", "project", "project play"])
+def test_help_is_a_command_too(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call(capsys, "help", *words.split()) == call(capsys, *words.split(), "--help")
+
+
+def test_help_suggests_what_was_meant(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "help", "mvoe")
+    assert (said.code, said.out) == (2, "")
+    assert "there is no command 'mvoe'; did you mean move?" in said.err

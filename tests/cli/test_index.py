@@ -23,7 +23,7 @@ def test_a_command_is_declared_where_the_index_says(name: str) -> None:
     assert (command.run is None) <= bool(below(name)), "it runs nothing and has no subcommands"
 
 
-def test_a_command_imports_no_other(tmp_path: object) -> None:
+def test_a_command_imports_no_other() -> None:
     code = (
         "import sys\n"
         "from servolink.cli.command_line import parser_of\n"

@@ -1,1 +1,1 @@
-"""Commands about boards: which are here, what they are known to be, and why one does not work."""
+"""Commands that find boards, name them, describe them and examine them."""

@@ -159,7 +159,7 @@ def run_dummy(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         await board.send_dummy_data(data)
-        await board.servo_ids()  # so that they have left, and the board is seen to go on
+        await board.servo_ids()  # proves that the bytes have left and the board still answers
         if args.json:
             print_json({"bytes": len(data)})
         else:

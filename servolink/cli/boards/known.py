@@ -154,7 +154,7 @@ def _limit_table(profile: BoardProfile) -> list[tuple[str, str]]:
 
 
 def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
-    """Yield whom each limit is for, and what it is."""
+    """Yield servo and value of each limit."""
     if limits.speed_cap is not None:
         yield "all servos", f"at most {limits.speed_cap:g} degrees/s"
     if limits.soft_start is not None:

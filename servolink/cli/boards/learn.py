@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         usage_error(args, "--clear needs --write")
     if args.write and not args.yes and not can_ask():
         usage_error(args, "--write changes the board for a while; nobody can be asked here, so give --yes")
-    kept = load_profile(name) or BoardProfile()  # before anything is measured: it may be damaged
+    kept = load_profile(name) or BoardProfile()  # a damaged profile ends the command before any measurement
     store = BackupStore() if args.write else None
 
     async def main(interruption: Interruption) -> int:
@@ -96,7 +96,7 @@ class _Lesson:
         args = self._args
         self._show_step("looking for the board, in both byte orders and transmission modes")
         contact = await make_contact(transport, args.timeout)
-        servo_id = await self._servo_id(transport, contact)  # first, as all the rest would be in vain if there is none
+        servo_id = await self._servo_id(transport, contact)  # first: without the servo, everything else is in vain
         learnt = await learn_by_asking(
             transport, contact, power_cycled=power_cycled, patience=args.timeout, on_step=self._show_step
         )
@@ -261,7 +261,7 @@ def _value(value: object) -> str:
         return "unknown"
     if isinstance(value, tuple):
         return ", ".join(map(str, value)) or "none"
-    if isinstance(value, float):  # all of them are times
+    if isinstance(value, float):  # always a time
         return f"{value:.3g} s" if value >= 1 else f"{value * 1000:.3g} ms"
     return str(value)
 

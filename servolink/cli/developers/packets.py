@@ -22,7 +22,7 @@ from servolink.script import FAILED, OK
 
 _BLOCK = 0x10000  # bytes read at once, and the most in one `skipped` object
 _MAX_LINE = 1 << 22  # several times the longest packet in JSON
-_SHOWN_BYTES = 32  # of what is not a frame, in text for people
+_SHOWN_BYTES = 32  # shown of an invalid frame, in text for people
 
 
 @Command(

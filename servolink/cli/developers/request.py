@@ -103,7 +103,7 @@ def _packet(args: argparse.Namespace) -> Any:
 
 
 def _question(packet: Packet) -> str:
-    """Return what to ask before `packet` is sent; empty if nothing is lost by it."""
+    """Return the question before `packet` is sent; empty for a packet that destroys nothing."""
     if isinstance(packet, ClearAllDataRequest):
         return "this deletes everything stored on the board"
     if isinstance(packet, _DELETES):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from servolink.spy.watching import SpyRecording
     from servolink.transports.stream import StreamTransport
 
-_PATIENCE = 2.0  # seconds, at the end, for what has not been looked at
+_PATIENCE = 2.0  # seconds, at the end, to decode the backlog
 _SWITCH = 0.0002  # seconds for which the thread that looks on may keep the relay waiting
 
 
@@ -168,7 +168,7 @@ def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> 
 
 
 def _shown(args: argparse.Namespace, learner: Learner, recording: SpyRecording | None) -> Callable[[Passed], None]:
-    """Return what is done with each packet, on the thread that looks on."""
+    """Return the handler of each packet, for the observing thread."""
     lines = PacketPrinter(as_json=args.json)
 
     def show(passed: Passed) -> None:

@@ -133,7 +133,7 @@ class _TypedLine:
         return ()
 
     def _captions(self, noun: str) -> Iterator[str]:
-        """Yield captions that the board had when it was saved last, before an import."""
+        """Yield the captions in the latest backup of the board."""
         from servolink.project.project_file import load_project
         from servolink.project.transfer.backups import BackupStore
         from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE, StoredType
@@ -163,7 +163,7 @@ def _devices() -> Iterator[DeviceInfo]:
 
 
 def _addresses(board: str) -> Iterator[str]:
-    """Yield the addresses of a board that was named, or of the only one here, and of that which its hub shares."""
+    """Yield the address of the named or only board, and the address that its hub shares."""
     from servolink.discovery.names import load_aliases
 
     devices = [*_devices()]

@@ -162,7 +162,7 @@ async def survive_damage(scene: Scene) -> StageResult:
 
 async def survive_delay(scene: Scene) -> StageResult:
     """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
-    await scene.board.servos()  # so that nothing that was sent again before is still to be answered
+    await scene.board.servos()  # no response to an earlier repetition may be outstanding
     loop, before, held, old = asyncio.get_running_loop(), scene.counters(), scene.line.held, scene.angles
     scene.stage.say(
         f"servo 1 is at {old[1]}°; all angles are read, and the response is held back until nobody waits for it"
@@ -336,7 +336,7 @@ async def _steps(scene: Scene) -> list[str]:
 
 
 def _next_commands() -> list[str]:
-    """Return commands that work when they are pasted, wherever this one was started from."""
+    """Return commands to paste, which work in any folder."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         place = f"127.0.0.1:{free.getsockname()[1]}"
     servolink = own_name()

@@ -26,7 +26,7 @@ _INDENT = "   "
 
 @dataclass
 class StageResult:
-    """The result of a step: what was measured, and what had to be true."""
+    """Result of a step: measurements and checks."""
 
     measured: dict[str, Any] = field(default_factory=dict)
     checks: dict[str, bool] = field(default_factory=dict)

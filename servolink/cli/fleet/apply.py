@@ -57,7 +57,7 @@ def run_apply(args: argparse.Namespace) -> int:
     """Show what would change on each board, ask, and write to all that differ."""
     from servolink.project.project_file import read_project_file
 
-    project, unchecked, _ = read_project_file(args.file)  # before any question: it may be missing
+    project, unchecked, _ = read_project_file(args.file)  # a missing file ends the command before a question is asked
     refuse_without_answer(args)
 
     async def main(interruption: Interruption) -> int:

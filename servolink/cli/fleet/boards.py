@@ -64,7 +64,7 @@ def battery_of(seen: BoardSeen) -> str:
 
 
 def table_of(boards: Sequence[BoardSeen]) -> Table:
-    """Return a row for each board, with the columns in which there is something."""
+    """Return a row for each board, without empty columns."""
     nows = [seen.now for seen in boards]
     columns: dict[str, list[object]] = {
         "board": [seen.name for seen in boards],

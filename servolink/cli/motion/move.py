@@ -150,7 +150,7 @@ def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[
 
 
 class _Move(NamedTuple):
-    """What one servo was to do, and where it is then."""
+    """Movement of one servo: target, and position afterwards."""
 
     servo_id: int
     caption: str | None

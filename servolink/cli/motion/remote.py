@@ -45,7 +45,7 @@ _AFTER_STOP = "all servos are stopped and held: `servolink servo start all` star
     needs_records=True,
 )
 def run(args: argparse.Namespace) -> int:
-    """Show what the keys do, and obey them until somebody ends it."""
+    """Show the meaning of the keys, and obey them until the end."""
     if args.json or not can_ask() or not is_terminal():
         usage_error(args, "buttons are pressed by keys, which needs a terminal; `servolink run macro NAME` needs none")
 
@@ -109,7 +109,7 @@ async def _ended(worker: asyncio.Task[None]) -> None:
 
 
 async def _press(control: RemoteControl, captions: Mapping[int, str], presses: asyncio.Queue[str]) -> None:
-    """Press what comes, and say what that did."""
+    """Press the buttons of the keys in the queue, and print the result of each."""
     while True:
         try:
             async with asyncio.timeout(control.wait):
@@ -198,7 +198,7 @@ class RemoteControl:
         return f"{name} pressed: {pressed}; held: {held}; the next tap releases it"
 
     async def stop(self) -> None:
-        """Stop all servos. All buttons are up then, and run nothing."""
+        """Stop all servos and release all buttons, without their button-up macros."""
         self._held.clear()
         self._runs, self._after = 0, None
         await self._board.stop()
@@ -214,7 +214,7 @@ class RemoteControl:
         return f"macro {button.button_up_macro} waits for the end of macro {self._runs}"
 
     async def _run(self, macro_id: int) -> str:
-        """Run a macro, 0 for none, and return what was done, also if it was refused: what comes next is tried."""
+        """Run a macro, 0 for none, and return the outcome as text; a refusal is an outcome too."""
         if not macro_id:
             return "no macro"
         if macro_id not in self._seconds:

@@ -31,9 +31,9 @@ class _Servos(NamedTuple):
     """Servos that a run is for, by id."""
 
     here: list[int]
-    """Those that the board has."""
+    """Servos present on the board."""
     idle: list[int]
-    """Those of them that are stopped or released, and will not move."""
+    """Present servos that are stopped or released, and will not move."""
 
 
 _OPTIONS = (
@@ -99,7 +99,7 @@ async def play(board: Board, interruption: Interruption, found: RecordRun, *, sh
 
 
 async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) -> None:
-    """Run it, or only check that nothing forbids it, and return at once."""
+    """Start the run, or with `dry_run` only check the limits, and return at once."""
     from servolink.protocol.records import Action
 
     run: Any = board.run_action if isinstance(found.record, Action) else board.run_macro

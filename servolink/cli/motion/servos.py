@@ -55,7 +55,7 @@ async def known_captions(board: Board) -> dict[int, str]:
 
 
 async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:
-    """Return what all servos report. Raise NotFound if there are none, or if one that is `wanted` is missing."""
+    """Return the reports of all servos. Raise NotFound for a board without servos or without a `wanted` one."""
     try:
         servos = await board.servos()
     except Rejected:  # a board without servos refuses the unit of their angles
@@ -87,7 +87,7 @@ def are(servo_ids: Sequence[int]) -> str:
 
 
 def servo_object(servo: Servo, captions: Mapping[int, str]) -> dict[str, Any]:
-    """Return what a servo reports, for `--json`, with its caption, None if that is not in `captions`."""
+    """Return the report of a servo for `--json`; its caption is None unless in `captions`."""
     return {
         "servo_id": servo.servo_id,
         "servo_caption": captions.get(servo.servo_id),

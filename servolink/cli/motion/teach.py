@@ -181,7 +181,7 @@ async def _write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
 
 
 def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
-    """Return `project` with what was taught. Raise ProjectError if it has something of that name."""
+    """Return `project` with the taught records. Raise ProjectError for a caption in use."""
     refuse_taken(project, lesson.caption)
     return extend_project(project, lesson.record())
 
@@ -259,7 +259,7 @@ async def _start_carefully(board: Board, interruption: Interruption, servo: Serv
 
 
 async def _keep(board: Board, behaviour: str, evidence: str) -> None:
-    """Keep in the profile of the board, if it has one, what its servos do when they are started.
+    """Record in the profile, if the board has one, how its servos behave when started.
 
     That none turned is likely to be so the next time; they may have had no other target.
     """

@@ -23,7 +23,7 @@ class ReleasedServos:
     """Releases servos and holds them again where they are."""
 
     def __init__(self, board: Board, servos: Sequence[Servo]) -> None:
-        """Take the `servos` as they are before they are released."""
+        """Remember the state of the `servos` before their release."""
         self._board = board
         self._servos = servos
         self.ids = [servo.servo_id for servo in servos]
@@ -34,7 +34,7 @@ class ReleasedServos:
             await self._board.release(servo.servo_id)
 
     async def hold(self) -> None:
-        """Hold all of them, stopped, and only then start those that were started before.
+        """Hold all servos first, then start the servos that were started before.
 
         A servo that is started while it is limp may turn to its last target; one that is held first stays.
         """

@@ -181,7 +181,7 @@ async def _by_keys(board: Board, session: TrimSession) -> bool:
 
 
 async def _obey(session: TrimSession, key: str) -> str:
-    """Do what a key asks, and return what there is to say about it."""
+    """Carry out a key, and return a remark for the person, or an empty text."""
     try:
         if key in _SELECT:
             session.select(_SELECT[key])
@@ -298,7 +298,9 @@ class TrimSession:
     async def nudge(self, servo_id: int, degrees: int) -> None:
         """Move a servo by `degrees`, and count it. Raise EncodeError, or MotionRefused, if it must not move there."""
         target = self.check(servo_id, degrees)
-        self._nudges.append((servo_id, degrees))  # before the movement: if it is interrupted, it may have been sent
+        self._nudges.append(
+            (servo_id, degrees)
+        )  # before the movement, which may have been sent even if it is interrupted
         try:
             await self._board.move({servo_id: target}, speed=SPEED)
         except EncodeError:

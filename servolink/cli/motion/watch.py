@@ -277,7 +277,7 @@ class Screen:
             self._draw()
 
     def note(self, text: str) -> None:
-        """Draw what there is now, which includes what `text` says."""
+        """Draw the current picture, which includes the news of `text`."""
         self._draw()
 
     def alarms(self, alarms: Sequence[RaisedAlarm]) -> None:
@@ -303,7 +303,7 @@ def may_replace(path: Path) -> bool:
         with open_file(path) as file:
             return file.read(len(header)) in {b"", header}
     except OSError:
-        return True  # opening it to write says what is wrong
+        return True  # opening the file for writing raises the right error
 
 
 @contextmanager

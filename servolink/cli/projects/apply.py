@@ -43,7 +43,7 @@ _NAMED = 5  # records that the question names
     ),
 )
 def _apply(args: argparse.Namespace) -> int:
-    project, unchecked, _ = read_project_file(args.file)  # before any question: it may be missing
+    project, unchecked, _ = read_project_file(args.file)  # a missing file ends the command before a question is asked
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
@@ -80,7 +80,7 @@ def _roll_back(args: argparse.Namespace) -> int:
     given = backup_named(args.backup) if args.backup else None
     store = BackupStore()
     if given:
-        store.load(given)  # before any question: it may be missing or damaged
+        store.load(given)  # a missing or damaged file ends the command before a question is asked
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:

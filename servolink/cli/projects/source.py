@@ -64,7 +64,7 @@ OUTPUT = (
 
 
 def write_edited(args: argparse.Namespace, before: Project, after: Project, changes: list[str], **more: Any) -> int:
-    """Write `after` where `args` says, whole or not at all, and print the changes.
+    """Write `after` to the file of `args`, whole or not at all, and print the changes.
 
     Raise ProjectError, and write nothing, if a board could not store it. An export of values that servolink would not
     write unasked stays one; no others may be added to it.

@@ -132,7 +132,7 @@ async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
 
 
 async def _until_the_end(recorder: Recorder, view: RecordView, seconds: float | None) -> None:
-    """Return when the time is over, when `q` is pressed, or when nothing more can come."""
+    """Wait for the end of the time, the key `q`, or the end of the recorder."""
     ending = asyncio.Event()
     marks = 0
 

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    with Recording(Path(args.file)) as recording:  # now, so that errors come before anybody connects
+    with Recording(Path(args.file)) as recording:  # now, so that a damaged file is reported before a program connects
         read_conversation(recording)
 
     def connect() -> Transport:
@@ -180,7 +180,7 @@ def _servo_count(sent: Sequence[Asked], first: ServosRead | None) -> int:
 
 
 async def _play(replay: Replay, tell: Callable[[Asked | None], None]) -> None:
-    """Pass each command to the board at its time, and go on until nothing moves any more.
+    """Pass each command to the board at its time, and continue until all servos rest.
 
     The board has no clock of its own, so that at twice the speed it is told that twice the time has passed.
     """

@@ -160,7 +160,7 @@ def _hz(about: Recorded | None) -> float:
 
 
 def _tells_packets(about: Recorded | None, wanted: Selection) -> bool:
-    """Return whether each request is told: somebody wants that, or nobody knows which of them are commands."""
+    """Return whether the story includes each request: on demand, and where commands are unknown."""
     is_spied = about is not None and about.through == "spy"
     return is_spied or bool(wanted.packet) or "/packets" in wanted.topics
 

@@ -63,7 +63,7 @@ def fail(problem: Exception | str, code: int) -> int:
 
 
 def silence(descriptor: int) -> None:
-    """Discard what is written to a broken stream from now on, so that Python does not fail again when it exits."""
+    """Discard further output of a broken stream, so that Python does not fail again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
 
 
@@ -102,7 +102,7 @@ def lost_output(error: OSError) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows of texts and numbers, which are escaped when they are printed."""
+    """Rows of texts and numbers, escaped at printing."""
 
     columns: Sequence[str]
     """Their names; empty for facts, with a name and a value in each row."""

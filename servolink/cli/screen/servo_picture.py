@@ -34,7 +34,7 @@ _SHOWN_ALARMS = 3
 
 @dataclass
 class Watched:
-    """What is known of a board while it is watched."""
+    """State of a watched board."""
 
     name: str
     hz: float

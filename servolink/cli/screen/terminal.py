@@ -31,7 +31,7 @@ def cleanup(act: Callable[[], object]) -> Iterator[None]:
 def end_process(code: int) -> NoReturn:
     """End the process without waiting for anything but the calls promised by `cleanup`."""
     for act in reversed(_cleanups):
-        with suppress(Exception):  # the terminal may be gone
+        with suppress(Exception):  # closed terminal
             act()
     os._exit(code)
 
@@ -99,7 +99,7 @@ async def until_quit(seconds: float | None) -> AsyncIterator[None]:
             with single_keys(lambda keys: limit.reschedule(0.0) if "q" in keys.lower() else None):
                 yield
     except TimeoutError:
-        if not limit.expired():  # another one, such as that of a request
+        if not limit.expired():  # timeout of a request in the context
             raise
 
 

@@ -107,7 +107,7 @@ class _About(NamedTuple):
     change: str
     """Example of a change."""
     unused: int
-    """Id, in examples, of one that nothing runs, so that it may be deleted."""
+    """Id, in examples, of an unused record, which may be deleted."""
 
 
 _TYPES = {
