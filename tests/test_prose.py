@@ -86,7 +86,7 @@ BACKLOG: dict[str, dict[str, float]] = {
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 158},
-    "studio/web": {"riddles": 8, "pronouns": 11, "lines": 77},
+    "studio/web": {"riddles": 6.6, "pronouns": 11, "lines": 77},
     "sync": {"pronouns": 8, "lines": 173, "short": 36},
     "transports": {"riddles": 6, "pronouns": 9, "lines": 172},
     "usbip": {"pronouns": 8.5},
