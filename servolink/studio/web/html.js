@@ -1,7 +1,7 @@
 // What components are written with, from the libraries in `vendor`.
 
-import { h, render } from "./vendor/preact.js";
 import htm from "./vendor/htm.js";
+import { h, render } from "./vendor/preact.js";
 
 export const html = htm.bind(h);
 export { render };

@@ -1,9 +1,9 @@
 // Lines of many servos over the last seconds, drawn with uPlot.
 
-import uPlot from "../vendor/uplot.js";
 import { html, useEffect, useRef } from "../html.js";
 import { LENGTH } from "../state/history.js";
 import { Stretch } from "../state/stretch.js";
+import uPlot from "../vendor/uplot.js";
 
 /** @typedef {import("../state/history.js").History} History */
 /** @typedef {import("../state/history.js").Quantity} Quantity */

@@ -1,7 +1,7 @@
 // A small picture of a pose, drawn when it is first seen and when it changes.
 
-import { Stage } from "../figure/stage.js";
 import { html, useEffect, useRef } from "../html.js";
+import { Stage } from "../figure/stage.js";
 import { figure } from "../state/figure.js";
 import { theme } from "../state/settings.js";
 

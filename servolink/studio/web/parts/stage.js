@@ -1,7 +1,7 @@
 // A canvas with the figure, drawn again in each frame of the browser while it can be seen.
 
-import { Stage, drawFlatOnly } from "../figure/stage.js";
 import { html, useEffect, useRef } from "../html.js";
+import { Stage, drawFlatOnly } from "../figure/stage.js";
 import { isMine } from "../state/robot.js";
 
 /** @typedef {import("../figure/figure.js").Figure} Figure */

@@ -1,6 +1,7 @@
 // The page: header, screens, and what they need of the robot.
 
 import { html } from "../html.js";
+import { Icon } from "../parts/icon.js";
 import { ActionsScreen } from "../screens/actions/index.js";
 import { BoardScreen } from "../screens/board/index.js";
 import { ButtonsScreen } from "../screens/buttons/index.js";
@@ -9,11 +10,10 @@ import { MacrosScreen } from "../screens/macros/index.js";
 import { ProjectScreen } from "../screens/project/index.js";
 import { RecordScreen } from "../screens/record/index.js";
 import { TeachScreen } from "../screens/teach/index.js";
-import { Icon } from "../parts/icon.js";
+import { welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
 import { screen, showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
-import { Banner } from "./banner.js";
 import { Header, StopButton } from "./header.js";
 import { KeyList } from "./keys.js";
 import { Notices } from "./notices.js";
@@ -66,4 +66,14 @@ function Toasts() {
       </div>`,
     )}
   </div>`;
+}
+
+// The line that says that nothing real moves; it cannot be closed.
+
+function Banner() {
+  if (!welcome.value?.is_virtual) return null;
+  return html`<aside class="banner" aria-label=${t("banner.title")}>
+    <${Icon} name="chip" /><b>${t("banner.title")}</b><span>${t("banner.nothing_moves")}</span>
+    <span class="hide-n faint">${t("banner.connect")}</span>
+  </aside>`;
 }

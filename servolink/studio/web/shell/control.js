@@ -3,8 +3,8 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../state/toasts.js";
 import { isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
+import { toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {import("./app.js").Tools} Tools */

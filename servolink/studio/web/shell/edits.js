@@ -3,9 +3,9 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../state/toasts.js";
 import { conflict, differences, draft, edit, keeping, redo, redoLabel, undo, undoLabel } from "../state/project.js";
 import { withEdit } from "../state/records.js";
+import { toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {import("../state/undo.js").Label} Label */

@@ -3,9 +3,9 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../state/toasts.js";
 import { battery, boardState, linkState, welcome } from "../state/robot.js";
 import { changeLanguage, changeTheme, theme } from "../state/settings.js";
+import { toast } from "../state/toasts.js";
 import { showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { Control } from "./control.js";

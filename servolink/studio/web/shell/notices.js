@@ -4,7 +4,6 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { Note } from "../parts/note.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "../state/toasts.js";
 import {
   another,
   boardState,
@@ -19,6 +18,7 @@ import {
   welcome,
 } from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
+import { toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 import { ask } from "./control.js";
 

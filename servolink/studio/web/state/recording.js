@@ -3,10 +3,10 @@
 import { computed, signal } from "../html.js";
 import { RequestError } from "../link/link.js";
 import { safeText } from "../parts/safe-text.js";
-import { toast } from "./toasts.js";
+import { t } from "../texts/text.js";
 import { LENGTH } from "./history.js";
 import { actualPose, history, isLive, servoIds, welcome } from "./robot.js";
-import { t } from "../texts/text.js";
+import { toast } from "./toasts.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */

@@ -1,14 +1,14 @@
 // The action on the screen, the pose from which it starts, and changes of both.
 
 import { computed, signal } from "../html.js";
+import { safeText } from "../parts/safe-text.js";
+import { t } from "../texts/text.js";
 import { figure } from "./figure.js";
 import { mirrorOf } from "./mirror.js";
 import { draft, edit } from "./project.js";
 import { fitCaption, freeId, poseOf, withRecord } from "./records.js";
 import { actualPose, captions } from "./robot.js";
 import { chooseAction, chosenAction } from "./view.js";
-import { safeText } from "../parts/safe-text.js";
-import { t } from "../texts/text.js";
 
 /** @typedef {import("./records.js").Action} Action */
 /** @typedef {import("./records.js").Pose} Pose */

@@ -2,6 +2,7 @@
 
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
+import { seconds, t } from "../texts/text.js";
 import { durations } from "./durations.js";
 import { commandOf, withCommandAt } from "./edit-macro.js";
 import { capOf, slowness } from "./limits.js";
@@ -10,7 +11,6 @@ import { draft, edit } from "./project.js";
 import { fitCaption, freeId, targetOf, withRecord } from "./records.js";
 import { actualPose } from "./robot.js";
 import { chooseMacro, chosenMacro } from "./view.js";
-import { seconds, t } from "../texts/text.js";
 
 /** @typedef {import("./records.js").Macro} Macro */
 /** @typedef {import("./records.js").Command} Command */

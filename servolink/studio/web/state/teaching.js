@@ -2,15 +2,15 @@
 
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
-import { editToast, toast } from "./toasts.js";
+import { t } from "../texts/text.js";
 import { limbs } from "./figure.js";
+import { leastSeconds, poseAt, totalOf, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
 import { capOf } from "./limits.js";
+import { Limp, released } from "./limp.js";
 import { draft, edit } from "./project.js";
 import { actualPose, isLive, isOthers, mayMove, servoIds } from "./robot.js";
+import { editToast, toast } from "./toasts.js";
 import { chooseAction, chooseMacro } from "./view.js";
-import { t } from "../texts/text.js";
-import { leastSeconds, poseAt, totalOf, whyNot, withLesson, withPose, withSeconds } from "./lesson.js";
-import { Limp, released } from "./limp.js";
 
 /** @typedef {import("./lesson.js").Taken} Taken */
 /** @typedef {import("./lesson.js").Start} Start */

@@ -1,13 +1,11 @@
 // What can be done to the action on the screen as a whole.
 
-import { editToast } from "../../state/toasts.js";
 import { withDegrees, withEnoughTime, withSteps, withTime } from "../../state/edit-action.js";
 import { capOf, within } from "../../state/limits.js";
 import { mirrored, rightToLeft } from "../../state/mirror.js";
 import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutAction } from "../../state/records.js";
 import { actualPose, servoIds } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
 import {
   action,
   addAction,
@@ -17,6 +15,8 @@ import {
   nameOfAction,
   startPose,
 } from "../../state/shown-action.js";
+import { editToast } from "../../state/toasts.js";
+import { t } from "../../texts/text.js";
 
 /** @typedef {import("../../state/motion.js").Part} Part */
 /** @typedef {import("../../state/records.js").Action} Action */

@@ -11,9 +11,6 @@ import { within } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { actualPose } from "../../state/robot.js";
-import { chooseServo, chosen, views } from "../../state/view.js";
-import { t } from "../../texts/text.js";
-import { trialOf } from "./commands.js";
 import {
   action,
   changeAction,
@@ -24,6 +21,9 @@ import {
   showsGhost,
   toggleGhost,
 } from "../../state/shown-action.js";
+import { chooseServo, chosen, views } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { trialOf } from "./commands.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 

@@ -7,9 +7,9 @@ import { limitsOf, nameOf } from "../../state/figure.js";
 import { capOf, within } from "../../state/limits.js";
 import { settle } from "../../state/project.js";
 import { LONGEST } from "../../state/records.js";
+import { changeAction, ghostAction, startPose } from "../../state/shown-action.js";
 import { chooseServo, chosen } from "../../state/view.js";
 import { degrees, seconds, t } from "../../texts/text.js";
-import { changeAction, ghostAction, startPose } from "../../state/shown-action.js";
 import { turn } from "./stage-card.js";
 
 /** @typedef {import("../../state/records.js").Step} Step */

@@ -9,9 +9,9 @@ import { speedsOf, tooFast } from "../../state/edit-action.js";
 import { limbName, limbs, nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { fitCaption } from "../../state/records.js";
+import { action, changeAction, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { t } from "../../texts/text.js";
 import { duplicate, moreTime, remove } from "./commands.js";
-import { action, changeAction, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { StepRow } from "./step-row.js";
 
 const SHORTEST_BAR = 200; // milliseconds that fill a bar at least

@@ -1,12 +1,11 @@
 // Fits a figure to the robot, servo by servo: a small movement, and the question which part of the robot moved.
 
-import { Figure } from "../../figure/figure.js";
 import { html, useMemo } from "../../html.js";
+import { Figure } from "../../figure/figure.js";
 import { Icon } from "../../parts/icon.js";
+import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { FigureStage } from "../../parts/stage.js";
-import { toast } from "../../state/toasts.js";
-import { safeText } from "../../parts/safe-text.js";
 import { figure, saveFigure } from "../../state/figure.js";
 import {
   asked,
@@ -23,6 +22,7 @@ import {
   origin,
 } from "../../state/fitting.js";
 import { actualPose } from "../../state/robot.js";
+import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 import { FitSteps } from "./fit-steps.js";
 

@@ -1,16 +1,25 @@
 // Board: which boards are here, what is known of this one, what is wrong with it, and who else uses it.
 
 import { html } from "../../html.js";
-import { fit } from "../../state/fitting.js";
+import { Icon } from "../../parts/icon.js";
+import { Note } from "../../parts/note.js";
+import { safeText } from "../../parts/safe-text.js";
+import { figure, ownFigure, saveFigure } from "../../state/figure.js";
+import { beginFit, fit } from "../../state/fitting.js";
+import { isLive, lease, programs, servoIds, welcome } from "../../state/robot.js";
+import { renamePage, who } from "../../state/settings.js";
+import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
-import { About } from "./about.js";
-import { BoardList } from "./board-list.js";
+import { useAnswer } from "./asking.js";
+import { Command } from "./command.js";
 import { Doctor } from "./doctor.js";
-import { FigureCard } from "./figure-card.js";
 import { FitCard } from "./fit.js";
 import { LinkCard } from "./links.js";
-import { People } from "./people.js";
 
+/** @typedef {import("../../state/robot.js").Program} Program */
+/** @typedef {import("../../texts/text.js").Key} Key */
+/** @typedef {import("../../link/link.js").Link} Link */
+/** @typedef {{ url: string, product: string, problem: string, is_ours: boolean }} Found */
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
 /** @param {Tools} tools */
@@ -21,4 +30,160 @@ export function BoardScreen({ link, motion }) {
       <div><${BoardList} link=${link} /><${FigureCard} link=${link} /><${LinkCard} link=${link} /></div>
       <div><${Doctor} link=${link} /><${About} /><${People} link=${link} /></div>
     </div>`;
+}
+
+// The boards that are here, and how to begin with another one.
+
+const PLAIN = /^[\w:/.@?=&+-]+$/;
+
+/** @param {{ link: Link }} props */
+function BoardList({ link }) {
+  const { answer, isAsking, ask } = useAnswer(link, "studio.boards", () => ({}));
+  const boards = /** @type {{ boards: Found[] } | null} */ (answer)?.boards ?? [];
+  const others = boards.filter((board) => !board.is_ours);
+  return html`<section class="card">
+    <header><h2>${t("board.boards")}</h2>
+      <button class="btn s" disabled=${isAsking} onClick=${ask}><${Icon} name="search" />${t("board.look_again")}</button>
+    </header>
+    <ul>
+      <li class="bd2 on">
+        <span class="ico"><${Icon} name=${iconOf(welcome.value?.url ?? "")} /></span>
+        <div class="grow"><b>${safeText(welcome.value?.name ?? "")}</b>
+          ${isLive.value ? html`<span class="chip ok">${t("board.connected")}</span>` : html`<span class="chip bad">${t("board.is_lost")}</span>`}
+          <small class="num mono">${safeText(welcome.value?.url ?? "")}</small></div>
+      </li>
+      ${others.map((board) => html`<${Other} key=${board.url} board=${board} />`)}
+    </ul>
+    ${answer !== null && others.length === 0 && html`<p class="pad0 mut">${t("board.no_others")}</p>`}
+  </section>`;
+}
+
+/** @param {{ board: Found }} props */
+function Other({ board: { url, product, problem } }) {
+  return html`<li class="bd2">
+    <span class="ico"><${Icon} name=${iconOf(url)} /></span>
+    <div class="grow">
+      <b>${safeText(product) || t("board.some_board")}</b><small class="num mono">${safeText(url)}</small>
+      ${problem && html`<${Note} kind="warn" title=${safeText(problem)} />`}
+      ${PLAIN.test(url) && html`<${Command} text=${`servolink studio --board ${url}`} />`}
+    </div>
+  </li>`;
+}
+
+/** @param {string} url */
+function iconOf(url) {
+  const scheme = url.split(":")[0];
+  return { virtual: "chip", tcp: "wifi", share: "hand" }[scheme] ?? "usb";
+}
+
+// Which figure stands for the robot, and how to change it.
+
+/** @param {{ link: import("../../link/link.js").Link }} props */
+function FigureCard({ link }) {
+  const known = figure.value,
+    isOwn = ownFigure.value !== null;
+  const mayEdit = welcome.value?.role === "edit";
+  const useTemplate = () => {
+    const before = ownFigure.value,
+      action = { label: t("edit.undo"), run: () => save(link, before) };
+    save(link, null).then(() => toast({ kind: "ok", title: t("figure.use_template"), action }));
+  };
+  return html`<section class="card">
+    <header><h2>${t("figure.title")}</h2>${known && html`<span class="chip">${safeText(known.data.name)}</span>`}</header>
+    <div class="pad0 stack">
+      <p class="mut">${t(known === null ? "figure.none" : isOwn ? "figure.is_own" : "figure.is_template")}</p>
+      ${
+        mayEdit &&
+        html`<div class="row wrap">
+        <button class="btn s" disabled=${!isLive.value} onClick=${beginFit}><${Icon} name="live" />${t("figure.fit")}</button>
+        ${isOwn && html`<button class="btn s" onClick=${useTemplate}>${t("figure.use_template")}</button>`}
+      </div>`
+      }
+    </div>
+  </section>`;
+}
+
+/**
+ * @param {import("../../link/link.js").Link} link
+ * @param {import("../../state/figure.js").FigureData | null} data
+ */
+const save = (link, data) =>
+  saveFigure(link, data).catch((error) => toast({ kind: "bad", title: safeText(error.message) }));
+
+// What is known of the board: its profile, which `servolink doctor --learn` writes. It is only shown.
+
+/** Those that people understand, in this order; the others follow with their names in the file. @type {Record<string, Key>} */
+const TITLES = {
+  byte_order: "board.byte_order",
+  caption_encoding: "board.caption_encoding",
+  on_duplicate: "board.on_duplicate",
+  interval_unit: "board.interval_unit",
+  speed_cap: "board.speed_cap",
+};
+
+function About() {
+  const { name = "", profile } = welcome.value ?? {},
+    { settings = {}, limits = {} } = profile ?? {};
+  const known = Object.entries({ ...settings, ...limits }).filter(([, value]) => !isNothing(value));
+  const order = Object.keys(TITLES),
+    place = (/** @type {string} */ key) => (order.indexOf(key) + order.length + 1) % (order.length + 1);
+  known.sort(([one], [other]) => place(one) - place(other));
+  return html`<section class="card">
+    <header><h2>${t("board.about")}</h2></header>
+    <div class="pad0">
+      <dl class="kv">
+        <dt>${t("board.name")}</dt><dd>${safeText(name)}</dd>
+        <dt>${t("board.servos")}</dt><dd>${servoIds.value.length}</dd>
+        ${known.map(([key, value]) => html`<dt>${key in TITLES ? t(TITLES[key]) : html`<span class="mono">${safeText(key)}</span>`}</dt><dd>${safeText(textOf(value))}</dd>`)}
+      </dl>
+      ${known.length === 0 && html`<p class="mut">${t("board.nothing_known")}</p>`}
+    </div>
+  </section>`;
+}
+
+/** @param {unknown} value */
+const isNothing = (value) =>
+  value === null || (typeof value === "object" && Object.keys(/** @type {object} */ (value)).length === 0);
+
+/** @param {unknown} value */
+const textOf = (value) => (typeof value === "object" ? JSON.stringify(value) : String(value));
+
+// Who else uses the board, and who has control.
+
+/** @param {{ link: import("../../link/link.js").Link }} props */
+function People({ link }) {
+  const rename = (/** @type {string} */ name) => {
+    renamePage(name);
+    link.rename(name);
+  };
+  const mine = welcome.value?.session;
+  return html`<section class="card">
+    <header><h2>${t("board.people")}</h2></header>
+    <div class="pad0">
+      <ul class="who">
+        ${programs.value.map((program) => html`<${Person} key=${program.session} program=${program} isMine=${program.session === mine} />`)}
+      </ul>
+      <label class="field"><span>${t("board.page_name")}</span>
+        <input class="inp" maxlength="60" value=${who.value} placeholder=${t("board.page_name_example")}
+          onChange=${(/** @type {Event} */ event) => rename(/** @type {HTMLInputElement} */ (event.currentTarget).value)} />
+      </label>
+    </div>
+  </section>`;
+}
+
+/** @param {{ program: Program, isMine: boolean }} props */
+function Person({ program, isMine }) {
+  const hasLease = lease.value?.session === program.session,
+    name = safeText(program.who);
+  const state = hasLease
+    ? t("board.has_control")
+    : program.role === "watch"
+      ? t("board.may_watch")
+      : t("board.watching");
+  return html`<li class="row">
+    <span class="dot"></span>
+    <span class="grow ell">${isMine ? t("board.this_page", { who: name }) : name}</span>
+    <small class="mut">${safeText(program.door)}</small>
+    <span class=${hasLease ? "chip acc" : "chip"}>${state}</span>
+  </li>`;
 }

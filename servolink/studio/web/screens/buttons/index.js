@@ -5,21 +5,9 @@ import { Icon } from "../../parts/icon.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
-import { toast } from "../../state/toasts.js";
-import { down, heard } from "../../state/button-events.js";
+import { counts, down, heard } from "../../state/button-events.js";
 import { durations } from "../../state/durations.js";
 import { refusal, running } from "../../state/motion.js";
-import { draft, isCurrent, stored } from "../../state/project.js";
-import { isLive, mayMove } from "../../state/robot.js";
-import { chooseMode, mode } from "../../state/view.js";
-import { t } from "../../texts/text.js";
-import { Assign, macroName } from "./assign.js";
-import { buttonOf, isSet } from "./edits.js";
-import { useGamepad } from "./gamepad.js";
-import { Grid } from "./grid.js";
-import { isGamepad, PLACES } from "./layout.js";
-import { EventCount, EventLog } from "./log.js";
-import { Pad } from "./pad.js";
 import {
   chooseButton,
   chooseTable,
@@ -29,8 +17,20 @@ import {
   pressed,
   Presses,
 } from "../../state/pad.js";
+import { draft, isCurrent, stored } from "../../state/project.js";
+import { isLive, mayMove } from "../../state/robot.js";
+import { toast } from "../../state/toasts.js";
+import { chooseMode, mode } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { Assign, macroName } from "./assign.js";
+import { buttonOf, isSet } from "./edits.js";
+import { useGamepad } from "./gamepad.js";
+import { Grid } from "./grid.js";
+import { isGamepad, PLACES } from "./layout.js";
+import { Pad } from "./pad.js";
 import { addTable, Tables } from "./tables.js";
 
+/** @typedef {import("../../texts/text.js").Key} Key */
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 /** @typedef {import("../../state/records.js").Project} Project */
 /** @typedef {import("../../state/records.js").Table} Table */
@@ -228,4 +228,36 @@ function totals(project) {
   const found = durations(project);
   return (/** @type {number} */ macroId) =>
     (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
+}
+
+// What the board said of its buttons, the newest first, and how much of that was lost.
+
+const SHOWN = 4;
+
+/** @type {Record<string, Key>} */
+const TITLES = { press: "buttons.press", long_press: "buttons.long_press", up: "buttons.up" };
+
+function EventCount() {
+  const { heard: count, lost } = counts.value;
+  if (count === 0) return html`<span class="mut">${t("buttons.no_events")}</span>`;
+  if (lost > 0) return html`<span class="chip warn num">${t("buttons.events_lost", { count, lost })}</span>`;
+  return html`<span class="mut num">${t("buttons.events", { count })}</span>`;
+}
+
+/** @param {{ macroOf: (id: number, kind: string) => string }} props */
+function EventLog({ macroOf }) {
+  const shown = heard.value.slice(0, SHOWN);
+  return html`<div class="pad0">
+    <h2 class="h3">${t("buttons.log")}</h2>
+    <div role="log"><ul class="log">
+      ${shown.map(({ number, id, kind, time }) => {
+        const macro = macroOf(id, kind);
+        return html`<li key=${number}>
+          <time>${time.toTimeString().slice(0, 8)}</time><span class="sid acc">${id}</span>
+          <span>${kind in TITLES ? t(TITLES[kind]) : kind}</span><span class="grow mut ell">${macro && `→ ${macro}`}</span>
+        </li>`;
+      })}
+      ${shown.length === 0 && html`<li class="mut">${t("buttons.log_empty")}</li>`}
+    </ul></div>
+  </div>`;
 }

@@ -1,14 +1,16 @@
 // Live: the robot as it is now, every servo beside its limb, and what happened in the last seconds.
 
 import { html } from "../../html.js";
-import { limbName, limbs } from "../../state/figure.js";
-import { isFresh, isLive, servoIds } from "../../state/robot.js";
-import { showLimb, shownLimb } from "../../state/view.js";
-import { t } from "../../texts/text.js";
 import { Icon } from "../../parts/icon.js";
+import { Plot } from "../../parts/plot.js";
+import { Segments } from "../../parts/segments.js";
+import { limbName, limbOf, limbs } from "../../state/figure.js";
+import { history, isFresh, isLive, servoIds } from "../../state/robot.js";
+import { theme } from "../../state/settings.js";
+import { chosen, plotQuantity, plottedQuantity, showLimb, shownLimb } from "../../state/view.js";
+import { t } from "../../texts/text.js";
 import { Inspector } from "./inspector.js";
-import { LimbCard } from "./limb-card.js";
-import { PlotCard } from "./plot-card.js";
+import { ServoRow } from "./servo-row.js";
 import { StageCard } from "./stage-card.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
@@ -55,3 +57,43 @@ const NoServos = () => html`<div class="card empty">
   <h1>${t("live.no_servos")}</h1>
   <p>${t("live.no_servos_detail")}</p>
 </div>`;
+
+// A card with the servos of one limb.
+
+const FEW = 3;
+
+/** @param {{ limb: string, ids: number[], isShown: boolean } & Tools} props */
+function LimbCard({ limb, ids, isShown, ...tools }) {
+  const classes = ["card limb", ids.length <= FEW ? "three" : "", isShown ? "show" : ""].join(" ");
+  return html`<section class=${classes} data-g=${limb} aria-label=${limbName(limb)}>
+    <header>
+      <span class="gd"></span>
+      <h2>${limbName(limb)}</h2>
+      <span class="cols" aria-hidden="true"><span>${t("live.current_short")}</span><span>${t("live.temperature_short")}</span></span>
+    </header>
+    <ul>
+      ${ids.map((id) => html`<${ServoRow} key=${id} id=${id} ...${tools} />`)}
+    </ul>
+  </section>`;
+}
+
+// What all servos did in the last seconds.
+
+const SECONDS = 12;
+
+function PlotCard() {
+  return html`<section class="card plotcard">
+    <header>
+      <${Segments} label=${t("live.plot")} small value=${plottedQuantity.value} onChoose=${plotQuantity}
+        choices=${[
+          { value: "angle", label: t("live.angle") },
+          { value: "current_raw", label: t("live.current_title") },
+          { value: "temperature_raw", label: t("live.temperature_title") },
+        ]} />
+      <span class="grow"></span>
+      <span class="chip hide-n">${t("live.last_seconds", { seconds: SECONDS })}</span>
+    </header>
+    <${Plot} history=${history} ids=${servoIds.value} quantity=${plottedQuantity.value} seconds=${SECONDS} chosen=${chosen.value}
+      limbOf=${limbOf} unit=${plottedQuantity.value === "angle" ? "°" : ""} label=${t("live.plot")} nowLabel=${t("live.now")} look=${theme.value} />
+  </section>`;
+}

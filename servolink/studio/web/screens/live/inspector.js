@@ -1,9 +1,9 @@
 // The chosen servo: its numbers, and what can be done to it.
 
 import { html, useRef, useSignalEffect } from "../../html.js";
-import { toast } from "../../state/toasts.js";
 import { limbOf, nameOf } from "../../state/figure.js";
 import { isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
+import { toast } from "../../state/toasts.js";
 import { chosen } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 

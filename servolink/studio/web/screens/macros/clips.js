@@ -5,10 +5,10 @@ import { Icon } from "../../parts/icon.js";
 import { PosePicture } from "../../parts/pose-picture.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
-import { seconds, t } from "../../texts/text.js";
-import { move, stretch } from "./commands.js";
 import { chooseClip, chosenClip, course, macro, nameOfCommand } from "../../state/shown-macro.js";
 import { dragClip, dragged, endDrag, freezeScale, place, releaseScale, share, span } from "../../state/timeline.js";
+import { seconds, t } from "../../texts/text.js";
+import { move, stretch } from "./commands.js";
 
 /** @typedef {import("../../state/macro-time.js").Clip} Clip */
 

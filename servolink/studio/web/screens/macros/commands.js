@@ -1,10 +1,8 @@
 // What can be done to the chosen command, and to the macro as a whole.
 
-import { editToast } from "../../state/toasts.js";
 import { withCommand, withCommandAt, withMoved, withoutCommandAt } from "../../state/edit-macro.js";
 import { draft, edit } from "../../state/project.js";
 import { callersOf, withoutMacro } from "../../state/records.js";
-import { seconds, t } from "../../texts/text.js";
 import {
   addMacro,
   changeMacro,
@@ -14,6 +12,8 @@ import {
   nameOfCommand,
   nameOfMacro,
 } from "../../state/shown-macro.js";
+import { editToast } from "../../state/toasts.js";
+import { seconds, t } from "../../texts/text.js";
 
 export const SLOWEST = 1,
   FASTEST = 100; // percent

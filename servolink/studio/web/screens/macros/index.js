@@ -1,19 +1,31 @@
 // Macros: what they do in time, tried on the figure before the robot moves.
 
-import { html, useEffect } from "../../html.js";
+import { html, useEffect, useMemo, useRef } from "../../html.js";
+import { HoldButton } from "../../parts/hold-button.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { Reading } from "../../parts/reading.js";
+import { FigureStage } from "../../parts/stage.js";
+import { ViewChoice } from "../../parts/view-choice.js";
+import { figure } from "../../state/figure.js";
+import { isRunning, pause, pose, runOnRobot, seek, time, togglePlay } from "../../state/macro-preview.js";
 import { draft } from "../../state/project.js";
-import { t } from "../../texts/text.js";
+import {
+  addEmptyMacro,
+  course,
+  macro,
+  nameOfMacro,
+  secondsOfMacro,
+  showMacro,
+  startFromRobot,
+} from "../../state/shown-macro.js";
+import { chooseServo, chosen, views } from "../../state/view.js";
+import { seconds, t } from "../../texts/text.js";
 import { duplicate, moveChosen, removeChosen } from "./commands.js";
-import { addEmptyMacro, macro, startFromRobot } from "../../state/shown-macro.js";
 import { Inspector } from "./inspector.js";
-import { MacroList } from "./macro-list.js";
-import { pause, seek, time, togglePlay } from "../../state/macro-preview.js";
-import { StageCard } from "./stage-card.js";
 import { Timeline } from "./timeline.js";
 
+/** @typedef {import("../../state/records.js").Macro} Macro */
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
 const STEP = 0.01; // seconds
@@ -55,3 +67,50 @@ const NoMacros = () => html`<div class="card empty">
     <a class="btn" href="#actions"><${Icon} name="actions" />${t("macros.make_actions")}</a>
   </div>
 </div>`;
+
+// All macros.
+
+function MacroList() {
+  const macros = draft.value?.macros ?? [],
+    list = useRef(/** @type {HTMLElement | null} */ (null));
+  useEffect(() => {
+    list.current?.querySelector("[aria-pressed=true]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
+  }, [macro.value?.macro_id]);
+  return html`<section class="card list" aria-label=${t("screen.macros")}>
+    <header>
+      <h2>${t("screen.macros")} <span class="mut num count">${macros.length}</span></h2>
+      <button class="btn s ic" aria-label=${t("macros.new")} title=${t("macros.new")} onClick=${addEmptyMacro}><${Icon} name="plus" /></button>
+    </header>
+    <div class="mlist" ref=${list}>${macros.map(row)}</div>
+  </section>`;
+}
+
+/** @param {Macro} one */
+function row(one) {
+  const takes = secondsOfMacro(one),
+    time = takes === null ? t("macros.endless") : seconds(takes, 1);
+  return html`<button key=${one.macro_id} class="mrow" aria-pressed=${String(one === macro.value)} onClick=${() => showMacro(one.macro_id)}>
+    <span class="sid">${one.macro_id}</span>
+    <span class="grow"><b class="ell">${nameOfMacro(one)}</b><small class="num">${t("macros.facts", { time, count: one.commands.length })}</small></span>
+  </button>`;
+}
+
+// The figure plays the macro; the robot does so while it is held.
+
+/** @param {Tools} tools */
+function StageCard({ motion }) {
+  const scene = useMemo(() => ({ pose, chosen: () => chosen.value, onPick: chooseServo }), []);
+  const isEmpty = course.value === null || course.value.isCut || course.value.turns.length === 0;
+  return html`<section class="stage" aria-label=${t("macros.preview")}>
+    ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene} label=${t("macros.preview")} view=${views.macros.value} />`}
+    <div class="tl col"><${ViewChoice} of="macros" /></div>
+    <div class="tr">
+      ${
+        isRunning.value
+          ? html`<span class="chip warn" role="status"><${Icon} name="live" />${t("macros.running")}</span>`
+          : html`<span class="chip acc"><${Icon} name="eye" />${t("macros.preview_only")}</span>`
+      }
+    </div>
+    <div class="br"><${HoldButton} label=${t("macros.hold_to_run")} disabled=${isEmpty} onBegin=${() => runOnRobot(motion)} onEnd=${() => motion.end()} /></div>
+  </section>`;
+}

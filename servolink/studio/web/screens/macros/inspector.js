@@ -11,6 +11,17 @@ import { nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
+import {
+  changeMacro,
+  chosenClip,
+  course,
+  fastTurns,
+  macro,
+  nameOfCommand,
+  nameOfMacro,
+  secondsOfMacro,
+  showMacro,
+} from "../../state/shown-macro.js";
 import { seconds, t } from "../../texts/text.js";
 import {
   chosenCommand,
@@ -25,17 +36,6 @@ import {
   setSpeed,
   SLOWEST,
 } from "./commands.js";
-import {
-  changeMacro,
-  chosenClip,
-  course,
-  fastTurns,
-  macro,
-  nameOfCommand,
-  nameOfMacro,
-  secondsOfMacro,
-  showMacro,
-} from "../../state/shown-macro.js";
 
 /** @typedef {import("../../state/records.js").Command} Command */
 

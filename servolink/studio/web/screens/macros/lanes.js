@@ -4,10 +4,10 @@ import { computed, html } from "../../html.js";
 import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { speedOf } from "../../state/macro-time.js";
-import { chooseServo, chosen } from "../../state/view.js";
-import { degrees } from "../../texts/text.js";
 import { course } from "../../state/shown-macro.js";
 import { place, span } from "../../state/timeline.js";
+import { chooseServo, chosen } from "../../state/view.js";
+import { degrees } from "../../texts/text.js";
 
 /** @typedef {import("../../state/macro-time.js").Turn} Turn */
 

@@ -4,11 +4,11 @@ import { html, useState } from "../../html.js";
 import { Dialog } from "../../parts/dialog.js";
 import { Icon } from "../../parts/icon.js";
 import { safeText } from "../../parts/safe-text.js";
-import { toast } from "../../state/toasts.js";
 import { differencesOf } from "../../state/differences.js";
 import { backups, progress, rollBack } from "../../state/plan.js";
 import { stored } from "../../state/project.js";
 import { isLive, welcome } from "../../state/robot.js";
+import { toast } from "../../state/toasts.js";
 import { language, t } from "../../texts/text.js";
 import { Difference } from "./difference.js";
 

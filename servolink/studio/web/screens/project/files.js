@@ -1,12 +1,12 @@
 // Opening and saving project files: the same ones as those of the command line.
 
 import { RequestError } from "../../link/link.js";
-import { saveBytes } from "../../parts/save-bytes.js";
-import { toast } from "../../state/toasts.js";
 import { safeText } from "../../parts/safe-text.js";
+import { saveBytes } from "../../parts/save-bytes.js";
 import { ownFigure, saveFigure } from "../../state/figure.js";
 import { draft, edit } from "../../state/project.js";
 import { welcome } from "../../state/robot.js";
+import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */

@@ -5,16 +5,27 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
-import { apply, dropPlan, isPlanning, makePlan, plan, planError, progress, readBackups } from "../../state/plan.js";
+import {
+  apply,
+  dropPlan,
+  isPlanning,
+  makePlan,
+  outcome,
+  plan,
+  planError,
+  progress,
+  readBackups,
+  rollBack,
+} from "../../state/plan.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { Backups } from "./backups.js";
-import { Checks, MemoryCard } from "./checks.js";
 import { Difference } from "./difference.js";
 import { openFile, saveFile } from "./files.js";
-import { Outcome, Phases } from "./phases.js";
 
+/** @typedef {import("../../state/plan.js").Found} Found */
+/** @typedef {import("../../texts/text.js").Key} Key */
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 /** @typedef {import("../../state/plan.js").Plan} Plan */
 /** @typedef {import("../../link/link.js").Link} Link */
@@ -106,4 +117,92 @@ function Facts({ plan: { changes, wire_bytes: bytes, estimated_seconds: time, me
     <div><dt>${t("project.takes")}</dt><dd>${Math.max(1, Math.round(time))} <small>s</small></dd></div>
     <div><dt>${t("project.memory_then")}</dt><dd>${used === null ? "?" : used.toFixed(1)} <small>%</small></dd></div>
   </dl>`;
+}
+
+// How far the writing is, or how it ended.
+
+/** @type {{ title: Key, phases: string[] }[]} */
+const STEPS = [
+  { title: "project.phase_backup", phases: ["reading", "saving"] },
+  { title: "project.phase_mark", phases: ["marking"] },
+  { title: "project.phase_write", phases: ["clearing", "writing"] },
+  { title: "project.phase_verify", phases: ["verifying"] },
+  { title: "project.phase_done", phases: ["finishing"] },
+];
+
+function Phases() {
+  const now = progress.value;
+  if (now === null) return null;
+  const at = STEPS.findIndex(({ phases }) => phases.includes(now.phase));
+  return html`<div class="pad">
+    <ol class="phase">
+      ${STEPS.map(({ title }, index) => html`<li class=${index < at ? "done" : index === at ? "now" : ""} aria-current=${index === at ? "step" : undefined}>${t(title)}</li>`)}
+    </ol>
+    <p class="mut num" role="status">${t("project.progress", { done: now.done, total: now.total, item: safeText(now.item) })} ${t("project.nothing_moves")}</p>
+    <progress max=${now.total || 1} value=${now.total ? now.done : undefined} aria-label=${t(STEPS[Math.max(0, at)].title)} />
+  </div>`;
+}
+
+/** @param {{ link: Link, isUnfinished: boolean }} props */
+function Outcome({ link, isUnfinished }) {
+  const { state, text, of } = outcome.value;
+  if (progress.value !== null) return null;
+  if (state === "broken" || isUnfinished) {
+    const detail = state === "broken" ? `${safeText(text)}. ${t("project.broken_detail")}` : t("project.broken_detail");
+    return html`<div class="pad0"><${Note} kind="bad" urgent title=${t("project.broken")} detail=${detail}>
+      <button class="btn s pri" disabled=${!isLive.value} onClick=${() => apply(link)}>${t("project.go_on")}</button>
+      <button class="btn s" disabled=${!isLive.value} onClick=${() => rollBack(link, null)}><${Icon} name="rollback" />${t("project.roll_back")}</button>
+    </${Note}></div>`;
+  }
+  if (state === "none" || (of !== null && of !== draft.value)) return null; // or edited since
+  const title = t(state === "written" ? "project.written" : "project.rolled_back");
+  const number = /(\d{6,})-\d{8}T/.exec(text)?.[1];
+  const detail =
+    number === undefined
+      ? t("project.written_detail")
+      : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(number) })}`;
+  return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
+}
+
+// What to know before it is written: what the board would refuse, what is odd, and how much memory is left.
+
+const MOST = 8;
+
+/** @param {{ plan: Plan, found: Found[] }} props */
+function Checks({ plan, found }) {
+  const errors = found.filter(({ severity }) => severity === "error"),
+    others = found.filter(({ severity }) => severity !== "error");
+  const warning = plan.memory?.warning;
+  return html`<section class="card">
+    <header><h2>${t("project.checks")}</h2></header>
+    <div class="pad0 stack">
+      ${errors.length === 0 && html`<${Note} kind="ok" title=${t("project.nothing_refused")} />`}
+      ${errors.length > 0 && html`<${Note} kind="bad" title=${t("project.refused", { count: errors.length })} /><${List} found=${errors} />`}
+      ${others.length > 0 && html`<${Note} kind="warn" title=${t("project.odd", { count: others.length })} /><${List} found=${others} />`}
+      ${plan.inconsistencies.length > 0 && html`<${Note} kind="warn" title=${t("project.repairs")} detail=${plan.inconsistencies.map(safeText).join("; ")} />`}
+      ${warning && html`<${Note} kind="warn" title=${t("project.may_not_fit")} detail=${safeText(warning)} />`}
+    </div>
+  </section>`;
+}
+
+/** @param {{ found: Found[] }} props */
+const List = ({ found }) => html`<ul class="found">
+  ${found.slice(0, MOST).map(({ path, text }) => html`<li><code>${safeText(path)}</code> ${safeText(text)}</li>`)}
+  ${found.length > MOST && html`<li class="mut">${t("project.more", { count: found.length - MOST })}</li>`}
+</ul>`;
+
+/** @param {{ memory: import("../../state/plan.js").Memory | null }} props */
+function MemoryCard({ memory }) {
+  if (memory === null || memory.size_bytes === null || memory.size_bytes <= 0) return null;
+  const size = memory.size_bytes,
+    used = size - memory.free_before_bytes,
+    after = size - memory.free_after_bytes;
+  const share = (/** @type {number} */ bytes) => `${Math.max(0, Math.min(100, (bytes / size) * 100))}%`;
+  return html`<section class="card">
+    <header><h2>${t("project.memory")}</h2></header>
+    <div class="pad0">
+      <div class="mem"><i style=${{ width: share(Math.min(used, after)) }}></i><i style=${{ width: share(Math.max(0, after - used)) }}></i></div>
+      <p class="mut num">${t("project.memory_after", { after: after.toLocaleString(), size: size.toLocaleString() })}</p>
+    </div>
+  </section>`;
 }

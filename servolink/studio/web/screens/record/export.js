@@ -1,13 +1,13 @@
 // What becomes of a recording: a file of the hub, a table of what is plotted, or actions of the marked poses.
 
 import { saveBytes } from "../../parts/save-bytes.js";
-import { editToast, toast } from "../../state/toasts.js";
 import { LENGTH, QUANTITIES } from "../../state/history.js";
-import { draft, edit } from "../../state/project.js";
-import { history } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
 import { SHORTEST, whyNot, withLesson } from "../../state/lesson.js";
+import { draft, edit } from "../../state/project.js";
 import { frozen, marks, plotted, say, status } from "../../state/recording.js";
+import { history } from "../../state/robot.js";
+import { editToast, toast } from "../../state/toasts.js";
+import { t } from "../../texts/text.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {import("../../state/history.js").History} History */

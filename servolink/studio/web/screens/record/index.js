@@ -3,26 +3,27 @@
 import { html, useEffect } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
+import { Menu } from "../../parts/menu.js";
 import { Plot } from "../../parts/plot.js";
-import { limbOf } from "../../state/figure.js";
+import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";
 import { open } from "../../state/project.js";
-import { history, isLive, servoIds } from "../../state/robot.js";
-import { theme } from "../../state/settings.js";
-import { chosen } from "../../state/view.js";
-import { t } from "../../texts/text.js";
 import {
   freeze,
   frozen,
   mark,
   marks,
   mayRecord,
+  plotServos,
   plotted,
   refresh,
   startOrStop,
   status,
 } from "../../state/recording.js";
-import { Export } from "./export-menu.js";
-import { ServoList } from "./servo-list.js";
+import { history, isLive, servoIds, servos } from "../../state/robot.js";
+import { theme } from "../../state/settings.js";
+import { chosen } from "../../state/view.js";
+import { t } from "../../texts/text.js";
+import { makeActions, saveRecording, saveTable } from "./export.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
@@ -97,3 +98,44 @@ function factsOf(now) {
 
 /** @param {number} seconds */
 const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+
+// What to make of a recording.
+
+/** @param {{ link: import("../../link/link.js").Link }} props */
+const Export = ({ link }) =>
+  html`<${Menu} label=${t("record.export")} items=${[
+    { label: t("record.export_recording"), run: () => saveRecording(link) },
+    { label: t("record.export_table"), run: saveTable },
+    { label: t("record.export_actions"), run: makeActions },
+  ]} />`;
+
+// The servos by limb, and which of them are plotted.
+
+function ServoList() {
+  const isAll = plotted.value.length === servoIds.value.length;
+  return html`<section class="card ser">
+    <header><h2>${t("record.plotted")}</h2><button class="btn s" onClick=${() => plotServos(servoIds.value, !isAll)}>${isAll ? t("record.none") : t("record.all")}</button></header>
+    <div class="pad0">
+      ${limbs.value.map(
+        ({ limb, ids }) => html`<fieldset key=${limb} data-g=${limb}>
+        <legend>${limbName(limb)}</legend>
+        ${ids.map((id) => html`<${Servo} key=${id} id=${id} />`)}
+      </fieldset>`,
+      )}
+    </div>
+  </section>`;
+}
+
+/** @param {{ id: number }} props */
+function Servo({ id }) {
+  const isPlotted = plotted.value.includes(id);
+  return html`<label>
+    <input type="checkbox" checked=${isPlotted} onChange=${() => plotServos([id], !isPlotted)} />
+    <span class="grow">${nameOf(id)}</span>
+    <${Angle} id=${id} />
+  </label>`;
+}
+
+/** @param {{ id: number }} props */
+const Angle = ({ id }) =>
+  html`<span class="num mut">${String(servos.value.get(id)?.angle ?? "").replace("-", "\u2212")}°</span>`;

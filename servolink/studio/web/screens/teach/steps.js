@@ -5,6 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { limbName, limbs } from "../../state/figure.js";
+import { failure } from "../../state/limp.js";
 import { reading } from "../../state/project.js";
 import { isOthers, mayMove } from "../../state/robot.js";
 import {
@@ -25,7 +26,6 @@ import {
   toggleLimb,
 } from "../../state/teaching.js";
 import { t } from "../../texts/text.js";
-import { failure } from "../../state/limp.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 
