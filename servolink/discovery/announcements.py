@@ -1,6 +1,6 @@
-"""The virtual boards served on this machine: each server keeps a locked file in the user's runtime folder.
+"""Announcements of virtual boards: each server keeps a locked file in the runtime folder of the user.
 
-The lock ends with the process, however that ends: a file that can be locked is left over, and is removed.
+The system releases the lock with the process: a file without a lock is left over from a killed process, and is removed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _MOST_BYTES = 65536
 
 @contextmanager
 def announced(board: DeviceInfo) -> Iterator[None]:
-    """Make `candidates` find `board` within this context; it is not found where no private file can be kept."""
+    """Announce `board` to `candidates` inside the context; do nothing if the system keeps no private files."""
     with ExitStack() as stack:
         with suppress(OSError):
             _write(board, private_folder(), stack)
@@ -34,12 +34,12 @@ def announced(board: DeviceInfo) -> Iterator[None]:
 
 
 def candidates() -> list[DeviceInfo]:
-    """Return the virtual boards that are being served by this user on this machine."""
+    """Return the virtual boards served by the user on the local machine."""
     return read_all(_SUFFIX)
 
 
 def read_all(suffix: str) -> list[DeviceInfo]:
-    """Return what the files with this suffix announce; remove those whose program is gone."""
+    """Return the boards announced in files with `suffix`; remove files of ended programs."""
     try:
         folder = user_folder("runtime")
         names = sorted(folder.glob(f"*{suffix}")) if is_ours(folder.lstat()) else []
@@ -49,15 +49,15 @@ def read_all(suffix: str) -> list[DeviceInfo]:
 
 
 def write(board: DeviceInfo, file: BinaryIO) -> None:
-    """Announce `board` in a file that is locked."""
+    """Announce `board` in an already locked file."""
     file.seek(0)
     file.truncate()
     file.write(json.dumps(asdict(board)).encode())
 
 
 def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
-    """Write an announcement that `stack` removes."""
-    import tempfile  # late, as it takes long to load: the search for boards does not need it
+    """Write an announcement, to be removed by `stack`."""
+    import tempfile  # imported late: slow to load, and needed for announcing only
 
     number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
     stack.callback(Path(name).unlink, missing_ok=True)
@@ -67,9 +67,9 @@ def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
 
 
 def _read(path: Path) -> DeviceInfo | None:
-    """Return the board announced in `path`, None if it cannot be read; remove the file if its program is gone."""
+    """Return the board announced in `path`, None for an unreadable file; remove the file of an ended program."""
     try:
-        with open_file(path, writable=True) as file:  # some file systems lock no file that is only read
+        with open_file(path, writable=True) as file:  # some file systems lock only files opened for writing
             content = file.read(_MOST_BYTES)
             left_over = bool(content) and lock(file, wait=False)  # an empty file is about to be written
             if left_over:

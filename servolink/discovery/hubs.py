@@ -1,7 +1,7 @@
-"""The hubs that run here: each has its name for itself, and announces which board it shares.
+"""Hubs on the local machine: each hub claims a unique name, and announces the board to share.
 
-The file `NAME.hub` in the user's runtime folder belongs to the hub that has locked it. The lock ends with the process,
-so that the name of a hub that was killed is free again.
+The hub NAME holds the lock of the file `NAME.hub` in the runtime folder of the user. The system releases the lock with
+the process, so that the name of a killed hub is free again.
 """
 
 from __future__ import annotations
@@ -23,17 +23,20 @@ from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
 
 _SUFFIX = ".hub"
 _PRIVATE = 0o700
-_TRIES, _PAUSE = 10, 0.01  # of locking a name; the search for boards locks what was left over for a moment
+_TRIES, _PAUSE = (
+    10,
+    0.01,
+)  # attempts to lock a name, and seconds between: the search for boards locks leftover files for a moment
 
 
 class HubClaim:
-    """The name of a hub, which is free again when the context of its claim ends."""
+    """Claim to the name of a hub, released at the end of its context."""
 
     def __init__(self, name: str, folder: Path, file: BinaryIO) -> None:
         """Use `claim_hub`."""
         self.name = name
         self.folder = folder
-        """Folder in which only this user can create files."""
+        """Folder where only the user can create files."""
         self._file = file
 
     def __enter__(self) -> Self:
@@ -41,20 +44,20 @@ class HubClaim:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the name back."""
-        with suppress(OSError):  # without a lock it counts as left over
+        """Release the name, and stop announcing the hub."""
+        with suppress(OSError):  # a file without a lock counts as left over
             remove_locked(_file_of(self.name, self.folder), self._file)
 
     @property
     def url(self) -> str:
-        """The address of the hub."""
+        """Address of the hub, such as `share://rex`."""
         return f"share://{self.name}"
 
     def announce(self, url: str) -> None:
-        """Make the search find this hub, which shares the board at `url`.
+        """Announce the hub, as sharing the board at `url`, to the search for boards.
 
-        Blocks for some milliseconds. To be called when programs can connect. Raise OpenError if another hub shares the
-        board, or if the file cannot be written.
+        Call when programs can connect. Blocks for some milliseconds. Raise OpenError if another hub shares the board,
+        or if the file cannot be written.
         """
         identity = identity_of(url) or ANY_DEVICE
         product = f"shared by a hub (pid {os.getpid()})"
@@ -62,48 +65,48 @@ class HubClaim:
             write(DeviceInfo(self.url, product, identity, shares=url), self._file)
         except OSError as error:
             where = _file_of(self.name, self.folder)
-            raise OpenError(f"{self.url}: programs could not find it: {where}: {reason(error)}") from error
-        # After it was written: of two hubs that begin at the same time at least one finds the other.
+            raise OpenError(f"{self.url}: the hub cannot be announced to programs: {where}: {reason(error)}") from error
+        # Checked after the file was written: of two hubs starting together, at least one finds the other.
         if (other := hub_of(url, but=self.url)) is not None:
-            raise OpenError(f"{url} is {other.product} already: use {other.url}, or end that one first")
+            raise OpenError(f"{url} is {other.product} already: use {other.url}, or end the other hub first")
 
 
 async def claim_hub(name: str) -> HubClaim:
-    """Take a name for a hub. Raise OpenError, which names the hub that has it."""
+    """Claim a name for a hub. Raise OpenError, with the current owner of the name."""
     if not is_name(name):
         raise OpenError(f"{quote(name)} cannot be the name of a hub: use up to 64 letters, digits, - and _")
     try:
         folder = private_folder()
-        folder.chmod(_PRIVATE)  # made by an earlier version or by another program, perhaps for others to read
+        folder.chmod(_PRIVATE)  # an earlier version or another program may have made the folder readable for others
         file = await _locked(_file_of(name, folder))
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
     if file is None:
         taken = await asyncio.to_thread(_described, name)
-        raise OpenError(f"share://{name} is {taken} already: use it, or choose another name with --name")
+        raise OpenError(f"share://{name} is {taken} already: use that hub, or choose another name with --name")
     return HubClaim(name, folder, file)
 
 
 def candidates() -> list[DeviceInfo]:
-    """Return the hubs of this user that run on this machine."""
+    """Return the running hubs of the user on the local machine."""
     return [hub for hub in read_all(_SUFFIX) if hub.shares]
 
 
 def hub_of(url: str, *, but: str = "") -> DeviceInfo | None:
-    """Return the hub that shares the board at `url`, None if none does, leaving out the one at the address `but`."""
+    """Return the hub sharing the board at `url`, None for an unshared board; ignore the hub at the address `but`."""
     if is_new_board(url):
         return None
     return next((hub for hub in candidates() if hub.url != but and is_same_place(hub.shares, url)), None)
 
 
 def is_new_board(url: str) -> bool:
-    """Return whether each connection to this address leads to a board of its own."""
+    """Return whether each connection to the address `url` creates a new board."""
     return url.startswith(("virtual://", "replay://"))
 
 
 def _described(name: str) -> str:
-    """Return what the hub `name` does, in words that follow "is"."""
+    """Return the state of the hub `name`, as a phrase to follow "is"."""
     for hub in candidates():
         if hub.url == f"share://{name}":
             return f"{hub.product}, for {hub.shares},"
@@ -115,10 +118,12 @@ def _file_of(name: str, folder: Path) -> Path:
 
 
 async def _locked(path: Path) -> BinaryIO | None:
-    """Return the file, empty and locked, None if another program has it. Raise OSError if it cannot be had at all."""
+    """Return the file, empty and locked, None if locked by another program. Raise OSError for any other failure."""
     for _ in range(_TRIES):
         if (file := open_locked(path)) is not None:
             file.truncate()
             return file
-        await asyncio.sleep(_PAUSE)  # this loop may serve other hubs, with dead-man times to keep
+        await asyncio.sleep(
+            _PAUSE
+        )  # without blocking: the event loop may serve other hubs, with dead-man times to keep
     return None

@@ -1,4 +1,4 @@
-"""The user's own names for boards, kept in a TOML file, and the address that a name stands for now."""
+"""Names given to boards by the user, stored in a TOML file, and the present address of each named board."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from servolink.transports.serial_ports import identity_at, move, ports_of
 
 
 class Alias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The board that a name stands for."""
+    """Board with a name: address, and USB identity if known."""
 
     url: str
-    """The board's address when it got its name; the options in it still apply."""
+    """Address of the board at the time of naming; options in the address still apply."""
     serial_number: str = ""
-    """For a serial port, whose address changes with the place where it is plugged in; otherwise empty."""
+    """Serial number of a USB serial port, whose address depends on the socket; empty for other boards."""
     vendor_id: int | None = None
     product_id: int | None = None
     interface: int | None = None
 
     @property
     def identity(self) -> PortIdentity:
-        """By which the board is found again, if it has a serial number."""
+        """USB identity, by which a board with a serial number is found again."""
         return PortIdentity(self.vendor_id, self.product_id, self.serial_number, self.interface)
 
 
@@ -43,15 +43,15 @@ class _NamesFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def aliases_path() -> Path:
-    """Return where the names are kept. Raise TransportUnavailable for a user without a home."""
+    """Return the path of the file of names. Raise TransportUnavailable for a user without a home."""
     try:
         return user_folder("config") / "boards.toml"
     except OSError as error:
-        raise TransportUnavailable(f"names for boards cannot be kept: {reason(error)}") from error
+        raise TransportUnavailable(f"names for boards cannot be stored: {reason(error)}") from error
 
 
 def load_aliases() -> dict[str, Alias]:
-    """Return the names; empty for a user without a home. TransportUnavailable says what is wrong with the file."""
+    """Return the boards by name; empty for a user without a home. Raise TransportUnavailable for a damaged file."""
     try:
         path = aliases_path()
     except TransportUnavailable:
@@ -61,31 +61,31 @@ def load_aliases() -> dict[str, Alias]:
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:  # errors of TOML, of types and of encoding are ValueErrors
-        raise TransportUnavailable(f"{path} cannot be used: {reason(error)}; correct it or remove it") from error
+        raise TransportUnavailable(f"{path} cannot be used: {reason(error)}; correct or remove the file") from error
 
 
 def save_alias(name: str, alias: Alias) -> None:
-    """Give `name` to the board of `alias`; the file is replaced as a whole or not at all.
+    """Name the board of `alias`; the file is replaced atomically.
 
-    Raise InvalidAddress for an address that is not text, ServolinkError if the file cannot be written.
+    Raise InvalidAddress for an address with undecodable bytes, ServolinkError if the file cannot be written.
     """
     try:
         f"{alias.url}{alias.serial_number}".encode()
     except UnicodeEncodeError as error:
-        raise refusal(alias.url, "holds bytes that are not text; write each as in %FF") from error
+        raise refusal(alias.url, "holds bytes outside UTF-8; write each byte as in %FF") from error
     with _changing() as aliases:
         aliases[name] = alias
 
 
 def remove_alias(name: str) -> None:
-    """Remove a name; do nothing if it is unknown. Raise ServolinkError if the file cannot be written."""
+    """Remove a name; do nothing for an unknown name. Raise ServolinkError if the file cannot be written."""
     if name in load_aliases():
         with _changing() as aliases:
             aliases.pop(name, None)
 
 
 def alias_for(url: str, devices: Sequence[DeviceInfo]) -> Alias:
-    """Return what finds the board at `url` again: its identity if its address depends on the port."""
+    """Return the alias for the board at `url`, with the USB identity if the address depends on the socket."""
     if identity := identity_at(url, devices):
         return Alias(url, identity.serial_number, identity.vendor_id, identity.product_id, identity.interface)
     return Alias(url)
@@ -99,31 +99,33 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     wanted = f"{name} is the board with serial number {alias.serial_number}"
     if not found:
         raise OpenError(
-            f"{wanted}, which is not here; plug it in and switch it on; `servolink list` shows the boards here"
+            f"{wanted}, but was not found; plug the board in and switch it on; `servolink list` shows all boards found"
         )
     if len(found) > 1:
         named = ", ".join(device.url for device in found)
-        raise OpenError(f"{wanted}, and several have it: {named}; use one of these addresses")
+        raise OpenError(f"{wanted}, used by several boards: {named}; use one of these addresses")
     return move(alias.url, found[0])
 
 
 class Resolved(NamedTuple):
-    """A board that was found."""
+    """Address of a board, with its name if known."""
 
     url: str
     name: str | None
-    """Name that was given, or name of the profile that fits the board."""
+    """Given name, or name of the profile of the board; None without a name."""
 
 
 async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resolved:
-    """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only one here.
+    """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only board.
 
-    A board that a hub shares is at the address of the hub, unless another address is given. If `through_hub` is False,
-    the board is needed alone, and OpenError is raised if a hub shares it.
+    A board shared by a hub has the address of the hub, unless another address is given. With `through_hub` False,
+    exclusive use is required, and a board shared by a hub is refused. An address has a name if the name has a profile,
+    and stands for the same port or, without a serial number, for the same address.
 
-    An address has a name if that name has a profile, and stands for the same port or, without a serial number, for the
-    same address. Raise OpenError if none or several are here, or not the one of that name; InvalidAddress for an
-    unknown name.
+    Raises:
+        OpenError: No board or several boards were found, the named board is absent, or a hub shares the board.
+        InvalidAddress: The name is unknown.
+
     """
     if through_hub and board is not None and not is_name(board) and not profile_names():
         return Resolved(board, None)
@@ -131,18 +133,19 @@ async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resol
 
 
 async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
-    """Return the address of `board`, as `resolve_board` does."""
+    """Return the address of `board`, resolved by `resolve_board`."""
     if through_hub and board is not None and not is_name(board):
         return board
     return (await resolve_board(board, through_hub=through_hub)).url
 
 
 def _resolve_alone(board: str | None) -> Resolved:
-    from servolink.discovery import hubs  # late, as below: most programs give an address
+    """Resolve `board` without its hub. Raise OpenError if a hub shares the board."""
+    from servolink.discovery import hubs  # imported late, as below: most programs give an address
 
     found = _resolve(board)
     if (hub := _at(found.url) or hubs.hub_of(found.url)) is not None:
-        raise OpenError(f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub to have the board alone")
+        raise OpenError(f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub for exclusive use of the board")
     return found
 
 
@@ -158,19 +161,21 @@ def _resolve(board: str | None) -> Resolved:
         return Resolved(hub.url, board)
     if alias is None:
         known = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
-        raise InvalidAddress(f"{board} is neither an address nor a name {known}; give it: servolink use {board} URL")
+        raise InvalidAddress(
+            f"{board} is neither an address nor a name {known}; give the name with: servolink use {board} URL"
+        )
     return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
 
 
 def _at(url: str) -> DeviceInfo | None:
-    """Return the hub at an address."""
+    """Return the hub at the address `url`; None without a hub."""
     from servolink.discovery import hubs
 
     return next((hub for hub in hubs.candidates() if hub.url == url), None)
 
 
 def _hub_for(name: str, alias: Alias | None) -> DeviceInfo | None:
-    """Return the hub of the board called `name`: the one that shares it or, if nothing has this name, is called so."""
+    """Return the hub sharing the board `name` or, if no board has the name, the hub of this name."""
     from servolink.discovery import hubs
 
     if alias is None:
@@ -183,7 +188,7 @@ def _hub_for(name: str, alias: Alias | None) -> DeviceInfo | None:
 
 
 def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
-    """Return `url` with the name whose profile is for the board there."""
+    """Return `url` with the name of the profile for the board at this address."""
     with_profile = set(profile_names())
     aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
     found = [name for name, alias in aliases.items() if not alias.serial_number and is_same_place(alias.url, url)]
@@ -192,13 +197,15 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
         here = identity_at(url, search() if devices is None else devices)
         found += [name for name, alias in by_number.items() if here and alias.identity.fits(here)]
     if len(found) > 1:
-        raise OpenError(f"{url} is {' and '.join(sorted(found))}, each with a profile of its own; use one of the names")
+        raise OpenError(
+            f"{url} has the names {' and '.join(sorted(found))}, each with a profile; use a name instead of the address"
+        )
     return Resolved(url, found[0] if found else None)
 
 
 @contextmanager
 def _changing() -> Iterator[dict[str, Alias]]:
-    """Pass the names, and write what they are at the end. Another program that changes them waits meanwhile."""
+    """Yield the names to be changed, and write the result at the end; other programs wait to change names."""
     path = aliases_path()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -208,15 +215,15 @@ def _changing() -> Iterator[dict[str, Alias]]:
             yield aliases
             write_atomically(path, _toml(aliases).encode(), private=True)
     except OSError as error:
-        if isinstance(error, ServolinkError):  # the file cannot be read, which says more
+        if isinstance(error, ServolinkError):  # an unreadable file, with a better text
             raise
         raise ServolinkError(
-            f"{path} cannot be written: {reason(error)}; names need a folder for settings that you may write to"
+            f"{path} cannot be written: {reason(error)}; names need a writable folder for settings"
         ) from error
 
 
 def _parse(text: str) -> dict[str, Alias]:
-    import tomllib  # late: needed for a file with names only
+    import tomllib  # imported late: needed for a file with names only
 
     aliases = msgspec.convert(tomllib.loads(text), _NamesFile).boards
     for name in aliases:

@@ -1,4 +1,4 @@
-"""The search for boards, which opens nothing, and the choice among those it finds."""
+"""Search for boards without opening any port, and choice among the boards found."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ _KINDS = (
     "servolink.discovery.announcements",
     "servolink.discovery.hubs",
 )
-"""The modules whose `candidates` find boards, the best way to a board first."""
+"""Modules with a function `candidates`, in order of preference for a board found by several."""
 _MODULE_OF = dict(zip(("serial", "hid", "usb"), _KINDS, strict=False))
-"""The first ones, by the scheme of the addresses that they find."""
+"""Modules for USB devices, by the scheme of their addresses."""
 
 
 class SearchResult(NamedTuple):
@@ -31,26 +31,26 @@ class SearchResult(NamedTuple):
 
     devices: list[DeviceInfo]
     failures: list[TransportError]
-    """Why the plug-ins of other packages found nothing."""
+    """Errors of the plug-ins of other packages."""
 
 
 async def discover() -> list[DeviceInfo]:
-    """Return the devices that may be boards, and the virtual and shared boards on this machine.
+    """Return possible boards: devices, and the virtual and shared boards on the local machine.
 
-    Nothing is opened. A device that cannot be opened is included; its `problem` says why and what to do. One that is
-    reached in several ways is included once for each. A missing library or a broken plug-in hides the devices that
-    only it finds: see `servolink doctor`.
+    No port is opened. The result includes devices that cannot be opened: `problem` gives cause and remedy. A device
+    with several ways of access is included once for each. A missing library or a broken plug-in hides its devices: see
+    `servolink doctor`.
     """
     return await asyncio.to_thread(search)
 
 
 def search() -> list[DeviceInfo]:
-    """Return the result of `discover`, but block."""
+    """Return the result of `discover`, and block meanwhile."""
     return find_devices().devices
 
 
 def find_devices() -> SearchResult:
-    """Search with our own kinds, then with the plug-ins of other packages, which may fail."""
+    """Search with the built-in modules, then with the plug-ins of other packages, whose errors are collected."""
     found = SearchResult([device for kind in _KINDS for device in _find_kind(kind)], [])
     for plug_in in plug_ins(DISCOVERY):
         try:
@@ -61,7 +61,7 @@ def find_devices() -> SearchResult:
 
 
 def _through_hubs(devices: list[DeviceInfo]) -> list[DeviceInfo]:
-    """Return the devices, with a problem for those that a hub shares: they are used through it."""
+    """Return the devices, each device shared by a hub with a `problem` that refers to the hub."""
     hubs = [device for device in devices if device.shares]
     return [
         next(
@@ -80,13 +80,13 @@ def is_same_place(one: str, other: str) -> bool:
     """Return whether two addresses differ at most in options of the connection, such as the byte order."""
     try:
         first, second = Address.parse(one), Address.parse(other)
-    except InvalidAddress:  # written by hand, and useless
+    except InvalidAddress:  # an alias edited by hand, with an invalid address
         return False
     return _place(first) == _place(second) and (bool(first.serial_device) or first.options == second.options)
 
 
 def identity_of(url: str) -> PortIdentity | None:
-    """Return the USB identity of the port at `url`; None for an absent port, or one without identity. Blocks."""
+    """Return the USB identity of the port at `url`; None for an absent port or a port without identity. Blocks."""
     address = Address.parse(url)
     if address.scheme not in _MODULE_OF:
         return None
@@ -97,10 +97,12 @@ def identity_of(url: str) -> PortIdentity | None:
 
 
 def _place(address: Address) -> object:
+    """Return a value equal for all addresses of the same port or host."""
     return address.serial_device or (address.scheme, address.host, address.port, address.path)
 
 
 def _find_kind(module: str) -> list[DeviceInfo]:
+    """Return the candidates of a built-in module; nothing if the module needs a missing library."""
     try:
         return list(import_module(module).candidates())
     except Exception:  # noqa: BLE001 - a library that is missing or broken, in ways of its own
@@ -108,29 +110,30 @@ def _find_kind(module: str) -> list[DeviceInfo]:
 
 
 def _find_with(plug_in: PlugIn) -> list[DeviceInfo]:
+    """Return the candidates of a plug-in. Raise TransportError for a broken plug-in."""
     with plug_in.blamed():
         devices = list(plug_in.load()())
     for device in devices:
         if not isinstance(device, DeviceInfo):
             raise plug_in.broken(f"it returned {type(device).__name__} instead of a DeviceInfo")
         try:
-            Address.parse(device.url)  # all users of the result parse it
+            Address.parse(device.url)  # raises now what every user of the result would meet
         except InvalidAddress as error:
             raise plug_in.broken(str(error)) from error
     return devices
 
 
 NONE_HERE = (
-    "no board was found; plug it in and switch it on, or name one (with --board or SERVOLINK_BOARD in a shell), as in "
+    "no board was found; plug a board in and switch it on, or name a board (--board or SERVOLINK_BOARD), as in "
     "serial:///dev/ttyACM0, tcp://192.168.1.20:9000 or virtual://; `servolink doctor` looks for the reason"
 )
 
 
 def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
-    """Return one candidate for each board: a hub that shares it, the first that can be opened, or else the first.
+    """Return one candidate for each board: its hub, else the first candidate without a problem, else the first.
 
-    Candidates with one identity are one board that is reached in several ways, unless two are reached in the same
-    way: makers of cheap adapters give all of them one serial number.
+    Candidates with the same identity are the same board with several ways of access, unless two have the same way:
+    makers of cheap adapters give all adapters the same serial number.
     """
     candidates = list(candidates)
     uses = Counter((scheme(candidate), candidate.identity.device) for candidate in candidates)
@@ -139,16 +142,16 @@ def boards(candidates: Iterable[DeviceInfo]) -> list[DeviceInfo]:
     groups: dict[object, list[DeviceInfo]] = {}
     for candidate in candidates:
         if not candidate.shares and any(is_same_place(candidate.url, place) for place in shared):
-            continue  # its hub stands for it, also where neither has an identity
+            continue  # represented by its hub, also if neither has an identity
         identity = candidate.identity.device
         groups.setdefault(candidate if identity in ambiguous else identity, []).append(candidate)
     return [min(ways, key=lambda way: (not way.shares, bool(way.problem))) for ways in groups.values()]
 
 
 def only(candidates: Sequence[DeviceInfo]) -> str:
-    """Return the address of the only board, or of the only one that can be opened.
+    """Return the address of the only board, or of the only board without a problem.
 
-    Raise SeveralBoards, which names them all, or OpenError if there is none that can be opened.
+    Raise SeveralBoards with all addresses, or OpenError if no board can be opened.
     """
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
@@ -162,5 +165,5 @@ def only(candidates: Sequence[DeviceInfo]) -> str:
 
 
 def scheme(candidate: DeviceInfo) -> str:
-    """Return the scheme of its address."""
+    """Return the scheme in the address of a candidate."""
     return candidate.url.partition("://")[0]

@@ -4,7 +4,7 @@ with servolink.sync.connect("virtual://") as board:
     board.move({1: 60, 2: 30}, duration=0.5, wait=True)
     print(board.servo(1).angle)
 
-All boards live on one event loop, in a thread of its own that starts with the first of them.
+All boards share one event loop, in a background thread started with the first board.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ P = ParamSpec("P")
 
 
 def _connecting(make: Callable[P, client.connect]) -> Callable[P, Board]:
-    """Return a function with the arguments of `servolink.connect` that returns a connected board."""
+    """Return a blocking function with the arguments of `servolink.connect`."""
 
     def connect(*args: P.args, **kwargs: P.kwargs) -> Board:
-        """Open a board. The end of a `with` block closes it; without one, its `close` does.
+        """Connect to a board, closed at the end of a `with` block or by `close`.
 
-        Takes the address and options of `servolink.connect`, and raises the same errors. A board that is still open at
-        the end of the program is closed.
+        Takes the address and options of `servolink.connect`, and raises the same errors. A board still open at the end
+        of the program is closed.
         """
         connecting, thread = make(*args, **kwargs), running_thread()
         return thread.run(_open, thread, connecting)
 
-    vars(connect)["__signature__"] = signature(make).replace(return_annotation=Board)  # as `help` shows it
+    vars(connect)["__signature__"] = signature(make).replace(return_annotation=Board)  # the signature in `help`
     return connect
 
 
@@ -62,10 +62,10 @@ async def _open(thread: LoopThread, connecting: client.connect) -> Board:
 
 
 def reconnecting(url: str | None = None, **options: Any) -> BlockingIterator[Board]:
-    """Yield a connected board, and a newly connected one in each further round of the `for` loop.
+    """Yield a connected board, and after each loss a newly connected board.
 
-    After ConnectionLost, `continue` the loop; leaving it closes the last board. Takes the address and options of
-    `servolink.connect`.
+    After ConnectionLost, `continue` the `for` loop; leaving the loop closes the last board. Takes the address and
+    options of `servolink.connect`.
     """
     thread = running_thread()
     return BlockingIterator(thread, _boards(thread, client.reconnecting(url, **options)))
@@ -78,8 +78,8 @@ async def _boards(thread: LoopThread, boards: AsyncGenerator[AsyncBoard, None]) 
 
 
 def discover() -> list[DeviceInfo]:
-    """Return the devices that may be boards, and the virtual boards served on this machine.
+    """Return possible boards: devices, and the virtual and shared boards on the local machine.
 
-    Nothing is opened; see `servolink.discover`.
+    No port is opened; see `servolink.discover`.
     """
     return search()

@@ -1,4 +1,4 @@
-"""Board without async: each method of `servolink.Board`, as one that waits for its result."""
+"""Board without async: the methods of `servolink.Board`, as methods that wait for the result."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ T = TypeVar("T")
 def _blocking(
     method: Callable[Concatenate[client.Board, P], Coroutine[Any, Any, T]],
 ) -> Callable[Concatenate[Board, P], T]:
-    """Return a method that calls an async one and waits for its result."""
+    """Return a method that calls the async `method` and waits for the result."""
 
     @wraps(method)
     def call(self: Board, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -40,13 +40,13 @@ def _blocking(
 def _iterating(
     method: Callable[Concatenate[client.Board, P], AsyncGenerator[T, None]],
 ) -> Callable[Concatenate[Board, P], BlockingIterator[T]]:
-    """Return a method whose iterator waits for what an async one yields."""
+    """Return a method with a blocking iterator over the items of the async `method`."""
 
     @wraps(method)
     def call(self: Board, /, *args: P.args, **kwargs: P.kwargs) -> BlockingIterator[T]:
         return BlockingIterator(self._thread, method(self._board, *args, **kwargs), self)
 
-    shown = signature(method)  # in `help`
+    shown = signature(method)  # the signature in `help`
     items = str(shown.return_annotation).removeprefix("AsyncGenerator[").removesuffix(", None]")
     returns = f"{BlockingIterator.__name__}[{items}]"
     vars(call)["__signature__"] = shown.replace(return_annotation=returns)
@@ -54,13 +54,14 @@ def _iterating(
 
 
 class Board:
-    """A connected board, made by `servolink.sync.connect`.
+    """Connected board, made by `servolink.sync.connect`.
 
-    It has the methods of `servolink.Board`, with the same arguments, results and errors; those that are async there
-    wait here until they are done. What yields items there, such as `button_events`, is used in a `for` loop here.
+    The methods are those of `servolink.Board`, with the same arguments, results and errors. Async methods there are
+    plain methods here, and return when they are done. Async iterators there, such as `button_events`, are used in a
+    `for` loop here.
 
-    Any thread may use it. Functions such as `on_progress` are called in the thread of the event loop, so they cannot
-    use the board.
+    Any thread may use the board. Callbacks such as `on_progress` run in the thread of the event loop, and cannot use
+    the board.
     """
 
     def __init__(self, thread: LoopThread, board: client.Board) -> None:
@@ -78,13 +79,13 @@ class Board:
         return self._board._repr_html_()
 
     def __enter__(self) -> Self:
-        """Return the board, which the end of the block closes."""
+        """Return the board, closed at the end of the block."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the board. No effect in a forked process, as the board stays with the parent process."""
+        """Close the board. No effect in a forked process: the board stays with the parent process."""
         if self._thread.is_here:
             self.close()
 
@@ -92,7 +93,7 @@ class Board:
 
     @property
     def url(self) -> str:
-        """The address of the board."""
+        """Address of the connected board, such as `virtual://`."""
         return self._board.url
 
     @property
@@ -102,17 +103,17 @@ class Board:
 
     @property
     def profile(self) -> ProfileInUse | None:
-        """Name and profile of the board; None if nothing is known of it (see `servolink.connect`)."""
+        """Name and profile of the board; None for an unknown board (see `servolink.connect`)."""
         return self._board.profile
 
     @property
     def limits(self) -> MotionLimits:
-        """The limits of movements: those given to `connect`, tightened by the profile's. False if there are none."""
+        """Limits of movements, as given to `connect` and tightened by the profile; false without any limit."""
         return self._board.limits
 
     @property
     def connection(self) -> Connection:
-        """An object that stands for the present connection: another one after a reconnect."""
+        """Identity of the present connection: a different object after each reconnect."""
         return self._board.connection
 
     @property
@@ -146,9 +147,9 @@ class Board:
     def watch(self, hz: float | None = None, *, alarms: Iterable[Alarm] = ()) -> ServoReadings:
         """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
 
-        Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
-        a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
-        of the given alarms were raised. An alarm with `stops` stops all servos at once.
+        Without `hz`, servos are read as often as the line allows, and more often with a `depth` above 1 (see
+        `connect`). All iterators of a board share the same readings. A reading has `seconds`, `servos`, `missed` and
+        `alarms`, the raised alarms (see `ServoReading`). An alarm with `stops` stops all servos immediately.
         """
         return ServoReadings(self._thread, self._thread.run(_made, self._board.watch, hz, alarms=alarms), self)
 
@@ -159,12 +160,12 @@ class Board:
     set_angle_unit = _blocking(client.Board.set_angle_unit)
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
+        """Return the angle unit of a servo, None if unknown. Takes an id, no caption, and sends no query."""
         return self._board.unit_of(servo_id)
 
     @property
     def units(self) -> ServoUnits:
-        """The units that are known to be set on the board. Change them with `set_angle_unit` only."""
+        """Known angle units of the servos. To be changed by `set_angle_unit` only."""
         return self._board.units
 
     move = _blocking(client.Board.move)
@@ -198,7 +199,7 @@ class Board:
     active_joystick_table = _blocking(client.Board.active_joystick_table)
 
     def button_events(self, limit: int = 256) -> ButtonEvents:
-        """Return an iterator over button events, which subscribes when it is first used (3.4.7, 3.4.8).
+        """Return an iterator over button events, subscribed on first use (3.4.7, 3.4.8).
 
         Up to `limit` unread events are kept; the oldest are dropped and counted.
         """
@@ -214,12 +215,12 @@ class Board:
 
 
 def loop_and_board(board: Board) -> tuple[LoopThread, client.Board]:
-    """Return the thread of a board, and the async board that lives there."""
+    """Return the thread of a board, and its async board in that thread."""
     return board._thread, board._board  # noqa: SLF001 - for other modules of this package only
 
 
 async def _made(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
-    """Return what `make` makes. On the loop: two threads would each make the part of the board that both need."""
+    """Return the result of `make`, called on the loop: two threads could each make a shared part of the board."""
     return make(*args, **kwargs)
 
 

@@ -1,4 +1,4 @@
-"""Async iterators as iterators that block."""
+"""Blocking iterators over the items of async iterators."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ T = TypeVar("T")
 
 
 class _ItemReader(Generic[T]):
-    """Reads an async iterator, on the loop. Giving up the wait for an item loses nothing: the next wait goes on."""
+    """Reader of an async iterator, on the loop. An abandoned wait loses no item: the next wait continues."""
 
     def __init__(self, source: AsyncIterator[T]) -> None:
-        """Read `source`, from the first `read` on."""
+        """Prepare to read `source`; the first call of `read` begins."""
         self._source = source
         self._next: asyncio.Task[T] | None = None
 
     async def read(self, seconds: float | None = None) -> list[T]:
-        """Return the next item, nothing if none comes within `seconds`. Raise StopAsyncIteration at the end."""
+        """Return the next item, an empty list after `seconds` without an item. Raise StopAsyncIteration at the end."""
         loop = asyncio.get_running_loop()
         end = None if seconds is None else loop.time() + seconds
         while True:
@@ -40,16 +40,16 @@ class _ItemReader(Generic[T]):
             await asyncio.wait((pending,), timeout=None if end is None else max(0.0, end - loop.time()))
             if not pending.done():
                 return []
-            if self._next is pending:  # otherwise another thread was faster: this one waits for the next item
+            if self._next is pending:  # otherwise another thread took the item, and the loop waits for the next
                 self._next = None
                 return [_result(pending)]
 
     async def close(self) -> None:
-        """End the iterator, and whoever waits for an item."""
+        """End the iterator, and all waits for an item."""
         if (pending := self._next) is not None:
             pending.cancel()
             await asyncio.wait((pending,))
-        with suppress(ServolinkError):  # the board may be gone
+        with suppress(ServolinkError):  # the connection may be lost
             if isinstance(self._source, AsyncGenerator | SharedIterator):
                 await self._source.aclose()
 
@@ -58,7 +58,7 @@ class _ItemReader(Generic[T]):
 
 
 def _mark_as_seen(task: asyncio.Task[T]) -> None:
-    """Prevent asyncio from logging an error that nobody waits for any more."""
+    """Prevent asyncio from logging the error of an abandoned wait."""
     if not task.cancelled():
         task.exception()
 
@@ -70,18 +70,18 @@ def _result(task: asyncio.Task[T]) -> T:
 
 
 class BlockingIterator(Iterator[T]):
-    """An iterator that waits for its items. `close`, the end of a `with` block and leaving the loop end it.
+    """Iterator that waits for its items, ended by `close`, by the end of a `with` block, and by leaving the loop.
 
     Ctrl-C ends the wait, and no item is lost: the next loop over the same iterator continues.
     """
 
     def __init__(self, thread: LoopThread, source: AsyncIterator[T], owner: object = None) -> None:
-        """Iterate over `source` on the loop of `thread`, and keep `owner` alive for it."""
+        """Iterate over `source` on the loop of `thread`; keep `owner` alive as long as the iterator."""
         self._thread = thread
         self._owner = owner
         self._source = source
         self._reader = _ItemReader(source)
-        # Holds the source, whose own finalizer would run in the thread that drops the last reference.
+        # The finalizer holds the source, whose own finalizer would run in the thread of the last reference.
         weakref.finalize(self, thread.call_soon, self._reader.close).atexit = False
 
     def __iter__(self) -> Self:
@@ -89,19 +89,19 @@ class BlockingIterator(Iterator[T]):
         return self
 
     def __next__(self) -> T:
-        """Wait for the next item."""
+        """Wait for the next item, and return the item."""
         try:
             return self._thread.run(self._reader.read)[0]
         except StopAsyncIteration:
             raise StopIteration from None
 
     def within(self, seconds: float) -> Iterator[T]:
-        """Yield the items of the next `seconds` seconds; with 0, those that are there already."""
+        """Yield the items of the next `seconds` seconds; with 0, only items already received."""
         end = time.monotonic() + seconds
         with suppress(StopAsyncIteration):
             while items := self._thread.run(self._reader.read, max(0.0, end - time.monotonic())):
                 yield from items
-                if seconds and time.monotonic() >= end:  # also for a loop that is slower than the items come
+                if seconds and time.monotonic() >= end:  # ends also if items arrive faster than the loop runs
                     return
 
     def close(self) -> None:
@@ -110,21 +110,21 @@ class BlockingIterator(Iterator[T]):
             self._thread.run(self._reader.close)
 
     def __enter__(self) -> Self:
-        """Return the iterator, which the end of the block closes."""
+        """Return the iterator, closed at the end of the block."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the iterator. No effect in a forked process, as its board stays with the parent process."""
+        """Close the iterator. No effect in a forked process: the board stays with the parent process."""
         if self._thread.is_here:
             self.close()
 
 
 class ServoReadings(BlockingIterator[ServoReading]):
-    """Readings of all servos; `with` or the first one asked for begins to read.
+    """Iterator over readings of all servos; `with` or the first item starts reading.
 
-    A program that is too slow gets the latest reading, and `missed` counts the others.
+    A slow program gets the latest reading; `missed` counts the readings in between.
     """
 
     _source: servo_readings.ServoReadings
@@ -134,22 +134,22 @@ class ServoReadings(BlockingIterator[ServoReading]):
         return repr(self._source)
 
     def __enter__(self) -> Self:
-        """Begin to read."""
+        """Start to read the servos, and return the iterator."""
         self._thread.run(self._source.__aenter__)
         return self
 
 
 class ButtonEvents(BlockingIterator[ButtonEventResponse]):
-    """Button events; `with` or the first event asked for subscribes to them.
+    """Iterator over button events; `with` or the first item subscribes to the events.
 
-    A reader that is too slow loses its oldest events; `dropped` counts them.
+    A slow program loses the oldest events; `dropped` counts the lost events.
     """
 
     _source: button_events.ButtonEvents
 
     @property
     def dropped(self) -> int:
-        """The number of events that this reader lost because it was too slow."""
+        """Number of events lost because the program was too slow."""
         return self._source.dropped
 
     def __repr__(self) -> str:
@@ -157,6 +157,6 @@ class ButtonEvents(BlockingIterator[ButtonEventResponse]):
         return repr(self._source)
 
     def __enter__(self) -> Self:
-        """Subscribe."""
+        """Subscribe to button events, and return the iterator."""
         self._thread.run(self._source.__aenter__)
         return self

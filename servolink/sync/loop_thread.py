@@ -1,4 +1,4 @@
-"""The thread in which the event loop of `servolink.sync` runs, and calls to it from other threads."""
+"""Thread of the event loop of `servolink.sync`, and calls from other threads to the loop."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from servolink.platforms.signals import WAIT
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_CANCEL_LIMIT = 0.5  # seconds that Ctrl-C gives a call to end
-_EXIT_LIMIT = 3.0  # seconds that the end of the program gives all boards to close
+_CANCEL_LIMIT = 0.5  # seconds for a call to end after Ctrl-C
+_EXIT_LIMIT = 3.0  # seconds for all boards to close at the end of the program
 
 
 class _Call(Generic[T]):
-    """One call of an async function, made in one thread and run on the loop of another."""
+    """Call of an async function, made in one thread and run on the loop of another thread."""
 
     def __init__(self, function: Callable[[], Awaitable[T]]) -> None:
         """Prepare to call `function`."""
@@ -46,13 +46,13 @@ class _Call(Generic[T]):
             self._task.cancel()
 
     def wait(self) -> None:
-        """Wait until the call has ended. Runs in the thread that makes the call."""
+        """Wait until the call has ended. Runs in the thread of the caller."""
         while True:
             with suppress(Empty):
                 return self._ended.get(timeout=WAIT)
 
     def wait_after_cancel(self) -> None:
-        """Wait until a cancelled call has ended, but not for long."""
+        """Wait until a cancelled call has ended, at most 0.5 s."""
         with suppress(Empty):
             self._ended.get(timeout=_CANCEL_LIMIT)
 
@@ -66,7 +66,7 @@ class _Call(Generic[T]):
 
 
 class LoopThread:
-    """A daemon thread with an event loop, which lives until the program ends."""
+    """Daemon thread with an event loop, running until the program ends."""
 
     def __init__(self) -> None:
         """Start the thread."""
@@ -74,23 +74,23 @@ class LoopThread:
         self._loop: asyncio.AbstractEventLoop
         self._end: asyncio.Event
         self.at_exit: set[Callable[[], Awaitable[None]]] = set()
-        """Called when the program ends; to be changed on the loop only."""
+        """Functions called at the end of the program; to be changed on the loop only."""
         self.has_ended = False
-        """Whether the program is ending, so that all boards are closed."""
+        """Whether the program is ending, and all boards are closed."""
         started = threading.Event()
         self._thread = threading.Thread(target=self._own, args=[started], name="servolink.sync", daemon=True)
         self._thread.start()
         started.wait()
-        # A daemon is stopped wherever it is when the program ends, so the boards are closed before that.
+        # Boards are closed before the program ends: a daemon thread is killed at any point of its work.
         atexit.register(self._end_with_program)
 
     @property
     def is_here(self) -> bool:
-        """Whether this process started the thread, not the one that it was forked from."""
+        """Whether the thread belongs to this process, not to the process before a fork."""
         return self._process == os.getpid()
 
     def run(self, function: Callable[P, Awaitable[T]], *args: P.args, **kwargs: P.kwargs) -> T:
-        """Call an async function on the loop, wait for it, and return its result or raise its error.
+        """Call an async function on the loop, wait for the end, and return its result or raise its error.
 
         Ctrl-C cancels the call. Raise RuntimeError in a callback on the loop, in a forked process, and at the end of
         the program.
@@ -109,31 +109,32 @@ class LoopThread:
         try:
             raise _shortened(call.error)
         finally:
-            del call  # or the error would keep itself alive, through its traceback
+            del call  # breaks a reference cycle of the error and its traceback
 
     def call_soon(self, function: Callable[P, Coroutine[Any, Any, None]], *args: P.args, **kwargs: P.kwargs) -> None:
-        """Call an async function on the loop and return at once. No effect in a forked process, or at the end."""
+        """Call an async function on the loop without waiting. No effect in a forked process, or at the end."""
         if self.is_here and not self.has_ended:
             call = _Call(partial(function, *args, **kwargs))
-            with suppress(RuntimeError):  # the loop was closed just now
+            with suppress(RuntimeError):  # the loop was closed in the meantime
                 self._loop.call_soon_threadsafe(call.start)
 
     def _check(self) -> None:
+        """Raise RuntimeError if the current thread or process cannot call the loop, or the loop has ended."""
         if not self.is_here:
             raise RuntimeError(
                 "this board was connected before the process was forked, and stays with the parent process: "
-                "connect in the child process, or start it with multiprocessing's method 'spawn'"
+                "connect in the child process, or start the child with multiprocessing's method 'spawn'"
             )
         if threading.current_thread() is self._thread:
             raise RuntimeError(
-                "a callback such as on_progress cannot call servolink.sync: it runs in the thread of the event loop, "
-                "which would wait for itself"
+                "a callback such as on_progress cannot call servolink.sync: callbacks run in the thread of the event "
+                "loop, and the loop would wait for itself"
             )
         if self.has_ended:
             raise RuntimeError("the program is ending, and all boards of servolink.sync are closed")
 
     def _own(self, started: threading.Event) -> None:
-        # Not asyncio.Runner, which starts a thread when it is closed: too late at the end of the program.
+        # Not asyncio.Runner: its `close` starts a thread, too late at the end of the program.
         loop = asyncio.new_event_loop()
         loop.run_until_complete(self._serve(started))
         loop.close()
@@ -151,7 +152,7 @@ class LoopThread:
         await self._loop.shutdown_asyncgens()
 
     def _end_with_program(self) -> None:
-        """Close all boards and end the thread; give up after some seconds."""
+        """Close all boards and end the thread; give up after 3 s."""
         if self.is_here:
             self.has_ended = True
             self._loop.call_soon_threadsafe(self._end.set)
@@ -160,7 +161,7 @@ class LoopThread:
 
 
 def _shortened(error: BaseException) -> BaseException:
-    """Return an error of this library without the frames inside it, which `python -X dev` shows."""
+    """Return an error of servolink without the frames inside servolink; `python -X dev` shows all frames."""
     if isinstance(error, ServolinkError) and not sys.flags.dev_mode:
         return error.with_traceback(None)
     return error
@@ -171,7 +172,7 @@ _thread: LoopThread | None = None
 
 
 def running_thread() -> LoopThread:
-    """Return the thread of this process, started on first use."""
+    """Return the thread for the process, started on first use."""
     global _thread  # noqa: PLW0603 - one for the process
     with _starting:
         if _thread is None or not _thread.is_here:

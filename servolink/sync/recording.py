@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 from servolink.sync.board import Board, loop_and_board
 from servolink.sync.loop_thread import LoopThread
 
-if TYPE_CHECKING:  # and imported late: most programs record nothing
+if TYPE_CHECKING:  # imported late: most programs record nothing
     from servolink.recorder import recorder
     from servolink.recorder.writer import RecorderStatus
 
 HZ = 20.0
+"""Default rate of readings in a recording, in Hz."""
 
 
 class Recorder:
-    """A recording under way, made by `servolink.sync.record`. Any thread may use it."""
+    """Recording in progress, made by `servolink.sync.record`, for use by any thread."""
 
     def __init__(self, thread: LoopThread, recorder: recorder.Recorder) -> None:
         """Use `record` instead."""
@@ -26,7 +27,7 @@ class Recorder:
         self._recorder = recorder
 
     def mark(self, text: str, *, who: str = "") -> None:
-        """Record an event `mark` with this text, to find the moment again."""
+        """Record an event `mark` with a text, to find the moment again."""
 
         async def mark() -> None:
             self._recorder.mark(text, who=who)
@@ -35,7 +36,7 @@ class Recorder:
 
     @property
     def status(self) -> RecorderStatus:
-        """The state of the recording: size, messages, and what is missing or wrong."""
+        """State of the recording: size, messages, losses and errors."""
 
         async def status() -> RecorderStatus:
             return self._recorder.status
@@ -47,7 +48,7 @@ class Recorder:
 def record(
     path: str | os.PathLike[str], board: Board, *, hz: float = HZ, wire_only: bool = False
 ) -> Iterator[Recorder]:
-    """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
+    """Record the communication of all programs with `board` in a new MCAP file, until the block ends.
 
     Takes the arguments of `servolink.record`, and raises the same errors.
     """
@@ -60,7 +61,7 @@ def record(
 
     async def begin() -> recorder.Recorder:
         begun = await recording.__aenter__()
-        thread.at_exit.add(end)  # as other threads may be in the block when the program ends
+        thread.at_exit.add(end)  # another thread may be in the block at the end of the program
         return begun
 
     async def end() -> None:
@@ -71,5 +72,5 @@ def record(
     try:
         yield Recorder(thread, begun)
     finally:
-        if thread.is_here and not thread.has_ended:  # in a forked process the recording goes on in the parent
+        if thread.is_here and not thread.has_ended:  # after a fork, the parent process continues the recording
             thread.run(end)

@@ -131,7 +131,7 @@ def test_a_port_is_recognised_by_its_serial_number(monkeypatch: pytest.MonkeyPat
 def test_an_address_with_two_profiles_is_not_guessed() -> None:
     for name in ("rex", "max"):
         use(name, "tcp://pi:9000", BoardProfile())
-    with pytest.raises(OpenError, match="tcp://pi:9000 is max and rex, each with a profile of its own; use one of the"):
+    with pytest.raises(OpenError, match="tcp://pi:9000 has the names max and rex, each with a profile; use a name"):
         run(resolve_board("tcp://pi:9000"))
     assert run(resolve_board("max")).name == "max"
 

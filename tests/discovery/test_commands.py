@@ -107,7 +107,7 @@ def test_list_shows_boards_although_their_names_are_broken(
     path.write_text("[boards", encoding="utf-8")
     said = call(capsys, "list")
     assert (said.code, BOARD.url in said.out) == (0, True)
-    assert re.fullmatch(r"servolink: \S+boards\.toml cannot be used: .*; correct it or remove it\n", said.err)
+    assert re.fullmatch(r"servolink: \S+boards\.toml cannot be used: .*; correct or remove the file\n", said.err)
     assert call(capsys, "list", "--json").json["boards"][0]["name"] is None
 
 

@@ -52,7 +52,7 @@ def test_a_name_leads_to_the_hub(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_board_is_learnt_alone(capsys: pytest.CaptureFixture[str]) -> None:
     """A hub would answer in place of the board, and with the hub's own times."""
     said = call(capsys, "doctor", "lab", "--learn", "--yes")
-    assert f"{URL} is {SHARED}: use share://rex, or end that hub to have the board alone" in said.err
+    assert f"{URL} is {SHARED}: use share://rex, or end that hub for exclusive use of the board" in said.err
 
 
 def test_the_doctor_wants_no_hub_to_be_killed() -> None:

@@ -124,7 +124,7 @@ def test_a_failing_disk_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
     with run(claim_hub("rex")) as claim, monkeypatch.context() as patch:
         patch.setattr(hubs, "write", fail)
-        with pytest.raises(OpenError, match=r"programs could not find it: .*rex\.hub: No space left"):
+        with pytest.raises(OpenError, match=r"the hub cannot be announced to programs: .*rex\.hub: No space left"):
             claim.announce(TCP)
     monkeypatch.setattr(locks, "lock", fail)
     with pytest.raises(OpenError, match="no hub can run here: No space left"):
@@ -190,7 +190,9 @@ def test_a_name_leads_to_the_hub_of_its_board(monkeypatch: pytest.MonkeyPatch) -
         assert asyncio.run(resolve_board("rex")) == ("share://rex", "rex")
         assert asyncio.run(resolve_url(TCP)) == TCP
         for board in ("left", "rex", TCP, "share://rex"):
-            with pytest.raises(OpenError, match=f"{TCP} is shared by a hub .*end that hub to have the board alone"):
+            with pytest.raises(
+                OpenError, match=f"{TCP} is shared by a hub .*end that hub for exclusive use of the board"
+            ):
                 asyncio.run(resolve_url(board, through_hub=False))
     assert asyncio.run(resolve_board("left", through_hub=False)) == (TCP, "left")
     assert asyncio.run(resolve_url(TCP, through_hub=False)) == TCP

@@ -91,7 +91,9 @@ def test_names_are_for_their_owner_and_are_not_waited_for(path: Path) -> None:
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used: is not a regular file; correct it"):
+    with pytest.raises(
+        TransportUnavailable, match=r"boards\.toml cannot be used: is not a regular file; correct or remove the file"
+    ):
         load_aliases()
     path.unlink()
     path.write_bytes(b"#" * (1 << 20) + b"\n")
@@ -107,7 +109,7 @@ def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> 
     assert load_aliases() == {}
     with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
         asyncio.run(resolve_url("left"))
-    with pytest.raises(TransportUnavailable, match=r"names for boards cannot be kept: could not .* set HOME"):
+    with pytest.raises(TransportUnavailable, match=r"names for boards cannot be stored: could not .* set HOME"):
         save_alias("left", Alias("tcp://pi:9000"))
 
 
@@ -132,7 +134,7 @@ def test_what_a_terminal_would_obey_is_escaped_in_the_file(path: Path) -> None:
 
 def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
     save_alias("left", Alias("tcp://pi:9000"))
-    with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes that are not text; write each as in %FF"):
+    with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes outside UTF-8; write each byte as in %FF"):
         save_alias("right", Alias("serial:///dev/\udcff"))
     assert load_aliases() == {"left": Alias("tcp://pi:9000")}
 
@@ -213,7 +215,7 @@ def test_what_has_no_number_or_needs_none_is_kept_by_its_address(url: str) -> No
 
 def test_a_board_that_is_away_or_not_the_only_one_of_its_number_is_said_so() -> None:
     alias = Alias(BOARD.url, "A1")
-    with pytest.raises(OpenError, match="left is the board with serial number A1, which is not here"):
+    with pytest.raises(OpenError, match="left is the board with serial number A1, but was not found"):
         current_url("left", alias, [])
     with pytest.raises(OpenError, match=r"ttyACM0, serial:///dev/ttyACM7"):
         current_url("left", alias, [BOARD, MOVED])

@@ -231,7 +231,7 @@ def test_where_nothing_can_be_written_it_says_so_and_leaves_nothing(robot: Robot
     process = start(command, env=environment(), preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)))
     said = finished(process)
     assert said.code == 3
-    assert "share://max: programs could not find it:" in said.err
+    assert "share://max: the hub cannot be announced to programs:" in said.err
     assert "max.hub: File too large" in said.err
     assert "max" not in in_pipe("list").out
     assert in_pipe("servos", "--board", "rex").code == 0  # the other hub is not disturbed
