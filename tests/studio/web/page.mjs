@@ -1,4 +1,4 @@
-// What the modules of the page need of a browser: a WebSocket, a worker, a window and a document that tests steer.
+// Parts of a browser that modules of the page need, steered by tests: WebSocket, worker, window, document and storage.
 
 /** Each WebSocket that was opened, the newest last. */
 export const sockets = [];
@@ -51,6 +51,35 @@ class FakeWorker {
   }
 }
 
+class FakeStorage extends Map {
+  getItem(key) {
+    return this.get(key) ?? null;
+  }
+
+  setItem(key, text) {
+    this.set(key, text);
+  }
+
+  removeItem(key) {
+    this.delete(key);
+  }
+}
+
+export const localStorage = new FakeStorage();
+export const sessionStorage = new FakeStorage();
+for (const [name, value] of Object.entries({ localStorage, sessionStorage }))
+  Object.defineProperty(globalThis, name, { value, configurable: true });
+
+/** Frames that were requested; `frame` draws the next one. */
+let frames = [];
+
+/** Draw one frame, at a time in milliseconds. */
+export function frame(now) {
+  const requested = frames;
+  frames = [];
+  for (const draw of requested) draw(now);
+}
+
 export const document = Object.assign(new EventTarget(), { hidden: false });
 export const window = new EventTarget();
 Object.assign(globalThis, {
@@ -58,6 +87,9 @@ Object.assign(globalThis, {
   Worker: FakeWorker,
   document,
   window,
+  addEventListener: (...args) => window.addEventListener(...args),
+  removeEventListener: (...args) => window.removeEventListener(...args),
+  requestAnimationFrame: (draw) => frames.push(draw),
 });
 
 /** Let everything happen that waits for nothing but its turn. */
@@ -67,7 +99,7 @@ export const turns = async () => {
 
 /** A connection that keeps what is asked, and answers when a test says so. */
 export class FakeLink {
-  listeners = new Map();
+  listeners = new Map(); // the latest of each notification
   asked = [];
   told = [];
 
@@ -80,8 +112,13 @@ export class FakeLink {
     return true;
   }
 
-  call(method, params) {
-    return new Promise((resolve, reject) => this.asked.push({ method, params, resolve, reject }));
+  call(method, params, onProgress) {
+    return new Promise((resolve, reject) => this.asked.push({ method, params, onProgress, resolve, reject }));
+  }
+
+  /** Let the hub or the studio notify the page. */
+  hear(name, params) {
+    this.listeners.get(name)(params);
   }
 
   /** Return the oldest request of this method that was not answered, and forget it. */
@@ -89,4 +126,42 @@ export class FakeLink {
     const at = this.asked.findIndex((each) => each.method === method);
     return at < 0 ? null : this.asked.splice(at, 1)[0];
   }
+}
+
+/** Return a project of two actions and two macros, of which the second one runs the first. */
+export function projectForm() {
+  const step = (servo_id, degree, interval_ms = 500) => ({ servo_id, degree, interval_ms });
+  const command = (type, values, total_interval_ms) => ({
+    type,
+    ...values,
+    ratio_percent: 100,
+    loop: 1,
+    total_interval_ms,
+  });
+  const button = { button_id: 7, button_caption: "", button_press_macro: 1, button_long_press_macro: 2 };
+  return {
+    schema: 1,
+    project_id: 5,
+    servo_parameters: [1, 2].map((servo_id) => ({ servo_id, adjusted_degree: 0, servo_caption: `servo ${servo_id}` })),
+    actions: [
+      { action_id: 1, action_caption: "up", steps: [step(1, 90), step(2, -30, 1000)] },
+      { action_id: 2, action_caption: "down", steps: [step(1, 0)] },
+    ],
+    macros: [
+      {
+        macro_id: 1,
+        macro_caption: "wave",
+        commands: [command("action", { action_id: 1 }, 1000), command("action", { action_id: 2 }, 500)],
+      },
+      {
+        macro_id: 2,
+        macro_caption: "twice",
+        commands: [command("macro", { macro_id: 1 }, 1500), command("delay", { delay_ms: 200 }, 200)],
+      },
+    ],
+    joystick_tables: [
+      { table_id: 1, table_caption: "", buttons: [{ ...button, button_up_macro: 0, uninterruptible: 0 }] },
+    ],
+    active_joystick_table: 1,
+  };
 }
