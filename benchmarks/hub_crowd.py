@@ -11,7 +11,7 @@ from time import process_time
 from servolink.client.connect import connect
 from servolink.control.greeting import Greeting
 from servolink.hub.hub import Hub, share
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
 from servolink.protocol.frame import MAGIC

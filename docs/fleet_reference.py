@@ -26,7 +26,7 @@ from servolink.fleet.topics import (
     Stored,
     schema,
 )
-from servolink.hub.methods.session import METHODS as HUB_METHODS
+from servolink.hub.methods.control_session import METHODS as HUB_METHODS
 
 _FOLDER = Path(__file__).parent
 PAGE = _FOLDER / "reference/fleet.md"

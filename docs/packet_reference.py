@@ -13,7 +13,7 @@ from msgspec import Meta, Struct
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Counted, Effect, Packet, Query, Response, Wire
+from servolink.protocol.packet import Counted, Effect, FieldFormat, Packet, Query, Response
 from servolink.protocol.servos import SetServoParameterRequest
 
 PAGE = Path(__file__).parent / "reference/packets.md"
@@ -106,7 +106,7 @@ def _rows(declared: type[Struct], prefix: str = "") -> Iterator[tuple[str, str, 
 
 
 def _type_and_range(notes: list[Any]) -> tuple[str, str]:
-    wire = next((note for note in notes if isinstance(note, Wire)), None)
+    wire = next((note for note in notes if isinstance(note, FieldFormat)), None)
     if wire is None:
         return "bytes", ""
     low = next((note.ge for note in notes if isinstance(note, Meta) and note.ge is not None), None)

@@ -12,14 +12,14 @@ if TYPE_CHECKING:
     from servolink.hub.doors.in_process import LocalTransport as LocalTransport
     from servolink.hub.hub import Hub as Hub
     from servolink.hub.hub import share as share
-    from servolink.hub.methods.session import METHODS as METHODS
+    from servolink.hub.methods.control_session import METHODS as METHODS
     from servolink.hub.serving import serve_board as serve_board
 else:
     # Lazy imports: each of these modules imports other modules of the package.
     _MODULES = {
         "Hub": "servolink.hub.hub",
         "LocalTransport": "servolink.hub.doors.in_process",
-        "METHODS": "servolink.hub.methods.session",
+        "METHODS": "servolink.hub.methods.control_session",
         "serve_board": "servolink.hub.serving",
         "share": "servolink.hub.hub",
     }

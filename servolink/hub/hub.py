@@ -14,12 +14,12 @@ from servolink.control.notifications import ConnectionNow, HoldNotice, ProgramNo
 from servolink.control.roles import Role
 from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus
 from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
-from servolink.hub.engine.events import ButtonRelay
+from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.engine.sending import PacketSender
-from servolink.hub.engine.stopping import Stops
+from servolink.hub.engine.stop_order import Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange

@@ -15,10 +15,10 @@ from servolink.discovery.names import resolve_board
 from servolink.errors import OpenError
 from servolink.files import is_name
 from servolink.hub.doors.network import tcp_door
+from servolink.hub.doors.pseudo_terminal import pty_door
 from servolink.hub.doors.socket_door import socket_door
-from servolink.hub.doors.terminal import pty_door
 from servolink.hub.hub import Hub, share
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec

@@ -24,7 +24,7 @@ from servolink.escaping import quote
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME
 from servolink.protocol.json_errors import convert
-from servolink.protocol.packet import I32, Natural32, Packet, Wire, wire_range
+from servolink.protocol.packet import I32, FieldFormat, Natural32, Packet, wire_range
 from servolink.protocol.records import MacroCommand, MacroCommandType
 
 T = TypeVar("T", bound=Struct)
@@ -220,7 +220,7 @@ def _field_type(field: _Field, *, unchecked: bool) -> Any:
     if field.item is not None:
         return GenericAlias(tuple, (json_type(field.item, unchecked=unchecked), ...))
     metadata = field.hint.__metadata__
-    code = next((one.code for one in metadata if isinstance(one, Wire)), "")
+    code = next((one.code for one in metadata if isinstance(one, FieldFormat)), "")
     if not code:
         return field.hint  # may be null; the range is that of the wire
     metas = [one for one in metadata if isinstance(one, Meta)]

@@ -14,7 +14,7 @@ from msgspec import Struct as Record
 from servolink.escaping import quote
 
 
-class Wire(Struct, frozen=True):
+class FieldFormat(Struct, frozen=True):
     """Form of a value on the wire: a `struct` code without byte order."""
 
     code: str
@@ -26,19 +26,19 @@ class Counted(Struct, frozen=True):
     count: str
 
 
-U8 = Annotated[int, Meta(ge=0, le=0xFF), Wire("B")]
-U32 = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF), Wire("I")]
-I16 = Annotated[int, Meta(ge=-0x8000, le=0x7FFF), Wire("h")]
-I32 = Annotated[int, Meta(ge=-0x8000_0000, le=0x7FFF_FFFF), Wire("i")]
+U8 = Annotated[int, Meta(ge=0, le=0xFF), FieldFormat("B")]
+U32 = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF), FieldFormat("I")]
+I16 = Annotated[int, Meta(ge=-0x8000, le=0x7FFF), FieldFormat("h")]
+I32 = Annotated[int, Meta(ge=-0x8000_0000, le=0x7FFF_FFFF), FieldFormat("i")]
 
 # Same form on the wire, narrower range for values written by the library. Values from a board may exceed the range.
-Flag = Annotated[int, Meta(ge=0, le=1), Wire("B")]
-CommandType = Annotated[int, Meta(ge=0, le=2), Wire("B")]
-Percent = Annotated[int, Meta(ge=1, le=100), Wire("B")]
-Natural16 = Annotated[int, Meta(ge=0, le=0x7FFF), Wire("h")]
-Natural32 = Annotated[int, Meta(ge=0, le=0x7FFF_FFFF), Wire("i")]
+Flag = Annotated[int, Meta(ge=0, le=1), FieldFormat("B")]
+CommandType = Annotated[int, Meta(ge=0, le=2), FieldFormat("B")]
+Percent = Annotated[int, Meta(ge=1, le=100), FieldFormat("B")]
+Natural16 = Annotated[int, Meta(ge=0, le=0x7FFF), FieldFormat("h")]
+Natural32 = Annotated[int, Meta(ge=0, le=0x7FFF_FFFF), FieldFormat("i")]
 
-Caption = Annotated[str, Wire("32s")]
+Caption = Annotated[str, FieldFormat("32s")]
 Data = bytes
 """All the remaining content; allowed only as the last field."""
 
@@ -77,7 +77,7 @@ class Value(Struct, frozen=True):
 def value(name: str, hint: Any) -> Value:
     """Return the value declared by a field. Raise TypeError for an annotation without a wire form."""
     optional = types.NoneType in _choices(hint)
-    wire = metadata(hint, Wire)
+    wire = metadata(hint, FieldFormat)
     if wire is None:
         raise TypeError(f"{name}: {hint} has no wire form")
     low, high = wire_range(wire.code)

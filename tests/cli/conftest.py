@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import pytest
 
-from servolink.cli import session
+from servolink.cli import command_session
 from servolink.virtual import transport
 from tests.cli.programs import finished, started
 from tests.cli.robot import Robot
@@ -50,5 +50,5 @@ def robot(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
     robot = Robot(capsys)
     monkeypatch.setattr(asyncio, "run", robot.run)
     monkeypatch.setattr(transport, "from_address", robot.line)
-    monkeypatch.setattr(session, "_PATIENCE", 1e9)  # until Ctrl-C ends the process, which is this one
+    monkeypatch.setattr(command_session, "_PATIENCE", 1e9)  # until Ctrl-C ends the process, which is this one
     return robot

@@ -76,9 +76,9 @@ def started(*arguments: str, **changed: str) -> subprocess.Popen[str]:
 
 _PATIENT = """
 import sys
-from servolink.cli import session
+from servolink.cli import command_session
 from servolink.__main__ import main
-session._PATIENCE = 1e9
+command_session._PATIENCE = 1e9
 sys.exit(main(sys.argv[1:]))
 """
 

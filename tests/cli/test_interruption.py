@@ -105,9 +105,9 @@ def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
 
 STUBBORN = """
 import asyncio, os, sys, threading
-from servolink.cli import session
+from servolink.cli import command_session
 from servolink.cli.screen import terminal
-session._PATIENCE = 1e9
+command_session._PATIENCE = 1e9
 async def main(interruption):
     with terminal.cleanup(lambda: os.write(1, b"restored\\n")):  # print may have been interrupted itself
         while True:
@@ -119,7 +119,7 @@ async def main(interruption):
             print("goes on", flush=True)
             while True:  # and keeps the loop from running
                 threading.Event().wait(0.01)
-sys.exit(session.run_interruptible(main))
+sys.exit(command_session.run_interruptible(main))
 """
 
 
@@ -135,7 +135,7 @@ def test_a_second_signal_ends_what_does_not_end() -> None:
 
 STUCK = """
 import asyncio, sys, threading
-from servolink.cli.session import run_interruptible
+from servolink.cli.command_session import run_interruptible
 async def main(interruption):
     opening = asyncio.get_running_loop().run_in_executor(None, threading.Event().wait)
     print("opening", flush=True)

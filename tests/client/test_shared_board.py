@@ -31,7 +31,7 @@ from servolink.errors import (
     TargetNotReached,
 )
 from servolink.hub.hub import Hub
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.importing import backup_for

@@ -9,7 +9,7 @@ import pytest
 
 from servolink.errors import InvalidAddress
 from servolink.fleet.topics import MOTION, SESSION_METHODS, Command, Result, Topics, schema
-from servolink.hub.methods.session import METHODS
+from servolink.hub.methods.control_session import METHODS
 
 
 def test_a_board_has_topics_below_the_prefix() -> None:

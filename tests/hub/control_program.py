@@ -12,7 +12,7 @@ from servolink.client.connect import connect
 from servolink.control.greeting import Greeting
 from servolink.control.roles import RoleName
 from servolink.hub.hub import Hub, share
-from servolink.hub.methods.session import ControlInterface, ControlSession
+from servolink.hub.methods.control_session import ControlInterface, ControlSession
 from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, ServoState
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from servolink.control.greeting import Greeting
 from servolink.control.messages import CREDIT
 from servolink.hub.hub import Hub
-from servolink.hub.methods.session import METHODS, ControlInterface
+from servolink.hub.methods.control_session import METHODS, ControlInterface
 from tests.hub.control_program import shared
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
 from tests.virtual_time import run

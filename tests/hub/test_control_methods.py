@@ -11,7 +11,7 @@ from servolink.client.connect import connect
 from servolink.control.roles import Role
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.hub.methods.session import METHODS
+from servolink.hub.methods.control_session import METHODS
 from servolink.protocol.records import ServoParameter
 from servolink.virtual.board import VirtualBoard
 from tests.client.sockets import Socket

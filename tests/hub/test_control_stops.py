@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.control.greeting import Greeting
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.protocol.servos import SetServoParameterRequest
 from servolink.virtual.kind import BoardKind
 from tests.client.fake_board import LOST

@@ -16,7 +16,7 @@ from servolink.errors import (
     RequestTimeout,
 )
 from servolink.hub.doors.direct import DirectConnection
-from servolink.hub.rules.gates import LeaseRefused, MotionOver
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
 from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest

@@ -22,7 +22,7 @@ from servolink.control.share_address import this_program
 from servolink.errors import OpenError
 from servolink.hub.doors import socket_door
 from servolink.hub.hub import Hub
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.listeners import accepted
 from servolink.platforms import local_sockets
 from servolink.platforms.local_sockets import socket_folder, socket_path

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.hub.engine.recorder import HubRecorder
+from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.hub import Hub
 from servolink.recorder.channels import CommandDone, Event, ServosRead
 from servolink.recorder.reading import Recording
@@ -91,7 +91,7 @@ def test_the_end_of_the_hub_ends_it(folder: Path) -> None:
 @pytest.mark.parametrize("full", [False, True])
 def test_a_forgotten_recording_is_ended(full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if full:
-        monkeypatch.setattr("servolink.hub.engine.recorder._free", lambda folder: 1000)
+        monkeypatch.setattr("servolink.hub.engine.hub_recorder._free", lambda folder: 1000)
 
     async def main() -> None:
         async with shared() as here, here.program("page") as page:

@@ -15,7 +15,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from servolink.client import connect as connecting
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub, share
-from servolink.hub.rules.units import UnitReservation
+from servolink.hub.rules.unit_rules import UnitReservation
 from servolink.motion.angles import AngleUnit
 from servolink.motion.units import ServoUnits
 from servolink.project.model import Project

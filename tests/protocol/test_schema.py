@@ -11,7 +11,7 @@ import pytest
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Caption, Command, Counted, Packet, Query, Request, Response, Wire
+from servolink.protocol.packet import Caption, Command, Counted, FieldFormat, Packet, Query, Request, Response
 from tests.protocol.declared import DOCUMENT, snake_case
 
 DOCUMENTED: list[dict[str, Any]] = DOCUMENT["packets"]
@@ -117,7 +117,7 @@ def _shape(hint: Any, name: str) -> Any:
 
 def _wire(hint: Any) -> str:
     """Return the wire code in an annotation, however deeply nested."""
-    found = [entry.code for entry in getattr(hint, "__metadata__", ()) if isinstance(entry, Wire)]
+    found = [entry.code for entry in getattr(hint, "__metadata__", ()) if isinstance(entry, FieldFormat)]
     for argument in get_args(hint):
         found += [code] if (code := _wire(argument)) else []
     return found[0] if found else ""

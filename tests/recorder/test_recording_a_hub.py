@@ -6,7 +6,7 @@ from pathlib import Path
 
 from servolink.client.connect import connect
 from servolink.hub.hub import Hub
-from servolink.hub.methods.session import ControlInterface
+from servolink.hub.methods.control_session import ControlInterface
 from servolink.recorder.channels import CommandDone, Event, PacketSeen, ServosRead
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Wanted, record, record_at

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import Command, flag, option
-from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
-from servolink.cli.session import (
+from servolink.cli.command_session import (
     UNFINISHED_IMPORT,
     UNTOUCHED,
     Interruption,
@@ -16,6 +15,7 @@ from servolink.cli.session import (
     refuse_without_answer,
     run_with_board,
 )
+from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
 from servolink.script import OK

@@ -9,8 +9,8 @@ from typing import Any
 
 from servolink.cli.arguments import SERVO_NAME, not_empty
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import search

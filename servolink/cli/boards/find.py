@@ -10,8 +10,15 @@ from itertools import zip_longest
 
 from servolink.cli.arguments import timeout
 from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
+from servolink.cli.command_session import (
+    Interruption,
+    agreed,
+    interruptible,
+    on_board,
+    refuse_unasked,
+    run_interruptible,
+)
 from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
-from servolink.cli.session import Interruption, agreed, interruptible, on_board, refuse_unasked, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in

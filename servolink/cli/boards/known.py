@@ -9,8 +9,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import STORED, Command, flag, option
+from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_interruptible
 from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
-from servolink.cli.session import Interruption, agreed, refuse_unasked, run_interruptible
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from typing import Any
 
 import msgspec
 
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, confirm, wait_for_enter
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.client.captions import ALL, servo_id
 from servolink.connection.options import options_in

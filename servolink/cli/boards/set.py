@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.boards.known import NAME, known_name, label, limit_rows, print_board, value_text
 from servolink.cli.command import Command, Option, group, option
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import Table, print_error, print_table, print_text
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.errors import InvalidAddress, RequestTimeout, TransportError
 from servolink.profiles.profile import BoardSettings, FieldHelp, fields_of

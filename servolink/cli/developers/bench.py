@@ -9,9 +9,9 @@ from typing import Any
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import DEVELOPERS, Command, option
+from servolink.cli.command_session import Interruption, on_board
 from servolink.cli.screen.live import counting
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, on_board
 from servolink.client.board import Board
 from servolink.protocol.editing import QueryActionListRequest
 from servolink.protocol.packet import Query

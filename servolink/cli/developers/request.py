@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.boards.board_settings import refuse_marker
 from servolink.cli.command import DEVELOPERS, Command, flag, option
+from servolink.cli.command_session import UNTOUCHED, Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.developers.packets import lines_for, parse_object
 from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import print_error, print_json, print_text
-from servolink.cli.session import UNTOUCHED, Interruption, agreed, refuse_unasked, run_with_board
 from servolink.errors import EncodeError
 from servolink.project.transfer.backups import BackupStore
 from servolink.protocol.editing import AddServoParameterRequest, WriteProjectIDRequest

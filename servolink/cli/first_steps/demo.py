@@ -16,11 +16,11 @@ from functools import partial
 from pathlib import Path
 
 from servolink.cli.command import FIRST_STEPS, Command, flag
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.first_steps.demo_stage import FaultyLine, Scene, Stage, StageResult
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table
 from servolink.cli.screen.terminal import cleanup
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import refuse_board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command_session import ENDLESS, Interruption, on_board
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.cli.session import ENDLESS, Interruption, on_board
 from servolink.script import OK
 
 if TYPE_CHECKING:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.command import MOVE, Command, flag, group, one_of, option
-from servolink.cli.motion.servos import are, listed, print_servos, reported
+from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_with_board
+from servolink.cli.motion.servo_output import are, listed, print_servos, reported
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
-from servolink.cli.session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.errors import ProfileError, RequestError, ServolinkError
 from servolink.motion.angles import Adc, Angle, Degrees

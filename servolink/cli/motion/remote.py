@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.motion.move import LIMITS, limits_of
 from servolink.cli.motion.run import stopped_by_interruption
-from servolink.cli.motion.servos import are, reported
+from servolink.cli.motion.servo_output import are, reported
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_table, print_text
 from servolink.cli.screen.terminal import can_ask, typed_keys
-from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.errors import EncodeError, NotFound, Rejected, RequestError, ServolinkError

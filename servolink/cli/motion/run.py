@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, flag, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.motion.move import LIMITS, limits_of, make_ready
-from servolink.cli.motion.servos import are, listed, warn_of_missing
+from servolink.cli.motion.servo_output import are, listed, warn_of_missing
 from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import is_terminal, print_error, print_json, print_text
-from servolink.cli.session import Interruption, run_with_board
 from servolink.errors import ServolinkError
 from servolink.script import OK
 

@@ -18,13 +18,13 @@ from msgspec.structs import replace
 
 from servolink.cli.arguments import SERVO_NAME, file_path, number, or_caption, whole_number
 from servolink.cli.command import MOVE, Command, flag, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.motion.move import check_can_release, chosen_servos, may_release
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
-from servolink.cli.motion.servos import are, listed, reported
+from servolink.cli.motion.servo_output import are, listed, reported
 from servolink.cli.motion.teach_session import CaptureSession, ReleasedServos
 from servolink.cli.screen.output import counted, is_terminal, print_error, print_json, print_result, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
-from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.board_servos import Servo

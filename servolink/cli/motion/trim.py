@@ -14,13 +14,13 @@ from msgspec.structs import replace
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.command import MOVE, Command, flag, option
+from servolink.cli.command_session import UNFINISHED_IMPORT, Interruption, run_with_board
 from servolink.cli.motion.move import chosen_servos, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
-from servolink.cli.motion.servos import are, reported
+from servolink.cli.motion.servo_output import are, reported
 from servolink.cli.screen.live import can_draw, follow
 from servolink.cli.screen.output import Table, console, plain_lines, print_error, print_result, print_text, text_width
 from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
-from servolink.cli.session import UNFINISHED_IMPORT, Interruption, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.board_servos import Servo

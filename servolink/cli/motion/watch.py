@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
 from servolink.cli.command import MOVE, Command, flag, option
+from servolink.cli.command_session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.motion.move import chosen_servos
-from servolink.cli.motion.servos import known_captions, reported, servo_object
+from servolink.cli.motion.servo_output import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
 from servolink.cli.screen.output import angle_text, fail, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.screen.terminal import confirm, until_quit
-from servolink.cli.session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.usage import usage_error
 from servolink.client.alarms import RaisedAlarm
 from servolink.errors import ConnectionLost, NotFound, ServolinkError

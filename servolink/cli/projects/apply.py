@@ -8,12 +8,12 @@ from typing import TypeVar
 
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, option
+from servolink.cli.command_session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.cli.projects.export import backup_named
 from servolink.cli.projects.plan import plan_to_json, print_plan
 from servolink.cli.screen.live import PHASES, shown_progress
 from servolink.cli.screen.output import print_error, print_json, print_text
 from servolink.cli.screen.terminal import confirm
-from servolink.cli.session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape

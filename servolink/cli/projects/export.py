@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from servolink.cli.arguments import new_file
 from servolink.cli.command import PROJECTS, Command, flag, option
+from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
-from servolink.cli.session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.client.board import Board
 from servolink.errors import ProjectError
 from servolink.escaping import escape

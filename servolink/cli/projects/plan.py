@@ -7,9 +7,9 @@ from typing import Any
 
 from servolink.cli.arguments import file_path
 from servolink.cli.command import PROJECTS, Command, flag, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
-from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.stored.record_tables import change_word, print_changes
 from servolink.client.board import Board
 from servolink.project.project_file import read_project_file

@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from servolink.cli.command import Command, flag, group, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
 from servolink.cli.motion.run import stopped_by_interruption
-from servolink.cli.motion.servos import are, listed
+from servolink.cli.motion.servo_output import are, listed
 from servolink.cli.projects.source import SOURCE
 from servolink.cli.screen.output import console, print_error, print_json, print_text
 from servolink.cli.screen.terminal import cleanup, single_keys
-from servolink.cli.session import Interruption, run_with_board
 from servolink.project.model import Project
 from servolink.project.record_lookup import name_of, servos_used
 from servolink.protocol.record_types import type_of
@@ -107,7 +107,7 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
     except ProjectError as error:
         raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
     if with_bars:
-        from servolink.cli.session import run_interruptible
+        from servolink.cli.command_session import run_interruptible
 
         ended = run_interruptible(
             lambda interruption: _show(_dry_run(project), record, timeline), "only a virtual board was moved"

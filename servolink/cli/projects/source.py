@@ -34,8 +34,8 @@ def with_project(args: argparse.Namespace, then: Callable[[Project], int]) -> in
     if getattr(args, "in_place", False):
         usage_error(args, "--in-place is for files; write a file with -o, and `servolink apply` writes it to a board")
 
+    from servolink.cli.command_session import Interruption, run_with_board
     from servolink.cli.screen.live import shown_progress
-    from servolink.cli.session import Interruption, run_with_board
     from servolink.client.board import Board
 
     read: list[Project] = []

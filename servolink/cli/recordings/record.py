@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
+from servolink.cli.command_session import ENDLESS, Interruption, choose_board, run_interruptible
 from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
-from servolink.cli.session import ENDLESS, Interruption, choose_board, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.errors import RecordingError
 from servolink.platforms.signals import SAVING, handled

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from servolink.cli.arguments import listening, not_empty, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
 from servolink.cli.screen.virtual_view import servos_of
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import usage_error
 from servolink.escaping import escape
 from servolink.listeners.forwarding import serve_network, serve_terminal

@@ -20,9 +20,9 @@ import msgspec
 from servolink.cli.arguments import not_empty, number
 from servolink.cli.boards.doctor import described
 from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
+from servolink.cli.command_session import Interruption, refuse_without_answer, run_interruptible
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
-from servolink.cli.session import Interruption, refuse_without_answer, run_interruptible
 from servolink.cli.usage import refuse_input, usage_error
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.system import SystemFacts

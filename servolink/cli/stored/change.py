@@ -12,11 +12,11 @@ from typing import TypeAlias
 
 from msgspec.structs import replace
 
-from servolink.cli.motion.servos import warn_of_missing
+from servolink.cli.command_session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
+from servolink.cli.motion.servo_output import warn_of_missing
 from servolink.cli.projects.apply import BoardImport
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import print_error, print_text
-from servolink.cli.session import UNFINISHED_IMPORT, UNTOUCHED, Interruption, run_with_board
 from servolink.cli.stored.record_tables import print_changes
 from servolink.client.board import Board
 from servolink.client.captions import ALL

@@ -6,8 +6,8 @@ import argparse
 from functools import partial
 from typing import Any
 
+from servolink.cli.command_session import UNTOUCHED, Interruption, on_board, refuse_without_answer
 from servolink.cli.screen.output import print_result
-from servolink.cli.session import UNTOUCHED, Interruption, on_board, refuse_without_answer
 from servolink.cli.stored.change import change_board
 from servolink.cli.stored.given import empty, maker, stored_record
 from servolink.cli.stored.show_records import kind_of

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from msgspec.structs import replace
 
-from servolink.cli.session import UNTOUCHED
+from servolink.cli.command_session import UNTOUCHED
 from servolink.cli.stored.verbs import DEFAULT_SECONDS, Part
 from servolink.cli.usage import usage_error
 from servolink.errors import AmbiguousName, EncodeError, NotFound, ServolinkError

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import MOST_TRIM, SERVO_NAME, whole_number
 from servolink.cli.command import Command, option
-from servolink.cli.motion.servos import print_servos
+from servolink.cli.command_session import UNTOUCHED, Interruption, on_board, run_with_board
+from servolink.cli.motion.servo_output import print_servos
 from servolink.cli.screen.output import print_json, print_text
-from servolink.cli.session import UNTOUCHED, Interruption, on_board, run_with_board
 from servolink.errors import NotFound
 from servolink.script import OK
 

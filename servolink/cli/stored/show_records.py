@@ -7,8 +7,8 @@ from typing import Any
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import STORED, Command, option
+from servolink.cli.command_session import Interruption, run_with_board
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
-from servolink.cli.session import Interruption, run_with_board
 from servolink.cli.stored import NOUNS, a
 from servolink.cli.stored.record_tables import record_table
 from servolink.client.board import Board

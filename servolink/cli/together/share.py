@@ -11,8 +11,8 @@ import msgspec
 
 from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.command import TOGETHER, Command, flag, group, one_of, option
+from servolink.cli.command_session import Interruption, choose_board, interruptible, run_interruptible
 from servolink.cli.screen.output import counted, print_error, print_json, print_table, print_text
-from servolink.cli.session import Interruption, choose_board, interruptible, run_interruptible
 from servolink.cli.together.share_view import facts, in_the_log, on_terminal, programs
 from servolink.cli.usage import usage_error
 from servolink.control.channel import RpcChannel, open_channel

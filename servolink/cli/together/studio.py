@@ -9,8 +9,8 @@ from contextlib import AsyncExitStack
 from ipaddress import ip_address
 
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import print_error, print_json, print_text
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.cli.usage import refuse_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
 from servolink.script import OK

@@ -20,7 +20,7 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, Ser
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.gates import LeaseRefused, MotionOver, refuse_ticket
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, refuse_ticket
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion

@@ -15,7 +15,7 @@ from servolink.escaping import escape
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.gates import LeaseGate, LeaseRefused
+from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest

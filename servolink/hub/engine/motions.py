@@ -15,7 +15,7 @@ from servolink.errors import (
     ServolinkError,
     TargetNotReached,
 )
-from servolink.hub.rules.gates import refused_response
+from servolink.hub.rules.hub_gates import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest

@@ -13,13 +13,13 @@ from servolink.client.board import Board
 from servolink.connection.connection import Connection
 from servolink.control.roles import carries_angles
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
-from servolink.hub.engine.events import ButtonRelay
+from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import Program
 from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.gates import refuse_role, refuse_ticket
+from servolink.hub.rules.hub_gates import refuse_role, refuse_ticket
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest

@@ -15,7 +15,7 @@ from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
-from servolink.hub.rules.gates import MotionOver
+from servolink.hub.rules.hub_gates import MotionOver
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.tasks import Tasks

@@ -21,9 +21,9 @@ from servolink.control.roles import Role
 from servolink.control.status import HoldStatus, LeaseStatus
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.doors.direct import DirectConnection
-from servolink.hub.engine.stopping import MotionsCancelled
+from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.rules.gates import LeaseRefused, MotionOver
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import StopCounter, Ticket

@@ -34,7 +34,7 @@ from servolink.control.peer import Methods
 from servolink.control.roles import Role
 from servolink.control.status import BoardState, HubStatus
 from servolink.escaping import quote
-from servolink.hub.engine.recorder import HubRecorder
+from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.limits import MotionLimits

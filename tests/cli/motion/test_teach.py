@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.motion.teach import _stop_on_signal
-from servolink.cli.session import Interruption, run_interruptible
 from servolink.client.board import Board
 from servolink.client.board_servos import Servo
 from servolink.client.connect import connect
@@ -149,8 +149,8 @@ def test_a_person_is_asked(answer: bool, played: bool, limp: Robot, monkeypatch:
 
     monkeypatch.setattr("servolink.cli.motion.teach.confirm", confirm)
     monkeypatch.setattr("servolink.cli.motion.teach.can_ask", lambda: True)
-    monkeypatch.setattr("servolink.cli.session.confirm", confirm)
-    monkeypatch.setattr("servolink.cli.session.can_ask", lambda: True)
+    monkeypatch.setattr("servolink.cli.command_session.confirm", confirm)
+    monkeypatch.setattr("servolink.cli.command_session.can_ask", lambda: True)
     said = limp("teach", "Wave", "1", "2")
     assert ("was played" in said.out) == played
     assert questions[1:] == ["Play macro 1 'Wave' now? Its servos move; Ctrl-C stops them."]

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli.command_session import Interruption
 from servolink.cli.motion.watch import ReadingPrinter, Screen, _Watch
 from servolink.cli.screen.servo_picture import Watched, picture
-from servolink.cli.session import Interruption
 from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.board_servos import Servo
 from servolink.client.servo_readings import ServoReading

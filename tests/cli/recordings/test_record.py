@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from servolink.cli import session
+from servolink.cli import command_session
+from servolink.cli.command_session import Interruption
 from servolink.cli.recordings.record_view import RecordView, status_line, summary
-from servolink.cli.session import Interruption
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Recorder
 from servolink.recorder.writer import RecorderStatus, Saved
@@ -122,7 +122,7 @@ def test_a_second_ctrl_c_says_what_was_recorded_so_far(
     monkeypatch.setattr(RecordView, "run", run)
     monkeypatch.setattr(Recorder, "end", end)
     monkeypatch.setattr(Interruption, "end", report)
-    monkeypatch.setattr(session, "end_process", lambda code: None)  # on a busy machine it would end the tests
+    monkeypatch.setattr(command_session, "end_process", lambda code: None)  # on a busy machine it would end the tests
     said = call(capsys, "record", str(tmp_path / "out.mcap"), *option, "--board", "virtual://")
     (said_then,) = ends
     assert re.match(state, said_then), said_then

@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from servolink.control.roles import Role
-from servolink.hub.rules.gates import LeaseGate, LeaseRefused, refuse_role, refuse_ticket, refused_response, stops_all
+from servolink.hub.rules.hub_gates import (
+    LeaseGate,
+    LeaseRefused,
+    refuse_role,
+    refuse_ticket,
+    refused_response,
+    stops_all,
+)
 from servolink.hub.rules.lease import MotionLease
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.editing import (

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from servolink.hub.rules.units import UnitReservation, servos_concerned
+from servolink.hub.rules.unit_rules import UnitReservation, servos_concerned
 from servolink.motion.angles import AngleUnit
 from servolink.motion.units import ServoUnits, is_accepted, unit_request
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest

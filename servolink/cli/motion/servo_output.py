@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import MOVE, Command, flag
+from servolink.cli.command_session import Interruption, is_answered, run_with_board
 from servolink.cli.screen.output import Table, print_error, print_json, print_table
-from servolink.cli.session import Interruption, is_answered, run_with_board
 from servolink.errors import NotFound, Rejected, RequestTimeout
 from servolink.motion.angles import Angle
 from servolink.script import OK

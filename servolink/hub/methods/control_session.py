@@ -9,15 +9,15 @@ from msgspec import Struct
 from servolink.control.greeting import Greeting
 from servolink.control.notifications import NAMES, ProblemNotice, ProgramNotice, RefusedNotice, StoppedNotice
 from servolink.control.peer import Peer
-from servolink.hub.engine.recorder import HubRecorder
-from servolink.hub.engine.stopping import MotionsCancelled
+from servolink.hub.engine.hub_recorder import HubRecorder
+from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.methods import prepared, recording, stored  # add their methods
+from servolink.hub.methods import prepared, stored, tap_methods  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed
 from servolink.hub.methods.methods import METHODS, Caller
 
-__all__ = ["METHODS", "ControlSession", "prepared", "recording", "stored"]
+__all__ = ["METHODS", "ControlSession", "prepared", "stored", "tap_methods"]
 
 
 class ControlInterface:

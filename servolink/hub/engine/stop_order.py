@@ -19,7 +19,7 @@ from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.gates import stops_all
+from servolink.hub.rules.hub_gates import stops_all
 from servolink.motion.ticket import StopCounter
 from servolink.protocol.servos import (
     ALL_SERVOS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from servolink.hub.engine.events import Subscribers
+from servolink.hub.engine.button_relay import Subscribers
 
 programs = st.sampled_from(["ann", "bob", "cid"])
 
