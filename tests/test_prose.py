@@ -81,7 +81,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "listeners": {"riddles": 4.5, "pronouns": 8, "short": 23},
     "motion": {"pronouns": 6.5, "short": 12},
     "profiles": {"pronouns": 9.5},
-    "project": {"riddles": 4, "pronouns": 9.5},
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 159},

@@ -1,1 +1,1 @@
-"""Projects: everything stored on a board, as one object and as a file, and the ways from one to the other."""
+"""Projects: everything stored on a board, as an object or a file, and the conversion between them."""

@@ -1,4 +1,4 @@
-"""Scale the durations of a project, and rename its records and servos."""
+"""Scaling of the durations of a project, and renaming of records and servos."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _MAX_FACTOR = 1e9  # already too long for any duration but 0
 def scale_project(
     project: Project, factor: float, action_ids: Collection[int] | None = None
 ) -> tuple[Project, list[str]]:
-    """Return `project` with its durations multiplied by `factor`, and the list of changes; 2 halves the speed.
+    """Return `project` with durations multiplied by `factor`, and the list of changes; 2 halves the speed.
 
-    With `action_ids`, only these actions are scaled, and `fix_project` corrects the durations of macros that run them.
-    Without, everything is, pauses included. A duration of 0 stays 0; every other one is at least 10 ms. Raise
-    ProjectError for a factor outside 0 to 1e9, a missing action, and a duration that becomes too long.
+    With `action_ids`, only these actions are scaled, and `fix_project` corrects the durations of macros with these
+    actions. Without, all actions and pauses are scaled. A duration of 0 stays 0; any other is at least 10 ms. Raise
+    ProjectError for a factor outside 0 to 1e9, a missing action, and a duration too long for the protocol.
     """
     factor = as_number(factor)
     if not is_number(factor) or not 0 < factor <= _MAX_FACTOR:
@@ -78,7 +78,7 @@ def _scaled(units: int, factor: float, most: int, milliseconds: int, where: str)
 def rename_record(project: Project, record: Record, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with another caption for `record`, and the list of changes.
 
-    Raise ProjectError if `project` has no record of its type and id, or an id that is used twice.
+    Raise ProjectError if `project` has no record with the type and id of `record`, or a duplicate id.
     """
     kind = type_of(record)
     records = by_type(project)
@@ -92,7 +92,7 @@ def rename_record(project: Project, record: Record, caption: str) -> tuple[Proje
 
 
 def rename_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
-    """Return `project` with another caption for a servo, with or without one before, and the list of changes."""
+    """Return `project` with a new caption for a servo, with or without a caption before, and the list of changes."""
     parameters = by_servo(project)
     before = parameters.get(servo_id, ServoParameter(servo_id))
     if before.servo_caption == caption:

@@ -1,4 +1,4 @@
-"""Build projects from parts that refer to each other by object."""
+"""Construction of projects from parts with references to each other by object."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, 
 Part: TypeAlias = Action | Macro | JoystickTable | ServoParameter
 
 _MAX_DEPTH = 100
-"""Levels of macros that run macros; boards play fewer."""
+"""Maximum levels of macros within macros; boards play fewer."""
 
 
 def build_project(
@@ -27,11 +27,11 @@ def build_project(
     captions: Mapping[int, str] | None = None,
     active: JoystickTable | None = None,
 ) -> Project:
-    """Return the project of `parts` and of all records that they refer to.
+    """Return the project of `parts` and of all records referred to by the parts.
 
-    A record without an id gets the lowest free one, in the order in which records are first met. `captions` names
-    servos by their ids, `active` is the joystick table that the buttons obey. The durations of macro commands are
-    filled in. Raise ProjectError for values that no board could store.
+    A record without an id gets the lowest free id, in the order of the first mention. `captions` are captions of
+    servos by id, `active` is the joystick table for the buttons. The durations of macro commands are filled in. Raise
+    ProjectError for values impossible to store on any board.
     """
     return extend_project(Project(project_id), *parts, captions=captions, active=active)
 
@@ -43,9 +43,9 @@ def extend_project(
     active: JoystickTable | None = None,
     caption_encoding: str = "utf-8",
 ) -> Project:
-    """Return `project` with more parts, as `build_project` adds them; a record that it has is not added again.
+    """Return `project` with more parts, added as by `build_project`; records already present are not added again.
 
-    `caption_encoding` is that of the board.
+    `caption_encoding` is the caption encoding of the board.
     """
     records: list[Any] = [] if active is None else [active]
     parameters = by_servo(project)
@@ -72,7 +72,7 @@ def extend_project(
 
 
 def refuse_new_errors(before: Project, built: Project, caption_encoding: str = "utf-8") -> None:
-    """Raise ProjectError for the first error of `built` that is new, compared with `before`."""
+    """Raise ProjectError for the first error in `built` but not in `before`."""
     had = {str(found) for found in validate_project(before, caption_encoding=caption_encoding)}
     found = validate_project(built, caption_encoding=caption_encoding)
     errors = [str(one) for one in found if one.severity == "error" and str(one) not in had]
@@ -81,13 +81,13 @@ def refuse_new_errors(before: Project, built: Project, caption_encoding: str = "
 
 
 class _Building:
-    """Gives each record one id, and puts it into the references to it."""
+    """Assigns an id to each record, and puts the id into all references to the record."""
 
     def __init__(self, project: Project) -> None:
         self._before = project
         self._records = by_type(project)
         self._taken = {field: set(records) for field, records in self._records.items()}
-        self._known = {  # record without its id, with and without durations, to id
+        self._known = {  # record without an id, with and without durations, to id
             field: {
                 with_id(form, 0): record_id
                 for record_id, record in records.items()
@@ -95,13 +95,13 @@ class _Building:
             }
             for field, records in self._records.items()
         }
-        self._ids: dict[int, int] = {}  # by `id()` of the record; 0 until the record is in the project
+        self._ids: dict[int, int] = {}  # by `id()` of the record; 0 before the record is in the project
 
     def project(self) -> Project:
         return with_records(self._before, self._records)
 
     def expect(self, record: Any, depth: int = 0) -> None:
-        """Reserve the ids that `record` and its references have, so that no other record gets them."""
+        """Reserve the ids of `record` and of the records referred to, so that no other record gets them."""
         if id(record) in self._ids:
             return
         kind = type_of(record)
@@ -114,7 +114,7 @@ class _Building:
                 self.expect(reference.record, depth + 1)
 
     def id_of(self, record: Any) -> int:
-        """Add `record` to the project, after the records it refers to, and return its id."""
+        """Add `record` to the project, after all records referred to, and return the record id."""
         if done := self._ids[id(record)]:
             return done
         kind = type_of(record)
@@ -138,14 +138,14 @@ class _Building:
 
 
 def _without_durations(record: Any) -> Any:
-    """Return `record` as `Macro.of` makes it, without the durations of its commands."""
+    """Return `record` without the durations of commands, as created by `Macro.of`."""
     if not isinstance(record, Macro):
         return record
     return replace(record, commands=tuple(replace(command, total_interval=0) for command in record.commands))
 
 
 def _with_durations(project: Project, old: Container[int]) -> Project:
-    """Return `project` with the durations that macros lack, except those whose ids are `old`."""
+    """Return `project` with missing durations of macros filled in, except macros with ids in `old`."""
     found = durations(project)
 
     def completed(macro: Macro) -> Macro:

@@ -1,7 +1,7 @@
-"""Figure: what a robot looks like, and how its servos turn it.
+"""Figure: shape of a robot, and the joints turned by servos.
 
-Project files keep it for programs that draw the robot; it is never sent to a board. Lengths are in millimetres, angles
-in degrees; x points to the robot's left, y up, z forward.
+Project files keep the figure for programs with a picture of the robot; no figure is ever sent to a board. Lengths are
+in millimetres, angles in degrees; x points to the robot's left, y up, z forward.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from servolink.escaping import quote
 from servolink.protocol.json_errors import convert
 
 VERSION = 1
-"""The version of the format. It grows when an older servolink cannot read what a newer one writes."""
+"""Version of the format, raised when an older servolink cannot read files of a newer servolink."""
 MOST_JOINTS = 64
 COLOURS = ("ra", "rm", "rl", "la", "lm", "ll")
 """Groups of joints, each with a colour: arm (or front), middle, and leg (or rear) of the right and of the left."""
 
 _SHOWN = 6
-"""Joints of a cycle that a text names."""
+"""Joints of a cycle named in an error message."""
 
 
 def _about(text: str) -> Meta:
@@ -46,74 +46,74 @@ class _Part(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Shape(_Part, frozen=True):
-    """A box with round edges, or a disc; exactly one of them."""
+    """Box with round edges, or a disc; exactly one of both must be given."""
 
     box: Annotated[Sizes | UnsetType, _about("size along x, y and z, mm")] = UNSET
     disc: Annotated[tuple[Size, Size] | UnsetType, _about("radius and length, mm")] = UNSET
-    axis: Annotated[Axis, _about("what a disc lies about")] = "x"
-    at: Annotated[Vector, _about("its middle, in the frame of its joint")] = (0, 0, 0)
+    axis: Annotated[Axis, _about("axis of a disc")] = "x"
+    at: Annotated[Vector, _about("middle, in the frame of the joint")] = (0, 0, 0)
     round: Annotated[Size, _about("radius of the edges of a box, mm")] = 6
     tone: Annotated[Literal["shell", "limb", "dark", "glow"], _about("limb: the colour of the group")] = "shell"
 
 
 class Joint(_Part, frozen=True):
-    """A part of the robot, and how it turns against its parent: by `sign * degrees of the servo + offset`."""
+    """Part of the robot; the angle to the parent is `sign * degrees of the servo + offset`."""
 
     id: Name
-    parent: Annotated[Name | UnsetType, _about("the joint on which it hangs")] = UNSET
-    servo: Annotated[Servo | UnsetType, _about("the servo that turns it")] = UNSET
-    follows: Annotated[Servo | UnsetType, _about("the servo of another joint, whose angle it copies")] = UNSET
-    group: Annotated[str, _about("one of the groups of the figure")] = ""
-    at: Annotated[Vector, _about("where it is, in the frame of its parent")] = (0, 0, 0)
-    axis: Annotated[Axis | Vector, _about("what it turns about")] = "x"
+    parent: Annotated[Name | UnsetType, _about("name of the parent joint")] = UNSET
+    servo: Annotated[Servo | UnsetType, _about("servo that turns the joint")] = UNSET
+    follows: Annotated[Servo | UnsetType, _about("servo of another joint, to copy the angle")] = UNSET
+    group: Annotated[str, _about("name of a group of the figure")] = ""
+    at: Annotated[Vector, _about("position in the frame of the parent")] = (0, 0, 0)
+    axis: Annotated[Axis | Vector, _about("axis of the rotation")] = "x"
     sign: Annotated[Literal[1, -1], _about("-1: the servo turns the other way")] = 1
-    offset: Annotated[Angle, _about("degrees by which it is turned while the servo is at 0")] = 0
+    offset: Annotated[Angle, _about("angle of the joint with the servo at 0, degrees")] = 0
     limits: Annotated[tuple[Angle, Angle], _about("lowest and highest angle of the servo, degrees")] = (-180, 180)
-    length: Annotated[Size | UnsetType, _about("gives a plain limb, if there are no shapes")] = UNSET
-    along: Annotated[Vector, _about("where a plain limb points")] = (0, -1, 0)
+    length: Annotated[Size | UnsetType, _about("length of a plain limb without shapes, mm")] = UNSET
+    along: Annotated[Vector, _about("direction of a plain limb")] = (0, -1, 0)
     width: Annotated[Size, _about("thickness of a plain limb, mm")] = 26
-    tip: Annotated[Vector | UnsetType, _about("the point that a drag pulls")] = UNSET
+    tip: Annotated[Vector | UnsetType, _about("point pulled by a drag")] = UNSET
     shapes: Annotated[tuple[Shape, ...], Meta(max_length=64)] | UnsetType = UNSET
 
 
 class View(_Part, frozen=True):
-    """Where the figure is seen from."""
+    """Viewpoint of a picture of the figure."""
 
     yaw: Angle = 24
     pitch: Annotated[float, Meta(ge=-90, le=90)] = 9
     distance: Annotated[float, Meta(ge=100, le=5000, description="from the target, mm")] = 1200
-    target: Annotated[Vector, _about("what is in the middle of the picture")] = (0, 150, 0)
+    target: Annotated[Vector, _about("middle of the picture")] = (0, 150, 0)
     floor: Annotated[float, Meta(ge=10, le=5000, description="half the width of the floor, mm")] = 420
 
 
 class FixedBase(_Part, frozen=True, tag_field="mode", tag="fixed"):
-    """The joints without a parent stay where they are."""
+    """Base with fixed positions for all joints without a parent."""
 
     at: Vector = (0, 0, 0)
 
 
 class Feet(_Part, frozen=True, tag_field="mode", tag="feet"):
-    """The lower one of two feet stays flat on the floor, so that a bow bends the body and not the floor."""
+    """Base of two feet: the lower foot stays flat on the floor, so that a bow bends the body and not the floor."""
 
     feet: Annotated[tuple[Name, Name], _about("the joints")]
-    sole: Annotated[Vector, _about("the middle of a sole, in the frame of its foot")]
+    sole: Annotated[Vector, _about("middle of a sole, in the frame of the foot")]
 
 
 class Figure(_Part, frozen=True):
-    """What a robot looks like, and how its servos turn it."""
+    """Shape of a robot, with the joints turned by servos."""
 
     version: Annotated[Literal[1], _about("version of the format")] = msgspec.field(name="figure")
     name: Name
     view: View
     joints: Annotated[tuple[Joint, ...], Meta(max_length=MOST_JOINTS)]
     base: FixedBase | Feet = FixedBase()
-    groups: Annotated[
-        dict[str, dict[str, str]], _about(f"names by language of limbs; a limb is one of {', '.join(COLOURS)}")
-    ] = msgspec.field(default_factory=dict)
+    groups: Annotated[dict[str, dict[str, str]], _about(f"names of the limbs {', '.join(COLOURS)}, by language")] = (
+        msgspec.field(default_factory=dict)
+    )
 
 
 def figure_from_json(value: Any) -> Figure:
-    """Return the figure of such an object, as `checked_figure` does. Raise EncodeError naming place and reason."""
+    """Return the figure described by `value`, as by `checked_figure`. Raise EncodeError naming place and reason."""
     refuse_newer(value)
     return checked_figure(convert(value, Figure))
 
@@ -125,7 +125,7 @@ def figure_to_json(figure: Figure) -> dict[str, Any]:
 
 
 def refuse_newer(value: Any) -> None:
-    """Raise EncodeError if `value` is a figure in a format of the future."""
+    """Raise EncodeError for a figure in a future version of the format."""
     version = value.get("figure") if isinstance(value, dict) else None
     if type(version) is int and version > VERSION:
         raise EncodeError(
@@ -134,7 +134,7 @@ def refuse_newer(value: Any) -> None:
 
 
 def checked_figure(figure: Figure) -> Figure:
-    """Return `figure` with each joint after its parent. Raise EncodeError if it cannot be drawn."""
+    """Return `figure` with each joint after the parent. Raise EncodeError if impossible to draw."""
     _refuse_wrong_groups(figure)
     _refuse_wrong_names(figure)
     _refuse_wrong_servos(figure)
@@ -154,7 +154,7 @@ def _refuse_wrong_groups(figure: Figure) -> None:
 
 def _refuse_wrong_names(figure: Figure) -> None:
     if not figure.joints:
-        raise EncodeError("there must be at least one joint", "joints")
+        raise EncodeError("a figure needs at least one joint", "joints")
     _refuse_repeated("id", ((at, joint.id) for at, joint in enumerate(figure.joints)))
     known = {joint.id for joint in figure.joints}
     for at, joint in enumerate(figure.joints):
@@ -173,17 +173,17 @@ def _refuse_wrong_servos(figure: Figure) -> None:
         if joint.follows is UNSET:
             continue
         if joint.servo is not UNSET:
-            raise EncodeError("a joint has a servo, or follows that of another one; not both", f"joints[{at}].follows")
+            raise EncodeError("a joint has a servo or follows another servo, not both", f"joints[{at}].follows")
         if joint.follows not in servos.values():
             raise EncodeError(f"no joint has servo {joint.follows}", f"joints[{at}].follows")
 
 
 def _refuse_repeated(field: str, values: Iterable[tuple[int, object]]) -> None:
-    """Raise EncodeError if two joints have the same value in `field`; `values` are those of the joints by number."""
+    """Raise EncodeError if two joints have the same value in `field`; `values` come with joint numbers."""
     first: dict[object, int] = {}
     for at, value in values:
         if (before := first.setdefault(value, at)) != at:
-            raise EncodeError(f"{quote(value)} is also that of joints[{before}]", f"joints[{at}].{field}")
+            raise EncodeError(f"{quote(value)} is also used in joints[{before}]", f"joints[{at}].{field}")
 
 
 def _refuse_wrong_shape(path: str, joint: Joint) -> None:
@@ -198,7 +198,7 @@ def _refuse_wrong_shape(path: str, joint: Joint) -> None:
 
 
 def _parents_first(joints: tuple[Joint, ...]) -> Iterator[Joint]:
-    """Yield each joint after its parent, otherwise in the given order. Raise EncodeError for joints in a circle."""
+    """Yield each joint after the parent, otherwise in the given order. Raise EncodeError for joints in a circle."""
     by_id = {joint.id: joint for joint in joints}
     done: set[str] = set()
     for at, joint in enumerate(joints):
@@ -223,7 +223,7 @@ def _cycle_text(cycle: list[str]) -> str:
 
 
 def _form(value: Any) -> Any:
-    """Return `value` without fields as they usually are, and with whole numbers as people write them: 64, not 64.0."""
+    """Return `value` without fields at the default, and with whole numbers in the usual notation: 64, not 64.0."""
     if isinstance(value, Struct):
         tag = {value.__struct_config__.tag_field: value.__struct_config__.tag} if isinstance(value, _BASES) else {}
         fields = [(field, getattr(value, field.name)) for field in msgspec.structs.fields(value)]

@@ -1,4 +1,4 @@
-"""Repair the problems of a project that have one right solution."""
+"""Repair of project problems with a single right solution."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from servolink.protocol.records import ServoParameter
 
 
 def fix_project(project: Project) -> tuple[Project, list[str]]:
-    """Return `project` without the problems that `validate_project` calls fixable, and the list of repairs.
+    """Return `project` without the fixable problems of `validate_project`, and the list of repairs.
 
-    Problems whose solution only the author knows, such as references to missing records, stay.
+    Problems with several solutions, such as references to missing records, stay for the author.
     """
     repairs: list[str] = []
     for kind in STORED_TYPES:
@@ -27,7 +27,7 @@ def fix_project(project: Project) -> tuple[Project, list[str]]:
         project = replace(project, **{kind.field: records})
     for kind, word in ((ACTION, "servo"), (TABLE, "button")):
         records = tuple(_with_unique_parts(one, word, repairs) for one in getattr(project, kind.field))
-        # Two records that differed in duplicate parts only may be identical now.
+        # Two records that differed only in duplicate parts may be identical now.
         project = replace(project, **{kind.field: _without_duplicates(records, _name, repairs)})
     return _with_durations(_with_active_table(project, repairs), repairs), repairs
 

@@ -1,4 +1,4 @@
-"""Merge two projects into one."""
+"""Merging of two projects into a single project."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from servolink.protocol.records import ServoParameter
 
 
 def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
-    """Return `one` with the records missing from it that `other` has, and the list of changes.
+    """Return `one` with the missing records of `other` added, and the list of changes.
 
-    Identical records are kept once. A record of `other` whose id means another record in `one` gets a new id, and
-    references to it follow. `one` decides where there can be only one: project id, parameters of a servo, active
-    table. Raise ProjectError for an id used twice within a project, and for references to missing records, which could
-    come to mean a record of the other project.
+    Identical records are kept once. A record of `other` with an id used differently in `one` gets a new id, in all
+    references too. For values possible only once, `one` decides: project id, parameters of a servo, active table. Raise
+    ProjectError for a duplicate id within a project, and for references to missing records, which could come to mean a
+    record of the other project.
     """
     for project in (one, other):
         _refuse_dangling_references(project)
@@ -54,17 +54,17 @@ def _refuse_dangling_references(project: Project) -> None:
             for kind, number in type_of(record).references(record):
                 if number and number not in shelves[kind.field]:
                     raise ProjectError(
-                        f"{name_of(record)} refers to {kind} {number}, which does not exist; correct it first"
+                        f"{name_of(record)} refers to {kind} {number}, which is missing; correct the reference first"
                     )
 
 
 class _Merging:
-    """Assigns ids to the records of the other project, and adds those that are new."""
+    """Assigns ids to the records of the other project, and adds the new records."""
 
     def __init__(self, one: Project, other: Project) -> None:
         self.changes: list[str] = []
         self.records = by_type(one)
-        # Record without its id to id; of several alike the lowest one, as in an earlier merge of the same projects.
+        # Record without an id, to id; of several identical records the lowest id, as in an earlier merge.
         self._known = {
             field: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
             for field, records in self.records.items()
@@ -74,13 +74,13 @@ class _Merging:
         self._new_ids: dict[tuple[str, int], int] = {}
 
     def id_of(self, kind: RecordType[Any], record_id: int) -> int:
-        """Return the id that a record of the other project gets."""
+        """Return the new id of a record from the other project."""
         return self._new_ids.get((kind.field, record_id), record_id)
 
     def assign_ids(self, kind: RecordType[Any]) -> None:
-        """Assign ids to the other project's records of one type, after the types that they refer to.
+        """Assign ids to the other project's records of a type, after all types referred to by this type.
 
-        Repeated until nothing changes: a macro that runs a macro with a new id differs now, and may need one too.
+        Repeated until nothing changes: a macro with a reference to a new id differs now, and may need a new id too.
         """
         changed = True
         while changed:
@@ -89,7 +89,7 @@ class _Merging:
                 changed |= self._assign_id(kind, record_id)
 
     def _assign_id(self, kind: RecordType[Any], record_id: int) -> bool:
-        """Return whether a record needed another id than it had."""
+        """Assign another id to a record if needed. Return whether the id changed."""
         now = self.id_of(kind, record_id)
         record = self._renumbered(kind, self._others[kind.field][record_id], now)
         if self.records[kind.field].get(now, record) == record:
@@ -104,7 +104,7 @@ class _Merging:
         return True
 
     def add(self) -> None:
-        """Add the records of the other project that `records` does not contain."""
+        """Add the records of the other project not yet in `records`."""
         for kind in RECORD_TYPES:
             shelf = self.records[kind.field]
             for record_id, record in self._others[kind.field].items():

@@ -1,4 +1,4 @@
-"""Mirror actions and macros: exchange left and right."""
+"""Mirroring of actions and macros: exchange of left and right."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _GIVE_PAIRS = "give the pairs, as in 1=2,3=4"
 
 
 def other_side(caption: str) -> str:
-    """Return `caption` with left and right exchanged, unchanged if it names no side."""
+    """Return `caption` with left and right exchanged, unchanged for a caption without a side."""
     return _SIDE.sub(lambda found: _with_case_of(found[0], _OTHER[found[0].lower()]), caption)
 
 
@@ -48,9 +48,9 @@ def _with_case_of(model: str, word: str) -> str:
 
 
 def partners_by_caption(parameters: Iterable[ServoParameter], servo_ids: Iterable[int]) -> dict[int, int]:
-    """Return, in both directions, the partner of each of `servo_ids` whose caption names a side.
+    """Return, in both directions, the partner of each of `servo_ids` with a side in the caption.
 
-    Raise ProjectError if a partner is missing, or if several servos could be meant.
+    Raise ProjectError for a missing partner, and for several possible partners.
     """
     captions: dict[int, str] = {}
     servos_of = defaultdict[str, set[int]](set)
@@ -82,17 +82,17 @@ _MOST_NEGATIVE = -0x8000
 
 @dataclass(frozen=True, slots=True)
 class Mirror:
-    """Which servo is the mirror image of which, and in which direction it turns."""
+    """Mapping of servos to their mirror images, and the directions of rotation."""
 
     partners: Mapping[int, int]
     """Servo id to servo id, in both directions. A servo that is its own partner gets the opposite angle; a servo
-    without a partner keeps its angle."""
+    without a partner keeps the same angle."""
     same_sign: Collection[int] = ()
-    """Servos that take their partner's angle unchanged; one servo of a pair is enough. The others take the opposite
+    """Servos with the same angle as the partner; either servo of a pair is enough. All other servos get the opposite
     angle, because a servo mounted as the mirror image of another turns the other way."""
 
     def step(self, step: Step) -> Step:
-        """Return the mirror image of a step. Raise ProjectError for -32768, whose opposite does not fit a step."""
+        """Return the mirror image of a step. Raise ProjectError for -32768, as the opposite does not fit a step."""
         if (partner := self.partners.get(step.servo_id)) is None:
             return step
         if partner in self.same_sign or step.servo_id in self.same_sign:
@@ -103,24 +103,26 @@ class Mirror:
 
 
 def mirror_by_captions(project: Project, records: Iterable[Record], same_sign: Collection[int] = ()) -> Mirror:
-    """Return the mirror for `records` according to the captions of their servos. Raise ProjectError if none fits."""
+    """Return the mirror for `records` by the captions of their servos. Raise ProjectError if no mirror fits."""
     servo_ids = {servo_id for record in records for servo_id in servos_used(project, record)}
     partners = partners_by_caption(project.servo_parameters, sorted(servo_ids))
     if not partners:
-        raise ProjectError(f"no servo in it has a caption with left or right; give servos captions, or {_GIVE_PAIRS}")
+        raise ProjectError(
+            f"none of the servos has a caption with left or right; give servos captions, or {_GIVE_PAIRS}"
+        )
     return Mirror(partners, same_sign)
 
 
 def mirror_project(project: Project, records: Iterable[Record], mirror: Mirror) -> tuple[Project, list[str]]:
-    """Return `project` with the mirror images of `records` and of all they run, and the list of changes.
+    """Return `project` with the mirror images of `records` and of all records run, and the list of changes.
 
-    An image that exists already is not added again, and a symmetric record has none. Raise ProjectError for a missing
+    An image already present is not added again, and a symmetric record has no image. Raise ProjectError for a missing
     or endless record.
     """
     imaging = _Imaging(project, mirror)
     records = list(records)
     for macro_id in _macros_to_image(project, records):
-        imaging.image(MACRO, macro_id)  # before those that run it: macros may nest deeper than Python calls
+        imaging.image(MACRO, macro_id)  # inner macros first: macros may nest deeper than Python calls
     for record in records:
         kind = type_of(record)
         if imaging.image(kind, kind.id_of(record)) == kind.id_of(record):
@@ -129,18 +131,18 @@ def mirror_project(project: Project, records: Iterable[Record], mirror: Mirror) 
 
 
 def _macros_to_image(project: Project, records: Iterable[Record]) -> list[int]:
-    """Return the ids of the macros among `records` and in what they run, each after those that it runs."""
+    """Return the ids of the macros among `records` and of all macros run by `records`, inner macros first."""
     macros = MACRO.by_id(project)
     stored = [macros.get(one.macro_id, one) if isinstance(one, Macro) else one for one in records]
     found = {one.macro_id for one in with_dependencies(project, stored) if isinstance(one, Macro)} & macros.keys()
     order = dependency_order(macros)
     if endless := sorted(found.difference(order)):
-        raise ProjectError(f"{name_of(macros[endless[0]])} never ends, because it runs itself or a macro that does")
+        raise ProjectError(f"{name_of(macros[endless[0]])} never ends: the macro runs itself or an endless macro")
     return [macro_id for macro_id in order if macro_id in found]
 
 
 class _Imaging:
-    """Adds the mirror images of records, and of what they run, to a project."""
+    """Adds the mirror images of records, and of all records run, to a project."""
 
     def __init__(self, project: Project, mirror: Mirror) -> None:
         self.changes: list[str] = []
@@ -153,7 +155,7 @@ class _Imaging:
         return with_records(self._before, self._records)
 
     def image(self, kind: RecordType[Any], record_id: int) -> int:
-        """Return the id of a record's image, which is its own if the record is symmetric."""
+        """Return the id of a record's image: a symmetric record is the image of itself."""
         key = kind.field, record_id
         if key not in self._images:
             self._images[key] = self._make_image(kind, record_id)

@@ -1,4 +1,4 @@
-"""Names of servos and records: what a person may write in place of an id, and what was meant by it."""
+"""Names of servos and records: text in place of an id, and the lookup of such a text."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from servolink.escaping import escape
 _LONGEST_ID = 10  # digits
 _PREFIX = "name:"
 _MOST_LISTED = 5
-_COMPARED = 64  # characters; a caption has at most 32 bytes, and what is typed may be endless
+_COMPARED = 64  # characters; a caption has at most 32 bytes, and typed text may be of any length
 
 
 class Named(NamedTuple):
-    """A servo or a record with its caption."""
+    """Servo or record with a caption."""
 
     label: str
-    """The type, such as `action`."""
+    """Type of the object, such as `action`."""
     record_id: int
     caption: str
 
@@ -29,7 +29,7 @@ class Named(NamedTuple):
 
 
 def id_or_caption(text: str) -> int | str:
-    """Return the id that a text of digits stands for, otherwise the caption.
+    """Return the id for a text of digits, otherwise the caption.
 
     `name:3` is the caption `3`, and `name:name:3` the caption `name:3`.
     """
@@ -38,9 +38,9 @@ def id_or_caption(text: str) -> int | str:
 
 
 def captioned(things: Iterable[Named], caption: str) -> list[Named]:
-    """Return the things with exactly this caption or, without any, those whose caption differs in case only.
+    """Return all objects with exactly this caption or, without any, with a caption that differs only in case.
 
-    What is listed twice is returned once, in the order of ids. Nothing has the empty caption.
+    Duplicates are returned once, in the order of ids. No object has the empty caption.
     """
     different = [one for one in sorted(set(things)) if one.caption and caption]
     same = [one for one in different if one.caption == caption]
@@ -48,10 +48,10 @@ def captioned(things: Iterable[Named], caption: str) -> list[Named]:
 
 
 def closest(things: Iterable[Named], caption: str, label: str) -> str:
-    """Return a text that lists what may have been meant by `caption`, such as `did you mean action 3 'Wave'?`.
+    """Return a text with the possible meanings of `caption`, such as `did you mean action 3 'Wave'?`.
 
-    Without a similar caption it lists the first few things in the order of ids, those with captions first. `label` is
-    their type.
+    Without a similar caption, the text lists the first few objects in the order of ids, objects with captions first.
+    `label` is the type of the objects.
     """
     from difflib import get_close_matches  # late: needed for errors only
 
@@ -66,7 +66,7 @@ def closest(things: Iterable[Named], caption: str, label: str) -> str:
 
 
 def listed(things: Sequence[Named], word: str = "and") -> str:
-    """Return a list of at most 5 things for people, with the number of those left out."""
+    """Return a list of at most 5 objects for people, with the number of omitted objects."""
     shown = [*map(str, things[:_MOST_LISTED])]
     if len(things) > _MOST_LISTED:
         shown.append(f"{len(things) - _MOST_LISTED:,} more")
@@ -74,5 +74,5 @@ def listed(things: Sequence[Named], word: str = "and") -> str:
 
 
 def _folded(caption: str) -> str:
-    """Return a text that is the same for captions that differ only in case, or in how their accents are encoded."""
+    """Return a text equal for captions that differ only in case or in the encoding of accents."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", caption).casefold())

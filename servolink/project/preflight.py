@@ -1,4 +1,4 @@
-"""Find movements that are too fast or go too far, before a servo moves."""
+"""Search for movements beyond the speed caps or angle limits, before a servo moves."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def preflight(
     interval_unit: float = INTERVAL_UNIT,
     start: Mapping[int, int] | None = None,
 ) -> list[Diagnostic]:
-    """Return where `records` and all they run (None: everything) exceed `speed_cap`, `angle_limits` or `limits`.
+    """Return where `records` and all records run (None: everything) exceed `speed_cap`, `angle_limits` or `limits`.
 
     `speed_cap` is in degrees per second, `angle_limits` in degrees, both for all servos or by servo id. `limits` are
-    further ones, such as `board.profile.limits`. An interval of 1 stands for `interval_unit` seconds. `start` is the
-    pose before the first movement, degrees by servo id; without it, first movements are not looked at. Raise
-    ProjectError for an id that is used twice, and EncodeError for limits that allow nothing.
+    further limits, such as `board.profile.limits`. An interval of 1 stands for `interval_unit` seconds. `start` is the
+    pose before the first movement, degrees by servo id; without a pose, first movements are not checked. Raise
+    ProjectError for a duplicate id, and EncodeError for limits without any permitted value.
     """
     all_limits = motion_limits(angle_limits, speed_cap).tightened(limits or MotionLimits())
     found = [*_too_far(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]
@@ -46,7 +46,7 @@ def preflight(
 
 
 def uncheckable(stored: Project) -> Iterator[str]:
-    """Yield what in the records that a board runs leaves open how it moves: the document says nothing about it."""
+    """Yield faults of stored records with an unknown effect on the movement: the document leaves the effect open."""
     for action in stored.actions:
         for twice in duplicates(action.steps):
             servo_id = action.steps[twice.at].servo_id
@@ -54,12 +54,12 @@ def uncheckable(stored: Project) -> Iterator[str]:
     for macro in stored.macros:
         for number, command in enumerate(macro.commands, 1):
             if command.type not in set(MacroCommandType):
-                yield f"{name_of(macro)}, command {number} is of type {command.type}, which the document does not name"
+                yield f"{name_of(macro)}, command {number} is of type {command.type}, unknown to the document"
             elif command.type != MacroCommandType.DELAY and not 1 <= command.ratio <= 100:
-                yield f"{name_of(macro)}, command {number} has the ratio {command.ratio}, which is outside 1..100"
+                yield f"{name_of(macro)}, command {number} has the ratio {command.ratio}, outside 1..100"
     ending = dependency_order(MACRO.by_id(stored))
     if endless := [macro for macro in stored.macros if macro.macro_id not in ending]:
-        yield f"{name_of(endless[0])} never ends, because it runs itself or a macro that does"
+        yield f"{name_of(endless[0])} never ends: the macro runs itself or an endless macro"
 
 
 def preflight_run(run: RecordRun, stored: Project, limits: MotionLimits, start: Mapping[int, int]) -> Iterator[str]:
@@ -80,7 +80,7 @@ def _too_far(project: Project, limits: MotionLimits) -> Iterator[Diagnostic]:
 
 
 def _steps_too_far(action: Action, limits: MotionLimits) -> Iterator[tuple[int, str]]:
-    """Yield the index of each step that goes beyond the limits, with a text that says so."""
+    """Yield the index of each step beyond the limits, with a text for people."""
     for at, step in enumerate(action.steps):
         if exceeded := limits.exceeded_angles(step.servo_id, step.degree):
             text = f"step {at + 1} asks servo {step.servo_id} to go to {step.degree} degrees; its limits are {exceeded}"

@@ -1,4 +1,4 @@
-"""Read and write project files, and their JSON Schema."""
+"""Reading and writing of project files, and the JSON Schema of the format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from servolink.protocol.json_errors import convert, quote_json
 from servolink.protocol.json_form import json_type, record_to_json, struct_from_json
 
 SCHEMA = 1
-"""The version of the format. It grows when an older servolink cannot read what a newer one writes."""
+"""Version of the format, raised when an older servolink cannot read files of a newer servolink."""
 _EDITOR_SCHEMA = msgspec.field(default=UNSET, name="$schema")
 _HEAD = (
     ("schema", Annotated[Literal[SCHEMA], Meta(description="version of the format")], NODEFAULT),
@@ -29,43 +29,43 @@ _HEAD = (
         "values",
         Annotated[
             Literal["unchecked"] | UnsetType,
-            Meta(description="in exports: the board holds values that servolink would not write unasked"),
+            Meta(description="in exports: the board holds values outside the ranges written by servolink"),
         ],
         UNSET,
     ),
     (
         "figure",
-        Annotated[Figure | UnsetType, Meta(description="what the robot looks like; never sent to a board")],
+        Annotated[Figure | UnsetType, Meta(description="shape of the robot; never sent to a board")],
         UNSET,
     ),
 )
-"""The fields of a file that are not those of the project."""
+"""Fields of a file beyond the fields of the project."""
 
 SHIPPED = Path(__file__).with_name("servolink-project.schema.json")
-"""The JSON Schema that is part of the package, equal to `schema_text()`."""
+"""JSON Schema included in the package, equal to `schema_text()`."""
 
 
 class ProjectFile(NamedTuple):
-    """The content of a project file."""
+    """Content of a project file."""
 
     project: Project
     unchecked: bool
-    """Whether the file was exported from a board with values that servolink would not write unasked."""
+    """Whether the file was exported from a board with values outside the ranges written by servolink."""
     figure: Figure | None = None
-    """What the robot looks like; no board stores it."""
+    """Shape of the robot, stored on no board."""
 
 
 def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Project:
-    """Return the project in the file `path`. Raise ProjectError naming what is wrong, and where.
+    """Return the project in the file `path`. Raise ProjectError naming the fault and the place.
 
-    `unchecked` accepts everything that a board can have sent: numbers that the wire carries and the document does not
-    allow, and captions with control characters.
+    `unchecked` accepts all values that a board can have sent: numbers in the range of the wire but outside the
+    document's, and captions with control characters.
     """
     return read_project_file(path, unchecked=unchecked).project
 
 
 def read_project_file(path: str | os.PathLike[str], *, unchecked: bool = False) -> ProjectFile:
-    """Return the content of the file `path`, as `load_project` does."""
+    """Return the content of the file `path`, as by `load_project`."""
     file = _checked_path(path, "load_project(path)")
     try:
         content = read_file(file, MAX_SIZE)
@@ -78,12 +78,12 @@ def read_project_file(path: str | os.PathLike[str], *, unchecked: bool = False) 
 
 
 def parse_project(text: str | bytes, *, unchecked: bool = False) -> Project:
-    """Return the project of the text of a file, with its records in the order of the text, as `load_project` does."""
+    """Return the project of the text of a file, with records in the order of the text, as by `load_project`."""
     return parse_project_file(text, unchecked=unchecked).project
 
 
 def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> ProjectFile:
-    """Return the content of the text of a file, as `load_project` does."""
+    """Return the content of the text of a file, as by `load_project`."""
     try:
         value = read_json(text)
         _check_version(value)
@@ -94,7 +94,7 @@ def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> Project
 
 
 def project_from_form(given: Any) -> ProjectFile:
-    """Return the content of a file as it was converted to `file_type`. Raise EncodeError for a wrong figure."""
+    """Return the content of a file after the conversion to `file_type`. Raise EncodeError for a wrong figure."""
     try:
         figure = None if given.figure is UNSET else checked_figure(given.figure)
     except EncodeError as error:
@@ -114,9 +114,9 @@ def save_project(
 ) -> None:
     """Write `project` to the file `path`, whole or not at all.
 
-    Raise ProjectError if that fails, or if `load_project` would refuse the file. `unchecked` marks the file as an
-    export of values that servolink would not write unasked: `servolink apply` then writes them as they are. Without
-    `figure`, a project file that is replaced keeps its own.
+    Raise ProjectError if the writing fails, or if `load_project` would refuse the file. `unchecked` marks the file as
+    an export with values outside the ranges written by servolink: `servolink apply` then writes the values unchanged.
+    Without `figure`, a replaced project file keeps the previous figure.
     """
     if isinstance(path, Project):
         raise TypeError("save_project(path, project): the path comes first, then the project")
@@ -127,12 +127,12 @@ def save_project(
     try:
         parse_project_file(content)
     except ProjectError as error:
-        raise ProjectError(f"{file}: was not written, because it could not be loaded again: {error}") from error
+        raise ProjectError(f"{file}: was not written, because loading the text again would fail: {error}") from error
     _write(file, content)
 
 
 def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
-    """Write the file `path` as `save_project` does, even if errors remain that it had before."""
+    """Write the file `path` as by `save_project`, even with errors that were already present before."""
     file = Path(path)
     _write(file, _content(file, project, unchecked=unchecked, figure=None))
 
@@ -140,7 +140,7 @@ def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: 
 def _content(file: Path, project: Project, *, unchecked: bool, figure: Figure | None) -> bytes:
     content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
     if len(content) > MAX_SIZE:
-        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the most that can be read again")
+        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the limit for reading")
     return content
 
 
@@ -152,7 +152,7 @@ def _write(file: Path, content: bytes) -> None:
 
 
 def _figure_in(file: Path) -> Figure | None:
-    """Return the figure of a file that may not exist, or be anything else."""
+    """Return the figure of a file that may be missing, or anything else."""
     try:
         return read_project_file(file, unchecked=True).figure
     except ProjectError:
@@ -160,19 +160,19 @@ def _figure_in(file: Path) -> Figure | None:
 
 
 def format_project(project: Project, *, unchecked: bool = False, figure: Figure | None = None) -> str:
-    """Return the text of a file for `project.sorted()`: equal for equal projects, even with values of no meaning."""
+    """Return the text of a file for `project.sorted()`: equal for equal projects, even with meaningless values."""
     return write_json(project_to_form(project, unchecked=unchecked, figure=figure))
 
 
 def schema_text() -> str:
-    """Return the JSON Schema of project files, with which editors complete and check them."""
+    """Return the JSON Schema of project files, for completion and checks in editors."""
     described = msgspec.json.schema(file_type(unchecked=False))
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
     return json.dumps(head | described, indent=2) + "\n"
 
 
 def file_type(*, unchecked: bool) -> Any:
-    """Return the msgspec type of a file: that of a project, with the fields that no board stores."""
+    """Return the msgspec type of a file: the type of a project, with fields that no board stores."""
     return json_type(Project, unchecked=unchecked, head=_HEAD)
 
 
@@ -183,9 +183,9 @@ def _checked_path(path: object, call: str) -> Path:
 
 
 def _check_version(value: Any) -> None:
-    """Raise EncodeError unless `value` is in the format that this library reads."""
+    """Raise EncodeError unless `value` has the format of this library."""
     if not isinstance(value, dict):
-        raise EncodeError(f"is not a project file: it needs a JSON object, not {quote_json(value)}")
+        raise EncodeError(f"is not a project file: a JSON object is needed, not {quote_json(value)}")
     if "schema" not in value:
         raise EncodeError(f'"schema" is missing; a project file begins with "schema": {SCHEMA}')
     version = value["schema"]

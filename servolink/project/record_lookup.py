@@ -1,4 +1,4 @@
-"""Look up the records of a project, and compute their sizes and durations."""
+"""Lookup of project records, and computation of sizes and durations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record,
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter
 
 MAX_INTERVAL = 0x7FFF_FFFF
-"""The most milliseconds that `total_interval` can hold, nearly 25 days."""
+"""Maximum of `total_interval` in milliseconds, nearly 25 days."""
 
 
 def name_of(record: Any) -> str:
@@ -30,22 +30,22 @@ def name_of(record: Any) -> str:
 
 
 def by_type(project: Project) -> dict[str, dict[int, Any]]:
-    """Return the records of a project by field and id. Raise ProjectError for an id that is used twice."""
+    """Return the records of a project by field and id. Raise ProjectError for a duplicate id."""
     for kind in RECORD_TYPES:
         _refuse_duplicates(kind.label, [kind.id_of(record) for record in getattr(project, kind.field)])
     return {kind.field: kind.by_id(project) for kind in RECORD_TYPES}
 
 
 def by_servo(project: Project) -> dict[int, ServoParameter]:
-    """Return the parameters by servo id. Raise ProjectError for a servo that has them twice."""
+    """Return the parameters by servo id. Raise ProjectError for a servo with duplicate parameters."""
     _refuse_duplicates("servo parameter", [one.servo_id for one in project.servo_parameters])
     return {one.servo_id: one for one in project.servo_parameters}
 
 
 def _refuse_duplicates(label: str, ids: list[int]) -> None:
-    """Raise ProjectError for an id that is used twice: an edit by id would lose one of the two."""
+    """Raise ProjectError for a duplicate id: an edit by id would lose one of both objects."""
     if duplicates := [number for number, times in Counter(ids).items() if times > 1]:
-        raise ProjectError(f"{label} {duplicates[0]} exists twice; remove one, or give it another id")
+        raise ProjectError(f"{label} {duplicates[0]} exists twice; remove a copy, or change an id")
 
 
 def with_records(project: Project, records: Mapping[str, Mapping[int, Any]]) -> Project:
@@ -54,7 +54,7 @@ def with_records(project: Project, records: Mapping[str, Mapping[int, Any]]) -> 
 
 
 def free_id(taken: Container[int]) -> int:
-    """Return the lowest free id. It is at least 1, because 0 means "none" everywhere."""
+    """Return the lowest free id, at least 1, because 0 means "none" everywhere."""
     return next(number for number in count(1) if number not in taken)
 
 
@@ -69,9 +69,9 @@ def with_caption(record: Any, caption: str) -> Any:
 
 
 def with_dependencies(project: Project, records: Iterable[Record]) -> list[Record]:
-    """Return `records` and all records run by them, directly or not, each once, without missing ones.
+    """Return `records` and all records run by them, directly or not, each once, without missing records.
 
-    Raise ProjectError for an id that is used twice in `project`.
+    Raise ProjectError for a duplicate id in `project`.
     """
     shelves = by_type(project)
     waiting, found = list(records), dict[tuple[str, int], Record]()
@@ -90,13 +90,13 @@ def with_dependencies(project: Project, records: Iterable[Record]) -> list[Recor
 
 
 def servos_used(project: Project, record: Record) -> set[int]:
-    """Return the ids of the servos that `record` moves, directly or through what it runs."""
+    """Return the ids of the servos moved by `record`, directly or through other records."""
     actions = (one for one in with_dependencies(project, [record]) if isinstance(one, Action))
     return {step.servo_id for action in actions for step in action.steps}
 
 
 def total_size(project: Project) -> int:
-    """Return the bytes that the records and servo parameters of `project` take on a board."""
+    """Return the bytes of all records and servo parameters of `project` on a board."""
     stored: Iterable[Record | ServoParameter] = chain(
         without_neutral(project.servo_parameters), project.actions, project.macros, project.joystick_tables
     )
@@ -121,15 +121,15 @@ def dependency_levels(macros: Mapping[int, Macro]) -> list[set[int]]:
 
 
 def dependency_order(macros: Mapping[int, Macro]) -> list[int]:
-    """Return the ids of macros, each after those of the macros that it runs. Endless macros are left out."""
+    """Return the ids of macros, inner macros before outer macros. Endless macros are left out."""
     return [macro_id for level in dependency_levels(macros) for macro_id in sorted(level)]
 
 
 def durations(project: Project) -> dict[int, tuple[int | None, ...]]:
-    """Return, by macro id, the milliseconds of each command with its ratio and loops: its `total_interval`.
+    """Return the duration of each command with ratio and loops, the `total_interval` in milliseconds, by macro id.
 
-    None stands for a duration that is unknown because the command runs a missing or endless record, or that is longer
-    than MAX_INTERVAL.
+    None stands for an unknown duration, because the command runs a missing or endless record, and for a duration
+    above MAX_INTERVAL.
     """
     actions, macros = ACTION.by_id(project), MACRO.by_id(project)
     found: dict[int, tuple[int | None, ...]] = {
@@ -145,7 +145,7 @@ def durations(project: Project) -> dict[int, tuple[int | None, ...]]:
 
 
 def macro_seconds(project: Project) -> dict[int, float | None]:
-    """Return the duration of each macro in seconds, by id; None if it is unknown, as for `durations`."""
+    """Return the duration of each macro in seconds, by id; None for an unknown duration, as for `durations`."""
     return {
         macro_id: None if None in each else sum(time or 0 for time in each) / 1000
         for macro_id, each in durations(project).items()
@@ -155,12 +155,12 @@ def macro_seconds(project: Project) -> dict[int, float | None]:
 def wrong_durations(project: Project) -> Iterator[tuple[int, int, int]]:
     """Yield index of the macro, index of the command and right duration where `total_interval` is wrong.
 
-    Up to 10 ms or 1 % are accepted: programs differ in how they round.
+    Deviations up to 10 ms or 1 % are accepted: programs round in different ways.
     """
     found, macros = durations(project), MACRO.by_id(project)
     for at, macro in enumerate(project.macros):
         if macros[macro.macro_id] is not macro:
-            continue  # its id is used twice, so it is unknown which of the two runs
+            continue  # the id is used twice, so the macro meant is unknown
         for number, (command, takes) in enumerate(zip(macro.commands, found[macro.macro_id], strict=True)):
             if takes is not None and abs(command.total_interval - takes) > max(10, takes // 100):
                 yield at, number, takes
@@ -177,7 +177,7 @@ def _duration(command: MacroCommand, actions: Mapping[int, Action], macros: Mapp
 def _duration_once(
     command: MacroCommand, actions: Mapping[int, Action], macros: Mapping[int, int | None]
 ) -> int | None:
-    """Return the milliseconds of one loop at full speed."""
+    """Return the duration of a single loop at full speed, in milliseconds."""
     match command.type:
         case MacroCommandType.ACTION:
             action = actions.get(command.command_id)
@@ -194,7 +194,7 @@ _NUMBERED = re.compile(r"(action|macro|table):([0-9]{1,10})", re.ASCII)
 
 
 def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
-    """Return the record with this name: a caption, an id, type and id as in `action:3`, or as in `name:3` a caption.
+    """Return the record with this name: a caption, an id, a type and id as in `action:3`, or a caption as in `name:3`.
 
     Captions are compared as by `servolink.project.naming`. Raise ProjectError if no record matches, or several do.
     """
@@ -221,7 +221,7 @@ def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
 
 
 def find_servo(project: Project, servo: int | str) -> int:
-    """Return the id of a servo, which may be given by caption. Raise ProjectError if not exactly one has it."""
+    """Return the id of a servo, given by id or caption. Raise ProjectError unless exactly one servo matches."""
     meant = id_or_caption(servo) if isinstance(servo, str) else servo
     if isinstance(meant, int):
         return meant
@@ -235,5 +235,5 @@ def find_servo(project: Project, servo: int | str) -> int:
 
 
 def _short_label(kind: RecordType[Any]) -> str:
-    """Return the word that stands before the colon: `action`, `macro` or `table`."""
+    """Return the type word for names with a colon: `action`, `macro` or `table`."""
     return kind.label.split()[-1]

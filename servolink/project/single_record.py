@@ -1,4 +1,4 @@
-"""Add, replace and remove one record of a project, as if everything else had been written with it."""
+"""Changes of a single project record: add, replace, remove, as if the whole project had been rewritten."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from servolink.protocol.records import Macro
 
 
 def add_record(project: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
-    """Return `project` with one more record. If its id is 0, it gets the lowest free one.
+    """Return `project` with a further record. A record with the id 0 gets the lowest free id.
 
-    A macro gets the durations that its commands lack. Raise ProjectError if the id is taken, if the record refers to a
-    missing one, or if no board could store it.
+    A macro gets missing durations of commands filled in. Raise ProjectError for an id in use, for references to
+    missing records, and for a record impossible to store on any board.
     """
     kind = type_of(record)
     if (before := kind.by_id(project).get(kind.id_of(record))) is not None:
-        raise ProjectError(f"{name_of(before)} exists; change it with `set`, or leave out the id")
+        raise ProjectError(f"{name_of(before)} exists; use `set` to change the record, or leave out the id")
     _refuse_missing(project, record)
     return extend_project(project, record, caption_encoding=caption_encoding)
 
 
 def add_from(project: Project, source: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
-    """Return `project` with `record` of the project `source`, and with everything that the record runs.
+    """Return `project` with `record` of the project `source`, and with all records run by `record`.
 
-    What is there already is not added again; a record whose id is taken by another one gets a new id. Raise
-    ProjectError for references to missing records, and if no board could store the result.
+    Records already present are not added again; a record with an id in use gets a new id. Raise ProjectError for
+    references to missing records, and for a result impossible to store on any board.
     """
     after, _ = merge_projects(project, _only(source, record))
     after = replace(after, project_id=project.project_id, active_joystick_table=project.active_joystick_table)
@@ -43,7 +43,7 @@ def add_from(project: Project, source: Project, record: Record, *, caption_encod
 
 
 def _only(source: Project, record: Record) -> Project:
-    """Return the project of `record` and everything that it runs, directly or not."""
+    """Return the project of `record` and all records run by `record`, directly or not."""
     records: dict[str, dict[int, Any]] = {kind.field: {} for kind in RECORD_TYPES}
     for one in with_dependencies(source, [record]):
         kind = type_of(one)
@@ -52,10 +52,10 @@ def _only(source: Project, record: Record) -> Project:
 
 
 def replace_record(project: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
-    """Return `project` with `record` in place of the one with its id.
+    """Return `project` with `record` in place of the record with the same id.
 
-    Durations of macros that become wrong by that are corrected; those that were wrong before stay as they are. Raise
-    ProjectError if the record newly refers to a missing one, or if no board could store it.
+    Durations of macros made wrong by the change are corrected; durations wrong before stay unchanged. Raise
+    ProjectError for a new reference to a missing record, and for a record impossible to store on any board.
     """
     kind = type_of(record)
     records = by_type(project)
@@ -69,42 +69,43 @@ def replace_record(project: Project, record: Record, *, caption_encoding: str = 
 def replace_from(
     project: Project, source: Project, record: Record, record_id: int, *, caption_encoding: str = "utf-8"
 ) -> Project:
-    """Return `project` with `record` of the project `source` in place of the one with this id, as `replace_record`.
+    """Return `project` with `record` of the project `source` in place of the record with the same id.
 
-    Raise ProjectError too if the record runs another one that is not the same in both projects.
+    Works like `replace_record`. Raise ProjectError too if `record` runs a record that differs between both projects.
     """
     for one in with_dependencies(source, [record]):
         kind = type_of(one)
         if one is not record and kind.by_id(project).get(kind.id_of(one)) != one:
             raise ProjectError(
-                f"{name_of(record)} of the file runs {name_of(one)}, which is missing or another one on the board; "
-                "`add --from` brings along what a record runs"
+                f"{name_of(record)} of the file runs {name_of(one)}, missing or different on the board; "
+                "`add --from` also adds the records that a record runs"
             )
     return replace_record(project, with_id(record, record_id), caption_encoding=caption_encoding)
 
 
 def remove_records(project: Project, kind: RecordType[Any], record_ids: set[int]) -> Project:
-    """Return `project` without these records. Raise ProjectError if one that stays refers to one of them."""
+    """Return `project` without these records. Raise ProjectError if another record refers to a removed record."""
     records = by_type(project)
     gone = {record_id: records[kind.field].pop(record_id) for record_id in record_ids}
     for one in (one for shelf in records.values() for one in shelf.values()):
         for target, number in type_of(one).references(one):
             if target is kind and number in gone:
-                raise ProjectError(f"{name_of(one)} runs {name_of(gone[number])}; change or delete that first")
+                runner = f"{type_of(one)} {type_of(one).id_of(one)}"
+                raise ProjectError(f"{name_of(one)} runs {name_of(gone[number])}; change or delete {runner} first")
     active = project.active_joystick_table
     if kind is TABLE and active in gone:
-        active = None  # the board chooses another one
+        active = None  # the board chooses another table
     return replace(with_records(project, records), active_joystick_table=active)
 
 
 def _refuse_missing(project: Project, record: Record, old: Record | None = None) -> None:
-    """Raise ProjectError if `record` refers to a record that is missing, and to which `old` did not refer."""
+    """Raise ProjectError for a reference of `record`, absent in `old`, to a missing record."""
     kind = type_of(record)
     had = set(kind.references(old)) if old is not None else set()
     for target, number in kind.references(record):
         if number and number not in target.by_id(project) and (target, number) not in had:
             caption = escape(kind.caption_of(record))
-            raise ProjectError(f"{kind} '{caption}' runs {target} {number}, which is not on the board; add that first")
+            raise ProjectError(f"{kind} '{caption}' runs {target} {number}, not on the board; add the {target} first")
 
 
 def _with_right_durations(before: Project, after: Project, changed: Record) -> Project:

@@ -1,4 +1,4 @@
-"""Compute how fast actions and macros turn servos."""
+"""Speed of servos in actions and macros."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommand
 
 
 class ServoMove(Struct, frozen=True):
-    """A turn of one servo, from the pose before a step to the angle of the step.
+    """Turn of a servo, from the pose before a step to the angle of the step.
 
-    Angles are in degrees. Servos that are set to raw ADC must not be looked at.
+    Angles are in degrees. Servos set to raw ADC must be left out.
     """
 
     path: str
-    """The place of the step, such as `actions[3].steps[6]`, or of the macro command that leads to it.
+    """Place of the step, such as `actions[3].steps[6]`, or of the macro command with the step.
 
-    Empty for the step of an action that is run by itself.
+    Empty for the step of an action outside a macro.
     """
     action: Action
     at: int
     """Index of the step in the action."""
     start: int
     seconds: float
-    """The duration, with the ratio of the macro command."""
+    """Duration with the ratio of the macro command, seconds."""
 
     @property
     def step(self) -> Step:
-        """The step of the action."""
+        """Step of the action."""
         return self.action.steps[self.at]
 
     @property
     def degrees(self) -> int:
-        """The angle between start and end, never negative."""
+        """Angle between start and end, never negative."""
         return abs(self.step.degree - self.start)
 
     @property
@@ -60,21 +60,21 @@ class ServoMove(Struct, frozen=True):
 
 @dataclass(slots=True)
 class _Effect:
-    """The effect of an action or a macro on the pose before it."""
+    """Effect of an action or a macro on the pose before."""
 
     first: dict[int, tuple[Action, int, float]] = field(default_factory=dict)
-    """By servo id: the action and the index of its step that first moves the servo, and the seconds for that."""
+    """First step of each servo, by servo id: the action, the index of the step, and the duration in seconds."""
     last: dict[int, int] = field(default_factory=dict)
-    """By servo id: the angle at the end."""
+    """Final angle of each servo, by servo id."""
 
 
 def servo_moves(
     project: Project, start: Mapping[int, int] | None = None, interval_unit: float = INTERVAL_UNIT
 ) -> Iterator[ServoMove]:
-    """Yield each turn for which the pose before is known: within macros, and from the pose `start`.
+    """Yield each turn with a known pose before: within macros, and from the pose `start`.
 
-    `start` holds degrees by servo id. A macro that another one runs is looked at twice: alone, at full speed, and
-    where the other one begins or repeats it.
+    `start` holds degrees by servo id. A macro run by another macro is checked twice: separately, at full speed, and
+    at the places where the other macro begins or repeats the inner macro.
     """
     before = start or {}
     actions, macros = ACTION.by_id(project), MACRO.by_id(project)
@@ -93,10 +93,10 @@ def servo_moves(
 
 
 class RecordRun:
-    """What happens when an action or a macro is run, with all that it runs.
+    """Run of an action or a macro, with all records run by the macro.
 
-    `stored` holds these records, each once, and no macro that runs itself. An interval of 1 stands for `interval_unit`
-    seconds.
+    `stored` holds these records, each once, without macros that run themselves. An interval of 1 stands for
+    `interval_unit` seconds.
     """
 
     def __init__(self, stored: Project, record: Action | Macro, interval_unit: float = INTERVAL_UNIT) -> None:
@@ -113,28 +113,28 @@ class RecordRun:
             self._turns[macro_id], self._effects[macro_id] = self._play(macro_id, {})
 
     def first_pose(self) -> dict[int, int]:
-        """Return, by servo id, the first angle that each servo is moved to."""
+        """Return the first target angle of each servo, by servo id."""
         record = self.record
         effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
         return {servo_id: action.steps[at].degree for servo_id, (action, at, _) in effect.first.items()}
 
     def last_pose(self) -> dict[int, int]:
-        """Return, by servo id, the angle that each servo is moved to last."""
+        """Return the last target angle of each servo, by servo id."""
         record = self.record
         effect = self._actions[record.action_id] if isinstance(record, Action) else self._effects[record.macro_id]
         return dict(effect.last)
 
     def servo_ids(self) -> set[int]:
-        """Return the ids of all servos that something of the run moves."""
+        """Return the ids of all servos moved in the run."""
         return {step.servo_id for action in self.stored.actions for step in action.steps}
 
     def known_seconds(self) -> float | None:
-        """Return how long the run takes, None for a macro that never ends."""
+        """Return the duration of the run in seconds, None for an endless macro."""
         is_endless = isinstance(self.record, Macro) and self.record.macro_id not in self._order
         return None if is_endless else self.seconds()
 
     def seconds(self) -> float:
-        """Return how long the run takes. A command takes its `total_interval`, or longer if what it runs does."""
+        """Return the duration of the run in seconds. A command lasts `total_interval`, or as long as the contents."""
         actions = {one.action_id: self._seconds_of(one) for one in self.stored.actions}
         if isinstance(self.record, Action):
             return actions[self.record.action_id]
@@ -147,9 +147,9 @@ class RecordRun:
         return round(max((step.interval for step in action.steps), default=0) * self._interval_unit, 9)
 
     def moves(self, start: Mapping[int, int]) -> Iterator[ServoMove]:
-        """Yield each turn, at the highest speed at which it happens, from the pose `start`, degrees by servo id.
+        """Yield each turn, at the highest speed in the run, from the pose `start`, degrees by servo id.
 
-        The place of a turn is the name of the macro and the number of the command that leads to it.
+        The place of a turn is the name of the macro and the number of the command.
         """
         if isinstance(self.record, Action):
             for servo_id, (action, at, seconds) in self._actions[self.record.action_id].first.items():
@@ -162,7 +162,7 @@ class RecordRun:
                 yield from (replace(move, seconds=move.seconds / speed) for move in self._turns[macro_id])
 
     def _play(self, macro_id: int, start: Mapping[int, int]) -> tuple[list[ServoMove], _Effect]:
-        """Return the turns of a macro at full speed, without those inside the macros that it runs, and its effect."""
+        """Return the turns of a macro at full speed, without the turns inside inner macros, and the effect."""
         macro, effect = self._macros[macro_id], _Effect()
         called = [_called(command, self._actions, self._effects) for command in macro.commands]
         name = name_of(macro)
@@ -170,7 +170,7 @@ class RecordRun:
         return list(turns), effect
 
     def slowest(self) -> Iterator[tuple[Action, float]]:
-        """Yield each action that is run, with the lowest speed, 1 or less, at which it is."""
+        """Yield each action of the run, with the lowest speed factor in the run, at most 1."""
         if isinstance(self.record, Action):
             yield self.record, 1.0
             return
@@ -184,9 +184,9 @@ class RecordRun:
         yield from ((actions[action_id], speed) for action_id, speed in lowest.items())
 
     def _speeds(self, macro_id: int, of_two: Callable[[float, float], float] = max) -> dict[int, float]:
-        """Return the speed, 1 or less, at which a macro and all that it runs are run, by macro id.
+        """Return the speed factor, at most 1, of a macro and of all inner macros, by macro id.
 
-        Of a macro that is run at several speeds, the highest counts; with `min` as `of_two`, the lowest.
+        Of several speeds for a macro, the highest counts; with `min` as `of_two`, the lowest.
         """
         speeds = {macro_id: 1.0}
         for caller in reversed(self._order):
@@ -198,7 +198,7 @@ class RecordRun:
 
 
 def _effect_of(action: Action, interval_unit: float) -> _Effect:
-    """Return the effect of an action. Of several steps for one servo, the last one counts."""
+    """Return the effect of an action. Of several steps for a servo, the last counts."""
     return _Effect(
         {
             step.servo_id: (action, at, max(round(step.interval * interval_unit, 9), 0))
@@ -209,14 +209,14 @@ def _effect_of(action: Action, interval_unit: float) -> _Effect:
 
 
 def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mapping[int, _Effect]) -> _Effect:
-    """Return the effect of the record that a command runs, an empty one for a delay or a missing record."""
+    """Return the effect of the record run by a command, an empty effect for a delay or a missing record."""
     effects: dict[int, Mapping[int, _Effect]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
     called = effects.get(command.type, {})
     return called.get(command.command_id, _Effect()) if command.ratio > 0 else _Effect()
 
 
 def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros: Mapping[int, float]) -> float:
-    """Return how long a macro waits for a command."""
+    """Return the duration of a command within a macro, in seconds."""
     match command.type:
         case MacroCommandType.ACTION:
             once = actions[command.command_id]
@@ -224,7 +224,7 @@ def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros
             once = macros[command.command_id]
         case MacroCommandType.DELAY:
             once = max(command.command_id, 0) / 1000
-        case _:  # a type that the document does not name
+        case _:  # a type unknown to the document
             once = 0.0
     looped = once * max(command.loop, 0) * 100 / command.ratio if command.ratio > 0 else 0.0
     return max(looped, command.total_interval / 1000)
@@ -233,7 +233,7 @@ def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros
 def _moves_of_macro(
     place: Callable[[int], str], macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
 ) -> Iterator[ServoMove]:
-    """Yield the turns where the commands of a macro meet, and store the effect of all of them in `whole`.
+    """Yield the turns where the commands of a macro meet, and store the effect of all commands in `whole`.
 
     `place` names the place of a command by its index.
     """

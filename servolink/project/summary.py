@@ -1,4 +1,4 @@
-"""What records, projects and plans hold, in a few words or as a table for notebooks."""
+"""Contents of records, projects and plans, in a few words or as a table for notebooks."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _PART_WORDS = {ACTION: "step", MACRO: "command", TABLE: "button"}
 
 
 def caption_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
-    """Return the caption of a record, or the one stored for a servo."""
+    """Return the caption of a record, or the caption stored for a servo."""
     return (SERVO_PARAMETER if isinstance(stored, ServoParameter) else type_of(stored)).caption_of(stored)
 
 
 def summary_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
-    """Return what a record holds, such as `2 steps, 0.5 s`, or the correction of a servo."""
+    """Return the content of a record, such as `2 steps, 0.5 s`, or the correction of a servo."""
     if isinstance(stored, ServoParameter):
         return f"corrected by {stored.adjusted_degree}°"
     kind = type_of(stored)
@@ -37,7 +37,7 @@ def repr_with_counts(value: Struct) -> str:
 
 
 def project_table(project: Any) -> str:
-    """Return a `Project` as a table in HTML, with one row for each record."""
+    """Return an HTML table of a `Project`, with a row for each record."""
     rows = (
         (kind, kind.id_of(stored), kind.caption_of(stored), summary_of(stored))
         for kind in STORED_TYPES
@@ -47,7 +47,7 @@ def project_table(project: Any) -> str:
 
 
 def plan_table(plan: Any) -> str:
-    """Return a `Plan` as a table in HTML, with one row for each change."""
+    """Return an HTML table of a `Plan`, with a row for each change."""
     title = f"{len(plan.changes) + len(plan.inconsistencies)} differences, about {max(1, round(plan.seconds))} s"
     return html_table(("record", "on the board", "afterwards"), _plan_rows(plan), title)
 
@@ -60,7 +60,7 @@ def _plan_rows(plan: Any) -> Iterator[tuple[str, str, str]]:
 
 
 def _state(value: Any) -> str:
-    """Return one side of a change: a record, an id, or nothing."""
+    """Return a side of a change: a record, an id, or nothing."""
     if value is None:
         return "-"
     return str(value) if isinstance(value, int) else f"'{caption_of(value)}': {summary_of(value)}"

@@ -1,4 +1,4 @@
-"""Record poses of limbs that are moved by hand, and make actions and a macro of them."""
+"""Recording of poses of limbs moved by hand, and conversion to actions and a macro."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from servolink.protocol.record_types import ACTION, MACRO
 from servolink.protocol.records import Action, Macro
 
 SHORTEST, LONGEST = 0.1, 327.67
-"""Seconds for a pose: the least that looks like a movement, and the most that the protocol can express."""
+"""Seconds for a pose: the least that looks like a movement, and the maximum of the protocol."""
 
 
 class Pose(Struct, frozen=True):
-    """A pose, and the time from the pose before it."""
+    """Pose, with the time from the previous pose."""
 
     degrees: dict[int, int]
     """Angles by servo id."""
@@ -25,14 +25,14 @@ class Pose(Struct, frozen=True):
 
 
 class PoseRecorder:
-    """Records poses, each with the time it took to reach it."""
+    """Recorder of poses, each with the time from the previous pose."""
 
     def __init__(
         self, caption: str, start: Mapping[int, int], now: float, *, speed_cap: float, seconds: float | None = None
     ) -> None:
         """Start at the pose `start`, degrees by servo id, at the time `now`.
 
-        A pose gets the time since the one before, or `seconds`; in any case enough time to stay below `speed_cap`
+        A pose gets the time since the previous pose, or `seconds`; in any case enough time to stay below `speed_cap`
         degrees per second.
         """
         self.caption = caption
@@ -43,12 +43,12 @@ class PoseRecorder:
         self._speed_cap = speed_cap
 
     def take(self, degrees: Mapping[int, int], now: float) -> Pose:
-        """Record the pose that the servos are in."""
+        """Record the present pose of the servos."""
         before = self.poses[-1].degrees if self.poses else self._start
         distance = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
         wanted = now - self._times[-1] if self._seconds is None else self._seconds
         seconds = min(max(wanted, distance / self._speed_cap, SHORTEST), LONGEST)
-        # Rounded up to what the protocol can express; rounded first, so that 0.07 s does not become 0.08 s.
+        # Rounded up to the resolution of the protocol; rounded first, so that 0.07 s does not become 0.08 s.
         pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, LONGEST))
         self.poses.append(pose)
         self._times.append(now)
@@ -61,7 +61,7 @@ class PoseRecorder:
             self._times.pop()
 
     def record(self) -> Action | Macro:
-        """Return the action of a single pose, or the macro that runs an action for each pose."""
+        """Return the action of a single pose, or a macro with an action for each pose."""
         if len(self.poses) == 1:
             return self._action(self.caption, self.poses[0])
         actions = [self._action(f"{self.caption} {at}", pose) for at, pose in enumerate(self.poses, 1)]
@@ -73,7 +73,7 @@ class PoseRecorder:
 
 
 def refuse_taken(project: Project, caption: str) -> None:
-    """Raise ProjectError if an action or a macro has this caption, or an action the caption of one of its poses."""
+    """Raise ProjectError if an action or a macro has this caption, or an action the caption of a pose of the macro."""
     for kind in (ACTION, MACRO):
         for taken in (kind.caption_of(record) for record in kind.by_id(project).values()):
             name, _, number = taken.rpartition(" ")

@@ -1,4 +1,4 @@
-"""Find what is wrong with a project, without a board."""
+"""Search for faults of a project, without a board."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from servolink.protocol.records import MAX_NESTING, Button, Macro, MacroCommandT
 from servolink.protocol.servos import ALL_SERVOS
 
 Severity: TypeAlias = Literal["error", "warning"]
-"""`error`: a board cannot store it, or would never finish. `warning`: a board does something that was hardly meant."""
+"""`error`: impossible to store on a board, or never finished by a board. `warning`: an effect that was hardly meant."""
 
 
 class Diagnostic(Struct, frozen=True):
-    """A problem of a project."""
+    """Problem of a project, with the place."""
 
     path: str
-    """The place, in the names of the project file, such as `actions[3].steps[7].degree`; empty for all of it."""
+    """Place in the names of the project file, such as `actions[3].steps[7].degree`; empty for the whole file."""
     text: str
     severity: Severity
     fixable: bool = False
-    """Whether there is one right solution, which `fix_project` applies."""
+    """Whether there is a single right solution, applied by `fix_project`."""
 
     def __str__(self) -> str:
         """Return place and text."""
@@ -52,14 +52,14 @@ def validate_project(
     start: Mapping[int, int] | None = None,
     caption_encoding: str = "utf-8",
 ) -> list[Diagnostic]:
-    """Return the problems of `project`, in the order of its file.
+    """Return the problems of `project`, in the order of the project file.
 
-    What is not given is not checked: the ids of the servos that exist, the highest speed in degrees per second (of all
+    Values not given are not checked: the ids of existing servos, the highest speed in degrees per second (of all
     servos, or by servo id), the memory of the board in bytes. `start` is the pose before the first movement, degrees
-    by servo id; `caption_encoding` is that of the board. Raise EncodeError for a speed cap of 0 or less.
+    by servo id; `caption_encoding` is the encoding of the board. Raise EncodeError for a speed cap of 0 or less.
     """
     if errors := list(schema_errors("", project, unchecked=True)):
-        return errors  # values of wrong types, which the other checks do not expect
+        return errors  # values of wrong types, unexpected by the other checks
     found = [
         *_unstorable(project, caption_encoding, memory),
         *_wrong_references(project),
@@ -79,13 +79,13 @@ _PLACES = tuple(Project.__struct_fields__)
 
 
 def _place(found: Diagnostic) -> tuple[int, list[int]]:
-    """Return the key that sorts diagnostics in the order of a file."""
+    """Return the key to sort diagnostics in the order of a file."""
     name = found.path.partition("[")[0].partition(".")[0]
     return _PLACES.index(name) if name in _PLACES else -1, [int(number) for number in _NUMBER.findall(found.path)]
 
 
 def schema_errors(path: str, part: Struct, *, unchecked: bool = False) -> Iterator[Diagnostic]:
-    """Find the first value that a project file cannot hold; `unchecked` as for `load_project`."""
+    """Find the first value impossible to store in a project file; `unchecked` as for `load_project`."""
     try:
         convert(record_to_json(part), json_type(type(part), unchecked=unchecked))
     except EncodeError as error:
@@ -93,7 +93,7 @@ def schema_errors(path: str, part: Struct, *, unchecked: bool = False) -> Iterat
 
 
 def _unstorable(project: Project, caption_encoding: str, memory: int | None) -> Iterator[Diagnostic]:
-    """Find what a board with `memory` bytes cannot store."""
+    """Find values impossible to store on a board with `memory` bytes."""
     yield from _wrong_project_fields(project)
     yield from _unstorable_records(
         SERVO_PARAMETER.field, project.servo_parameters, 0x100, _servo_parameter_request, caption_encoding
@@ -126,7 +126,7 @@ def _wrong_project_fields(project: Project) -> Iterator[Diagnostic]:
 def _unstorable_records(
     field: str, records: tuple[Any, ...], most: int, request: Callable[[Any], Packet], caption_encoding: str
 ) -> Iterator[Diagnostic]:
-    """Find what a board cannot store of the records in `field`; `request` makes the request that stores one."""
+    """Find records in `field` impossible to store on a board; `request` makes the request to store a record."""
     if len(records) > most:
         yield Diagnostic(field, f"there are {len(records):,}; a board can list {most:,}", "error")
     yield from _wrong_ids(field, records)
@@ -143,7 +143,7 @@ def _unstorable_records(
 
 
 def _wrong_ids(field: str, records: tuple[Any, ...]) -> Iterator[Diagnostic]:
-    """Find ids that no record can have, or that several records have."""
+    """Find ids that no record can have, and duplicate ids."""
     for at, record in enumerate(records):
         record_id, path = number_of(record), f"{field}[{at}].{record.__struct_fields__[0]}"
         if record_id == 0 and field != SERVO_PARAMETER.field:
@@ -157,16 +157,16 @@ def _wrong_ids(field: str, records: tuple[Any, ...]) -> Iterator[Diagnostic]:
 
 
 class Duplicate(NamedTuple):
-    """A record, step or button with the same number as one before it; the number is its first field."""
+    """Record, step or button with the same number as an earlier part; the number is the first field."""
 
     at: int
     first: int
     same: bool
-    """Whether all parts with this number are identical, so that removing this one loses nothing."""
+    """Whether all parts with this number are identical, so that removing a copy loses nothing."""
 
 
 def number_of(part: Any) -> int:
-    """Return the first field of a record, a step or a button: its id, servo or button."""
+    """Return the first field of a record, a step or a button: record id, servo id or button id."""
     return int(getattr(part, part.__struct_fields__[0]))
 
 
@@ -182,7 +182,7 @@ def duplicates(parts: Sequence[Any]) -> Iterator[Duplicate]:
 
 
 def _duplicate_parts(project: Project) -> Iterator[Diagnostic]:
-    """Find servos with two steps in one action, and buttons with two entries in one table."""
+    """Find servos with two steps in an action, and buttons with two entries in a table."""
     for at, action in enumerate(project.actions):
         yield from _duplicates_in(f"actions[{at}].steps", action.steps)
     for at, table in enumerate(project.joystick_tables):
@@ -191,13 +191,13 @@ def _duplicate_parts(project: Project) -> Iterator[Diagnostic]:
 
 def _duplicates_in(place: str, parts: tuple[Step, ...] | tuple[Button, ...]) -> Iterator[Diagnostic]:
     for at, first, same in duplicates(parts):
-        which = "with the same values" if same else "and boards differ in which one they use"
+        which = "with the same values" if same else "and boards differ in the copy used"
         text = f"{number_of(parts[at])} is also in {place}[{first}], {which}"
         yield Diagnostic(f"{place}[{at}].{parts[at].__struct_fields__[0]}", text, "warning", fixable=same)
 
 
 def _wrong_references(project: Project) -> Iterator[Diagnostic]:
-    """Find references to missing records, and buttons that start nothing."""
+    """Find references to missing records, and buttons without any macro."""
     existing = {kind: kind.by_id(project).keys() for kind in RECORD_TYPES}
     for kind in RECORD_TYPES:
         for at, record in enumerate(getattr(project, kind.field)):
@@ -207,17 +207,17 @@ def _wrong_references(project: Project) -> Iterator[Diagnostic]:
                 if kind is TABLE and not any(target_id for _, _, target_id in links):
                     yield Diagnostic(path, f"button {part.button_id} starts no macro", "warning")
                 for name, target, target_id in links:
-                    # A button without a macro refers to macro 0; a command always refers to something.
+                    # A button without a macro refers to macro 0; a command always refers to a record.
                     if target_id not in existing[target] and (target_id or kind is MACRO):
                         key = f"{target.label}_id" if kind is MACRO else name
                         yield Diagnostic(f"{path}.{key}", f"there is no {target} {target_id}", "warning")
 
 
 def _endless(project: Project) -> Iterator[Diagnostic]:
-    """Find macros that run themselves, directly or through others; one for each group that runs each other."""
+    """Find macros that run themselves, directly or through others; a single macro for each such group."""
     macros = MACRO.by_id(project)
     ending = set(dependency_order(macros))
-    # An endless macro runs at least one endless macro. Following the first of them leads into a cycle.
+    # An endless macro runs at least one endless macro. Following the first leads into a cycle.
     following = {
         macro_id: next(
             called
@@ -240,7 +240,7 @@ def _endless(project: Project) -> Iterator[Diagnostic]:
 
 
 def _nested_too_deep(project: Project) -> Iterator[Diagnostic]:
-    """Find the macros just beyond the limit of virtual boards; macros that nest even deeper run one of them."""
+    """Find the macros just beyond the limit of virtual boards; macros with deeper nesting contain such a macro."""
     beyond = next(iter(dependency_levels(MACRO.by_id(project))[MAX_NESTING:]), ())
     for at, macro in enumerate(project.macros):
         if macro.macro_id in beyond:
@@ -258,7 +258,7 @@ def _endless_macro(project: Project, macro: Macro, called: int, cycle: list[int]
 
 
 _SHOWN = 6
-"""Macros of a cycle that a text names."""
+"""Macros of a cycle named in an error message."""
 
 
 def _cycle_text(cycle: list[int]) -> str:
@@ -278,7 +278,7 @@ def _wrong_durations(project: Project) -> Iterator[Diagnostic]:
 
 
 def _unknown_servos(project: Project, servo_ids: Collection[int] | None) -> Iterator[Diagnostic]:
-    """Find uses of missing servos: boards refuse parameters for them, and skip their steps."""
+    """Find uses of missing servos: boards refuse parameters for missing servos, and skip the steps."""
     places = [(f"servo_parameters[{at}]", one.servo_id) for at, one in enumerate(project.servo_parameters)]
     for at, action in enumerate(project.actions):
         places += [(f"actions[{at}].steps[{number}]", step.servo_id) for number, step in enumerate(action.steps)]
@@ -296,7 +296,7 @@ def too_fast(
     start: Mapping[int, int] | None = None,
     interval_unit: float = INTERVAL_UNIT,
 ) -> Iterator[Diagnostic]:
-    """Find turns that are faster than the speed caps of `limits`, with `start` as the pose before the first one."""
+    """Find turns faster than the speed caps of `limits`, with `start` as the pose before the first turn."""
     for move in servo_moves(project, start, interval_unit):
         if exceeded := limits.exceeded_cap(move.step.servo_id, move.degrees, move.seconds):
             yield Diagnostic(move.path, f"{move}; its cap is {exceeded}", "warning")

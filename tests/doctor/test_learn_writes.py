@@ -205,7 +205,7 @@ def test_there_is_nothing_to_undo_afterwards(tmp_path: Path) -> None:
         async with connect(VirtualTransport(board, URL)) as connected:
             await connected.rollback_project(folder=tmp_path)
 
-    with pytest.raises(ProjectError, match="no import from here is known"):
+    with pytest.raises(ProjectError, match="no import from this computer"):
         run(undo())
 
 

@@ -268,7 +268,7 @@ async def undo(board: Board, folder: Path) -> None:
     try:
         await board.rollback_project(folder=folder)
     except ProjectError as error:
-        if "there is none to undo" not in str(error):
+        if "nothing to undo" not in str(error):
             raise
 
 

@@ -52,7 +52,7 @@ def test_a_backup_is_restored_only_in_the_encoding_in_which_it_was_read(
     async def refused(board: Board) -> None:
         held, first = virtual.storage.contents, store.backups()[1]
         for backup in (None, first.path):
-            with pytest.raises(ProjectError, match=r"was read with captions in utf_8; connect with that"):
+            with pytest.raises(ProjectError, match=r"was read with captions in utf_8; connect with the same"):
                 await board.rollback_project(backup, folder=tmp_path)
         assert virtual.storage.contents == held
 
@@ -85,7 +85,7 @@ def test_a_backup_that_was_changed_is_not_restored(tmp_path: Path) -> None:
         text = backup.read_text(encoding="utf-8")
         backup.write_text(text.replace('"degree": 60,', '"degree": 90,'), encoding="utf-8")
         assert backup.read_text(encoding="utf-8") != text
-        with pytest.raises(ProjectError, match="has been changed since it was made; to restore it as it is now, copy"):
+        with pytest.raises(ProjectError, match="was changed after the backup; to restore the changed content, copy"):
             await board.rollback_project(folder=tmp_path)
         assert await board.export_project() == NEW
 
@@ -104,4 +104,4 @@ def test_an_import_that_goes_on_names_no_backup_that_is_gone(tmp_path: Path, cap
             await board.rollback_project(folder=tmp_path)
 
     on_board(work)
-    assert any("the backup of the import that goes on is gone: " in message for message in caplog.messages)
+    assert any("the backup of the continued import is missing: " in message for message in caplog.messages)

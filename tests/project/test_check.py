@@ -80,7 +80,7 @@ def test_a_sound_project_has_no_problems_on_a_board_that_it_fits() -> None:
         ),
         (
             Project(actions=(Action(1, "", (STEP, Step(2, 0, 0), Step(1, 0, 0))),)),
-            ["actions[0].steps[2].servo_id: 1 is also in actions[0].steps[0], and boards differ in which one they use"],
+            ["actions[0].steps[2].servo_id: 1 is also in actions[0].steps[0], and boards differ in the copy used"],
         ),
         (
             pad(Button(4, "", 1), Button(4, "", 1)),

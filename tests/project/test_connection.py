@@ -42,7 +42,7 @@ def test_a_board_that_is_plugged_in_while_files_are_written_is_left_alone(
 
             monkeypatch.setattr(asyncio, "to_thread", swapped)
             with pytest.raises(
-                ConnectionLost, match=r"was lost and came back .* perhaps to another board; do it again"
+                ConnectionLost, match=r"was lost and restored .* perhaps to another board; start the transfer again"
             ):
                 await board.apply_project(NEW, folder=tmp_path)
 

@@ -254,8 +254,8 @@ def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str,
     [
         ("", "is not JSON: Expecting value in line 1, column 1; correct the text there"),
         ('{"schema": 1,\n  "actions": [}', "is not JSON: Expecting value in line 2, column 15; correct the text there"),
-        ("[1]", "is not a project file: it needs a JSON object, not [1]"),
-        ("null", "is not a project file: it needs a JSON object, not null"),
+        ("[1]", "is not a project file: a JSON object is needed, not [1]"),
+        ("null", "is not a project file: a JSON object is needed, not null"),
         ("{}", '"schema" is missing; a project file begins with "schema": 1'),
         ('{"schema": 2, "new": 1}', "schema: 2 is newer than 1, the newest this servolink reads; update servolink"),
         ('{"schema": 0}', "schema: must be 1, the version of the format, not 0"),
@@ -372,7 +372,7 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> No
 def test_no_file_is_written_that_could_not_be_read_again(tmp_path: Path) -> None:
     steps = (Step(1, -30000, 30000),) * 13_000
     large = Project(actions=tuple(Action(number, "", steps) for number in range(1, 24)))
-    with pytest.raises(ProjectError, match=r"x.json: would be larger than 16 MiB, the most that can be read again$"):
+    with pytest.raises(ProjectError, match=r"x.json: would be larger than 16 MiB, the limit for reading$"):
         save_project(tmp_path / "x.json", large)
     assert not list(tmp_path.iterdir())
 
@@ -391,7 +391,7 @@ def test_a_good_file_is_not_replaced_by_one_that_cannot_be_loaded(action: Action
     save_project(path, ROBOT)
     with pytest.raises(ProjectError) as caught:
         save_project(path, Project(1, actions=(action,)))
-    why = "was not written, because it could not be loaded again"
+    why = "was not written, because loading the text again would fail"
     assert str(caught.value) == f"{path}: {why}: actions[0].{said}"
     assert load_project(path) == ROBOT.sorted()
 

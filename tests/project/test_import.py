@@ -86,7 +86,7 @@ def test_a_project_that_does_not_fit_is_tried_and_comes_off_again(
         memory = (await board.plan_project(huge)).memory
         assert memory is not None
         assert memory.free_after < 0
-        assert memory.warning.endswith("if the board counts its memory in bytes, which is not known")
+        assert memory.warning.endswith("assuming memory figures in bytes")
         assert not caplog.messages
         with pytest.raises(ProjectError, match=r"action \d+ \(refused\).* because its memory is full"):
             await board.apply_project(huge, folder=tmp_path)
@@ -124,7 +124,7 @@ def test_memory_is_counted_in_the_unit_of_the_board() -> None:
         assert (plan.memory.unit, plan.memory.free_before) == (1024, 1024 * free)
         assert not plan.memory.warning
         tight = Memory(1024, None, 2048, -1)
-        assert "takes 2,049 bytes more" in tight.warning
+        assert "2,049 bytes more than" in tight.warning
         assert tight.warning.endswith("2,048 bytes free, counted in units of 1,024 bytes")
 
     on_board(work)
@@ -223,7 +223,7 @@ def test_a_backup_is_restored_in_the_encoding_in_which_it_was_read(tmp_path: Pat
     new = on_board(lambda board: board.apply_project(NEW, folder=tmp_path), there, caption_encoding="big5")
 
     async def refused(board: Board) -> None:
-        with pytest.raises(ProjectError, match="captions in big5; connect with that caption encoding, not utf-8"):
+        with pytest.raises(ProjectError, match="captions in big5; connect with the same caption encoding, not utf-8"):
             await board.rollback_project(folder=tmp_path)
 
     assert on_board(refused, new) == new

@@ -106,7 +106,7 @@ def test_an_import_of_differences_may_go_on_as_one_of_everything_and_back(
 
 def test_an_unfinished_import_without_a_journal_needs_a_backup_to_be_named(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
-        with pytest.raises(ProjectError, match="that another computer began, or whose journal is lost"):
+        with pytest.raises(ProjectError, match="begun by another computer, or with a lost journal"):
             await board.rollback_project(folder=tmp_path)
         backup = BackupStore(tmp_path).keep(OLD, "virtual://", "utf-8")
         await board.rollback_project(backup, folder=tmp_path)
@@ -231,7 +231,7 @@ def test_a_journal_that_cannot_be_read_stands_in_the_way_of_its_own_board_alone(
 
     async def refused(board: Board) -> None:
         for work in (board.apply_project(NEW, folder=tmp_path), board.rollback_project(folder=tmp_path)):
-            with pytest.raises(ProjectError, match=r"7a000007\.json: this journal of an import cannot be read"):
+            with pytest.raises(ProjectError, match=r"7a000007\.json: the journal of an import cannot be read"):
                 await work
 
     assert on_board(refused, unfinished()) == unfinished()

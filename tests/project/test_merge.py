@@ -147,7 +147,9 @@ def test_ids_that_are_used_twice_are_refused(first: Project) -> None:
 )
 def test_a_call_of_nothing_does_not_call_something_by_chance(lost: Project) -> None:
     for one, other in [(HUMANOID, lost), (lost, HUMANOID)]:
-        with pytest.raises(ProjectError, match=r"refers to (action|macro) \d, which does not exist; correct it first"):
+        with pytest.raises(
+            ProjectError, match=r"refers to (action|macro) \d, which is missing; correct the reference first"
+        ):
             merge_projects(one, other)
 
 

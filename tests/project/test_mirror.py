@@ -114,7 +114,7 @@ def test_an_angle_without_an_opposite_is_refused() -> None:
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ((), "no servo in it has a caption with left or right.*1=2,3=4"),
+        ((), "none of the servos has a caption with left or right.*1=2,3=4"),
         (
             (ServoParameter(1, 0, "left"),),
             "servo 1 has the caption 'left', and no servo has the caption 'right'; give the pairs, as in 1=2",
@@ -141,7 +141,7 @@ def test_captions_of_other_servos_do_not_matter() -> None:
 def test_a_macro_that_runs_itself_ends() -> None:
     one, two = Macro(1, "One", (MacroCommand(2, 2),)), Macro(2, "Two", (MacroCommand(1, 2), MacroCommand(1)))
     project = Project(servo_parameters=HUMANOID.servo_parameters, actions=(RAISE,), macros=(one, two))
-    with pytest.raises(ProjectError, match=r"macro 1 'One' never ends, because it runs itself"):
+    with pytest.raises(ProjectError, match=r"macro 1 'One' never ends: the macro runs itself"):
         mirror_project(project, [one], mirror_by_captions(project, [one]))
 
 

@@ -107,13 +107,11 @@ def test_another_board_at_the_address_of_an_interrupted_import_is_not_taken_for_
             await stopped_import(board, tmp_path, writing)
         async with connect(VirtualTransport(second, HERE)) as board:
             if bits == 0:
-                with pytest.raises(ProjectError, match="keeps no project id, and holds something else"):
+                with pytest.raises(ProjectError, match="keeps no project id, and the content differs"):
                     await board.rollback_project(folder=tmp_path)
             with caplog.at_level(logging.WARNING):
                 assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
-            assert (bits == 0) == any(
-                "so this import starts over, with its own backup" in one for one in caplog.messages
-            )
+            assert (bits == 0) == any("the import starts over, with a new backup" in one for one in caplog.messages)
             await board.rollback_project(folder=tmp_path)
             assert make.holds(second.storage.contents, contents_of(STRANGE))
         async with connect(VirtualTransport(first, HERE)) as board:
@@ -146,7 +144,7 @@ def test_a_board_without_ids_that_was_changed_since_is_not_rolled_back(tmp_path:
     async def work(board: Board) -> None:
         await board.apply_project(NEW, folder=tmp_path)
         await board.delete_action(9)
-        with pytest.raises(ProjectError, match=r"may be another board; give `rollback` one of `servolink backups`"):
+        with pytest.raises(ProjectError, match=r"a different board; give `rollback` a backup from `servolink backups`"):
             await board.rollback_project(folder=tmp_path)
         await board.rollback_project(BackupStore(tmp_path).backups()[0].path, folder=tmp_path)
 

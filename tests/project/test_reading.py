@@ -66,7 +66,7 @@ def test_an_export_gives_up_when_no_two_readings_agree() -> None:
 def test_what_is_listed_and_not_given_is_an_error_that_says_so() -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
-        with pytest.raises(ProjectError, match="action 1: the board lists it and does not return it"):
+        with pytest.raises(ProjectError, match="action 1: the board lists the record, but returns nothing"):
             await board.export_project()
 
     on_fake(work)
@@ -139,7 +139,7 @@ def test_an_export_gives_up_when_another_program_goes_on_writing() -> None:
         def tell(progress: Progress) -> None:
             fake.virtual.storage.project_id += 1
 
-        with pytest.raises(ProjectError, match="what is on the board kept changing while it was read"):
+        with pytest.raises(ProjectError, match="the content kept changing during the reading"):
             await board.export_project(on_progress=tell)
 
     on_fake(work)

@@ -41,7 +41,9 @@ def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_wo
 def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> None:
     async def work(board: Board, fake: FakeBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
-        with pytest.raises(ProjectError, match=r"no backup of fake://board can be made: action 1: the board lists it"):
+        with pytest.raises(
+            ProjectError, match=r"no backup of fake://board can be made: action 1: the board lists the record"
+        ):
             await board.apply_project(NEW, folder=tmp_path)
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
         assert (await board.apply_project(NEW, folder=tmp_path, backup=False)).backup is None
@@ -69,7 +71,7 @@ def test_a_rollback_undoes_the_last_import_alone(tmp_path: Path) -> None:
         with pytest.raises(ConnectionLost):
             await board.apply_project(NEW, folder=tmp_path, on_progress=lost_before_marking)
         assert not await board.has_unfinished_import()
-        with pytest.raises(ProjectError, match=r"no import from here is known .* so there is none to undo"):
+        with pytest.raises(ProjectError, match=r"no import from this computer gave .* nothing to undo"):
             await board.rollback_project(folder=tmp_path)
 
     assert same(on_board(work), OTHER_CONTENTS)
@@ -79,7 +81,7 @@ def test_a_rollback_leaves_a_board_alone_that_the_last_import_there_did_not_leav
     on_board(lambda board: board.apply_project(NEW, folder=tmp_path))
 
     async def work(board: Board) -> None:
-        with pytest.raises(ProjectError, match=r"no import from here is known that left virtual:// with project id 5"):
+        with pytest.raises(ProjectError, match=r"no import from this computer gave virtual:// the project id 5"):
             await board.rollback_project(folder=tmp_path)
 
     assert on_board(work, OTHER_CONTENTS) == OTHER_CONTENTS
@@ -137,7 +139,9 @@ def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path
 
 def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:
     async def work(board: Board) -> None:
-        with pytest.raises(ProjectError, match=r"give `rollback` one of `servolink backups`, or apply a project"):
+        with pytest.raises(
+            ProjectError, match=r"give `rollback` a backup from `servolink backups`, or apply a project"
+        ):
             await board.rollback_project(folder=tmp_path)
         with pytest.raises(ProjectError, match="nowhere: cannot be read"):
             await board.rollback_project(tmp_path / "nowhere", folder=tmp_path)

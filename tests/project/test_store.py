@@ -73,7 +73,7 @@ def test_a_backup_that_does_not_read_back_as_it_was_written_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("servolink.project.transfer.backups.load_project", lambda *_, **__: NEW)
-    with pytest.raises(ProjectError, match="the backup does not read back as it was written"):
+    with pytest.raises(ProjectError, match="the backup reads back with a different content"):
         BackupStore(tmp_path).keep(OLD, URL, "utf-8")
 
 
@@ -147,7 +147,9 @@ def test_a_journal_that_is_none_is_an_error_for_its_board_and_a_warning_for_othe
     (tmp_path / "imports" / f"{MARKER:08x}.json").write_bytes(content)
     other = msgspec.structs.replace(JOURNAL, marker=MARKER + 2)
     BackupStore(tmp_path).write(other)
-    with pytest.raises(ProjectError, match=r"7a000007\.json: this journal .* move it away, and give `rollback`"):
+    with pytest.raises(
+        ProjectError, match=r"7a000007\.json: the journal .* move the journal away, and give `rollback`"
+    ):
         BackupStore(tmp_path).journals(MARKER)
     assert not caplog.messages
     assert BackupStore(tmp_path).journals(5) == [other]
@@ -185,7 +187,7 @@ def test_a_journal_that_cannot_be_deleted_is_a_warning(
 
     monkeypatch.setattr(os, "unlink", refuse)
     BackupStore(tmp_path).end(JOURNAL)
-    assert caplog.messages == ["the journal of an import that is over cannot be deleted: read-only"]
+    assert caplog.messages == ["the journal of an ended import cannot be deleted: read-only"]
 
 
 @pytest.mark.parametrize("name", ["backups", "imports"])
@@ -211,7 +213,7 @@ def test_a_full_disk_is_an_error_that_names_the_folder(tmp_path: Path, monkeypat
 
     monkeypatch.setattr(os, "fsync", full)
     store = BackupStore(tmp_path)
-    what_to_do = f"{os.strerror(errno.ENOSPC)}; correct that in this folder, and try again"
+    what_to_do = f"{os.strerror(errno.ENOSPC)}; correct the folder, and try again"
     with pytest.raises(ProjectError) as caught:
         store.keep(Project(), URL, "utf-8")
     assert str(caught.value) == f"{tmp_path / 'backups'}: the backup cannot be written: {what_to_do}"

@@ -78,7 +78,7 @@ def test_an_import_puts_its_marker_back_when_something_else_has_changed_it(tmp_p
 
     async def main() -> None:
         async with connect(VirtualTransport(virtual)) as board:
-            with pytest.raises(ProjectError, match="does not take"):
+            with pytest.raises(ProjectError, match="does not accept"):
                 await board.apply_project(NEW, folder=tmp_path, on_progress=tell)
             assert await board.has_unfinished_import()
 

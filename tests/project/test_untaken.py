@@ -19,7 +19,7 @@ from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import NEW, OLD_CONTENTS, Make, same
 from tests.virtual_time import run
 
-LEFT = "; the import is unfinished: apply a project that it takes, or roll back"
+LEFT = "; the import is unfinished: apply another project, or roll back"
 
 
 def storing(kind: AnyType, change: Callable[[bytes], bytes | None]) -> Callable[[VirtualBoard], None]:
@@ -105,7 +105,7 @@ def said_of(
     [
         (
             storing(ACTION, lambda content: content[:4] + content[4:36].upper() + content[36:]),
-            "action 2 (its caption comes back as 'NOD'), action 9 (its caption comes back as 'NEW')",
+            "action 2 (the caption comes back as 'NOD'), action 9 (the caption comes back as 'NEW')",
         ),
         (
             storing(ACTION, lambda content: content[:-1] + b"\x01"),
@@ -133,28 +133,32 @@ def test_what_a_board_does_not_take_is_named_with_what_it_makes_of_it(
     change: Callable[[VirtualBoard], None], said: str, tmp_path: Path
 ) -> None:
     found = said_of(change, tmp_path)
-    assert found.startswith(f"virtual:// does not take {said}")
+    assert found.startswith(f"virtual:// does not accept {said}")
     assert found.endswith(LEFT)
 
 
 def test_what_is_doubled_for_ever_or_never_there_is_named(tmp_path: Path) -> None:
     said = said_of(without("delete"), tmp_path / "1", Make("append"))
-    assert "does not take joystick table 1 (listed 5 times), joystick table 2 (still listed), macro 1 (listed 5" in said
+    assert (
+        "does not accept joystick table 1 (listed 5 times), joystick table 2 (still listed), macro 1 (listed 5" in said
+    )
     only_actions = msgspec.structs.replace(NEW, macros=(), joystick_tables=(), active_joystick_table=None)
     said = said_of(without("put"), tmp_path / "2", project=only_actions)
-    assert "servo parameters (servo 3 comes back otherwise), action 2 (not there afterwards)" in said
+    assert "servo parameters (servo 3 comes back changed), action 2 (missing afterwards)" in said
 
 
 def test_a_board_that_deletes_nothing_at_once_is_told_apart(tmp_path: Path) -> None:
     said = said_of(without("clear"), tmp_path, replace=True)
-    assert said == f"virtual:// does not take the command to delete all data (without `replace` it is not needed){LEFT}"
+    assert (
+        said == f"virtual:// does not accept the command to delete all data (without `replace` it is not needed){LEFT}"
+    )
 
 
 def test_a_project_id_that_a_board_does_not_take_leaves_the_import_unfinished(tmp_path: Path) -> None:
     def stubborn(board: VirtualBoard) -> None:
         board.storage.__class__ = NoEight
 
-    assert said_of(stubborn, tmp_path) == f"virtual:// does not take project id 88{LEFT}"
+    assert said_of(stubborn, tmp_path) == f"virtual:// does not accept project id 88{LEFT}"
 
 
 class NoEight(Storage):

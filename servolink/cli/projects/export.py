@@ -58,7 +58,7 @@ def run_export(args: argparse.Namespace) -> int:
         )
         if odd:
             print_error(
-                "servolink: the board holds values that servolink would not write unasked, such as "
+                "servolink: the board holds values outside the ranges written by servolink, such as "
                 f"{escape(odd)}; `servolink apply` of this file writes them as they are"
             )
         return OK

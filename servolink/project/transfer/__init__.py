@@ -1,1 +1,1 @@
-"""Between a project and a board: export, plan, apply, roll back."""
+"""Transfer between a project and a board: export, plan, apply, roll back."""

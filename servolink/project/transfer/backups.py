@@ -1,4 +1,4 @@
-"""Backups of boards, and the journals of imports, as files on this computer."""
+"""Backups of boards, and journals of imports, as files on this computer."""
 
 from __future__ import annotations
 
@@ -35,89 +35,89 @@ _JOURNAL = re.compile(r"(?P<marker>[0-9a-f]{8})\.json")
 
 
 class Backup(Struct, frozen=True, order=True):
-    """A backup of a board: a project file like any other."""
+    """Backup of a board, stored as an ordinary project file."""
 
     number: int
-    """Counts up, because clocks are put back."""
+    """Serial number of the backup, because clocks can be put back."""
     time: datetime
     board: str
-    """The address of the board, in characters that file names allow."""
+    """Address of the board, in characters allowed in file names."""
     caption_encoding: str
-    """Encoding with which captions were read and must be written, in characters that file names allow."""
+    """Encoding of the captions, read and to be written, in characters allowed in file names."""
     digest: str
-    """Of the content: a backup that was changed is refused."""
+    """Digest of the content: a changed backup is refused."""
     path: Path
 
 
 class BackupStore:
-    """A folder with `backups` and `imports` in it. ProjectError names the file that fails."""
+    """Folder with `backups` and `imports`. Any ProjectError names the file at fault."""
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        """Use `folder`, by default one in the user's data folder; it is created when it is needed."""
+        """Use `folder`, by default in the user's data folder; the folder is created on first use."""
         self.folder = folder or _data_folder()
         self.now = now
 
     def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
-        """Write a backup of the board at `url`, read it back and return its path; it is never overwritten."""
+        """Write a backup of the board at `url`, read back, and return the path; no backup is ever overwritten."""
         with self._creating("backups", "the backup") as folder:
             number = 1 + max((backup.number for backup in self.backups()), default=0)
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
             write_atomically(path, format_project(project).encode(), private=True)
         if load_project(path, unchecked=True) != project.sorted():
-            raise ProjectError(f"{path}: the backup does not read back as it was written")
+            raise ProjectError(f"{path}: the backup reads back with a different content")
         return path
 
     def load(self, path: Path, caption_encoding: str | None = None) -> Project:
-        """Return the project in `path`, which may be any file.
+        """Return the project in `path`, any project file.
 
-        ProjectError also for a backup of this folder that was changed, or was read with captions in another encoding
-        than `caption_encoding`; None accepts any.
+        Raise ProjectError also for a backup of this folder with a changed content, or with captions read in another
+        encoding than `caption_encoding`; None accepts any encoding.
         """
         project = load_project(path, unchecked=True)
         backup = _backup(path) if path == self.path_of(path.name) else None
         if backup and caption_encoding and backup.caption_encoding != _slug_of_encoding(caption_encoding):
             raise ProjectError(
-                f"{path} was read with captions in {backup.caption_encoding}; connect with that "
+                f"{path} was read with captions in {backup.caption_encoding}; connect with the same "
                 f"caption encoding, not {caption_encoding}"
             )
         if backup and backup.digest != _digest(project):
             raise ProjectError(
-                f"{path} has been changed since it was made; to restore it as it is now, copy it to "
+                f"{path} was changed after the backup; to restore the changed content, copy the file to "
                 "another folder and give `rollback` the copy"
             )
         return project
 
     def backups(self) -> list[Backup]:
-        """Return all backups, the newest last."""
+        """Return all backups, sorted with the newest last."""
         return sorted(filter(None, map(_backup, self._files("backups"))))
 
     def latest(self, *urls: str) -> Path | None:
-        """Return the newest backup of the board at one of these addresses; None if there is none."""
+        """Return the newest backup of the board at any of these addresses; None without a backup."""
         boards = set(map(_slug, urls))
         return next((backup.path for backup in reversed(self.backups()) if backup.board in boards), None)
 
     def path_of(self, name: str) -> Path:
-        """Return the path of the backup of this name."""
+        """Return the path of the backup with this name."""
         return self.folder / "backups" / name
 
     def write(self, journal: Journal) -> None:
-        """Write `journal`, over an earlier state of it."""
+        """Write `journal`, replacing any earlier state."""
         with self._creating("imports", "the journal of the import"):
-            # ASCII, in which an address that is not valid text can be written too.
+            # ASCII, where even an address of invalid text can be written.
             content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
             write_atomically(self._journal(journal.marker), content, private=True)
 
     def end(self, journal: Journal) -> None:
-        """Delete the journal of an import that is over. One that is left does no harm, as no board has its marker."""
+        """Delete the journal of an ended import. A remaining journal is harmless, as no board has the marker."""
         path = self._journal(journal.marker)
         try:
             path.unlink(missing_ok=True)
         except OSError as error:
-            _LOG.warning("the journal of an import that is over cannot be deleted: %s", escape(str(error)))
+            _LOG.warning("the journal of an ended import cannot be deleted: %s", escape(str(error)))
 
     def journals(self, project_id: int) -> list[Journal]:
-        """Return all journals. Raise ProjectError if that of the board with this project id cannot be read."""
+        """Return all journals. Raise ProjectError for an unreadable journal of the board with this project id."""
         found = []
         for path in self._files("imports"):
             if match := _JOURNAL.fullmatch(path.name):
@@ -125,20 +125,20 @@ class BackupStore:
                 try:
                     found.append(_read(path, marker))
                 except FileNotFoundError:
-                    continue  # ended by another program at this moment
+                    continue  # deleted by another program at this moment
                 except (OSError, ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
-                    text = f"{escape(str(path))}: this journal of an import cannot be read: {escape(str(error))}"
+                    text = f"{escape(str(path))}: the journal of an import cannot be read: {escape(str(error))}"
                     if marker == project_id:
                         raise ProjectError(
-                            f"{text}; move it away, and give `rollback` the backup to restore"
+                            f"{text}; move the journal away, and give `rollback` the backup to restore"
                         ) from error
                     _LOG.warning("%s", text)
         return found
 
     def new_marker(self, other_than: Collection[int] = ()) -> int:
-        """Return a marker that no journal here has, and hardly any elsewhere.
+        """Return a marker not used in any journal here, and hardly anywhere else.
 
-        Its low 16 bits, which may be all that a board keeps, are not 0, nor those of a number in `other_than`.
+        The low 16 bits, on some boards all that is kept, are not 0, nor equal to those of a number in `other_than`.
         """
         taken = {0, *(number & 0xFFFF for number in other_than)}
         while True:
@@ -151,9 +151,9 @@ class BackupStore:
 
     @contextmanager
     def _creating(self, name: str, what: str) -> Iterator[Path]:
-        """Pass the folder of this name, which is made if there is none. Raise ProjectError for an error of the system.
+        """Pass the folder of this name, created if missing. Raise ProjectError for an error of the system.
 
-        It says that `what` cannot be written.
+        The error message names `what` as impossible to write.
         """
         folder = self.folder / name
         try:
@@ -163,7 +163,7 @@ class BackupStore:
             raise
         except (OSError, ValueError) as error:  # ValueError: NUL in the name of the folder
             why = f"{what} cannot be written: {reason(error)}"
-            raise ProjectError(f"{folder}: {why}; correct that in this folder, and try again") from error
+            raise ProjectError(f"{folder}: {why}; correct the folder, and try again") from error
 
     def _files(self, name: str) -> list[Path]:
         folder = self.folder / name
@@ -179,9 +179,9 @@ _LOG = logging.getLogger(__name__)
 
 
 def is_import_unfinished(store: BackupStore, project_id: int, url: str) -> bool:
-    """Return whether the journals say that an import to the board at `url` with this project id was interrupted.
+    """Return whether, by the journals, an import to the board at `url` with this project id was interrupted.
 
-    False also if they cannot be read.
+    With unreadable journals, return False.
     """
     try:
         journals = store.journals(project_id)
@@ -202,7 +202,7 @@ def _data_folder() -> Path:
 def _read(path: Path, marker: int) -> Journal:
     journal = msgspec.convert(json.loads(read_file(path, _LARGEST)), Journal)
     if journal.marker != marker:
-        raise ValueError(f"it is that of {journal.marker:08x}")
+        raise ValueError(f"the content belongs to {journal.marker:08x}")
     for name in filter(None, (journal.backup, journal.restores)):
         if Path(name).name != name or _backup(Path(name)) is None:
             raise ValueError(f"{name!r} must be the name of a backup")
@@ -210,7 +210,7 @@ def _read(path: Path, marker: int) -> Journal:
 
 
 def _backup(path: Path) -> Backup | None:
-    """Return what the name of a file says; None if it is not the name of a backup."""
+    """Return the facts in the name of a file; None for any other file than a backup."""
     match = _BACKUP.fullmatch(path.name)
     try:
         time = datetime.strptime(match["time"], _TIME).replace(tzinfo=UTC) if match else None
@@ -222,7 +222,7 @@ def _backup(path: Path) -> Backup | None:
 
 
 def _digest(project: Project) -> str:
-    """Return twelve hex digits that differ from project to project."""
+    """Return twelve hex digits, different from project to project."""
     return hashlib.blake2b(format_project(project).encode(), digest_size=6).hexdigest()
 
 
@@ -232,5 +232,5 @@ def _slug_of_encoding(caption_encoding: str) -> str:
 
 
 def _slug(url: str) -> str:
-    """Return the address without options as a part of a file's name; of a long one the end, which says the most."""
+    """Return the address without options as a part of a file name; of a long address the end, which says most."""
     return re.sub(r"[^A-Za-z0-9.]+", "_", url.partition("?")[0])[-60:].strip("_.") or "board"

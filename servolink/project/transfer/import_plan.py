@@ -1,4 +1,4 @@
-"""What an import would change and cost; nothing is changed to find out."""
+"""Changes and cost of an import, determined without any change to the board."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ async def plan_project(
     replace: bool = False,
     unchecked: bool = False,
 ) -> Plan:
-    """Return what `apply_project` would do. Raise ProjectError for a project that cannot be written to any board."""
+    """Return the plan of `apply_project`. Raise ProjectError for a project impossible to write to any board."""
     check_writable(board, project, unchecked=unchecked)
     loop = asyncio.get_running_loop()
     begun = loop.time()
@@ -69,7 +69,7 @@ async def memory_after(board: PinnedConnection, content: Content, project: Proje
 
 
 def compare(old: Project, new: Project, project_id_bits: ProjectIDBits | None = None) -> tuple[Change, ...]:
-    """Return what turns `old` into `new`, in the order of a project file."""
+    """Return the changes from `old` to `new`, in the order of a project file."""
     old, new = old.sorted(), new.sorted()
     changes: list[Change] = []
     if not is_same_id(old.project_id, new.project_id, project_id_bits):
@@ -98,26 +98,26 @@ def _by_servo(project: Project) -> dict[int, Any]:
     return {one.servo_id: one for one in project.servo_parameters}
 
 
-# --- the cost on a line without damage, to a board that does what it is told ------------------------------------------
+# --- the cost on a line without damage, to a board that obeys every request ------------------------------------------
 
 
 class Cost(Struct, frozen=True):
-    """Requests with their responses."""
+    """Number of requests with responses, and bytes."""
 
     requests: int = 0
     wire_bytes: int = 0
-    """In both directions."""
+    """Bytes in both directions."""
 
     def __add__(self, other: Cost) -> Cost:
-        """Return both together."""
+        """Return the sum of both costs."""
         return Cost(self.requests + other.requests, self.wire_bytes + other.wire_bytes)
 
 
 def estimated_seconds(cost: Cost, reading: Cost, taken: float, pace: float) -> float:
-    """Return the time for `cost` on a line on which `reading` has `taken` so many seconds.
+    """Return the seconds for `cost` on a line where `reading` took `taken` seconds.
 
-    Bytes take their time on a line of `pace` bytes per second; 0 stands for unknown, as of USB, where they take hardly
-    any. The rest is round trips, which take as long as those of the reading.
+    Bytes take time on a line of `pace` bytes per second; 0 stands for unknown, as with USB, where bytes take hardly any
+    time. The rest is round trips, each as long as in the reading.
     """
     on_line = cost.wire_bytes / pace if pace else 0.0
     reading_on_line = reading.wire_bytes / pace if pace else 0.0
@@ -127,7 +127,7 @@ def estimated_seconds(cost: Cost, reading: Cost, taken: float, pace: float) -> f
 def _cost(codec: Codec, content: Content, project: Project, *, replace: bool) -> Cost:
     empty = Content(servo_parameters=content.servo_parameters)
     before = cost_of_reading(content, project) + _sum([_exchange(QueryMemorySizeRequest())])
-    # The project id is read twice at the beginning and once before the marker is written, which begins its change.
+    # The project id is read twice at the beginning and once before the marker is written, at the start of the change.
     marking = _sum([_exchange(_PROJECT_ID)] * 3) + cost_of_project_id(2)
     if not replace:
         return before + marking + cost_of_writing(stages(content, project), codec) + cost_of_checking(content, project)
@@ -138,7 +138,7 @@ def _cost(codec: Codec, content: Content, project: Project, *, replace: bool) ->
 
 
 def cost_of_writing(todo: Iterable[Iterable[Write]], codec: Codec) -> Cost:
-    """Return what the requests cost, with a reading behind each record that is added."""
+    """Return the cost of the requests, with a reading after each added record."""
     sizes = []
     for write in (write for stage in todo for write in stage):
         sizes.append(len(codec.encode(write.request, unchecked=True)) + _frame_size(response_class(write.request)))
@@ -148,12 +148,12 @@ def cost_of_writing(todo: Iterable[Iterable[Write]], codec: Codec) -> Cost:
 
 
 def cost_of_project_id(times: int) -> Cost:
-    """Return what it costs to write the project id so often, and to read it back each time."""
+    """Return the cost of writing the project id `times` times, each write with a reading."""
     return _sum([_exchange(WriteProjectIDRequest(0)), _exchange(_PROJECT_ID)] * times)
 
 
 def cost_of_reading(content: Content, target: Project) -> Cost:
-    """Return what it costs to read a board with `content` on which `target` is expected."""
+    """Return the cost of reading a board with `content`, expected to hold `target`."""
     sizes = [*_outline(content, target), _exchange(_PROJECT_ID)]
     for record_type in RECORD_TYPES:
         entries = content.records[record_type]
@@ -166,7 +166,7 @@ def cost_of_reading(content: Content, target: Project) -> Cost:
 
 
 def cost_of_checking(content: Content, target: Project) -> Cost:
-    """Return what it costs to see that `target` has taken the place of `content`."""
+    """Return the cost of the check that `target` has replaced `content`."""
     after = Content(0, target.sorted().servo_parameters, target.active_joystick_table)
     lists = [_exchange(each.list_request, len(each.by_id(target))) for each in RECORD_TYPES]
     return _sum([_exchange(_PROJECT_ID), *_outline(after, target), *lists])
@@ -194,7 +194,7 @@ def _record_exchange(record_type: RecordType[Any], record: Any | None) -> int:
 
 
 def _exchange(request: Request[Any], count: int = 0) -> int:
-    """Return the bytes of a request and its response, which has `count` items in its group."""
+    """Return the bytes of a request and of the response with `count` items in the group."""
     return _frame_size(type(request)) + _frame_size(response_class(request), count)
 
 

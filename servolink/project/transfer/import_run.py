@@ -1,4 +1,4 @@
-"""One run of an import: the marker, the passes that write what differs, and the check of each."""
+"""Run of an import: the marker, passes to write all differences, and a check after each pass."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from servolink.protocol.record_types import RECORD_TYPES, RecordType
 _TRIES = 4
 _PASSES = 16
 _STUCK = 3
-"""After so many passes that left the same writes to do, or more, they will not be done."""
+"""Passes in a row with no fewer writes left, until the import gives up."""
 _SHORT_LIST = 8192
-"""Bytes: a list that is not longer is read again after each pass, whatever was written."""
+"""Bytes of a list short enough to read again after each pass, whatever was written."""
 
 
 class ImportRun:
-    """Writes one project to one board, under a journal."""
+    """Writes a project to a board, under a journal."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class ImportRun:
         *,
         unchecked: bool,
     ) -> None:
-        """Write `target` to the board under `journal`, which is a new one for each run."""
+        """Write `target` to the board under `journal`, a new journal for each run."""
         self._board = board
         self._target = target
         self._journal = journal
@@ -63,22 +63,22 @@ class ImportRun:
         *,
         replace: bool,
     ) -> ProjectIDBits:
-        """Write everything; return how many bits of the marker the board keeps. Raise ProjectError if it is refused.
+        """Write everything, and return the number of marker bits kept by the board. Raise ProjectError after a refusal.
 
-        `content` is what `reader` has read from the board, None if it has not, and `before` its project id. `begun`
-        is the journal of the run that was interrupted, if there was one, `others` are all the others of this address.
+        `content` was read by `reader`, None before any reading; `before` is the project id on the board. `begun` is the
+        journal of the interrupted run, if any, and `others` are all other journals of this address.
         """
-        over = [one for one in others if one.has_written_all]  # this run replaces the last import
-        if self._journal.restores is None:  # a rollback that is lost before it has changed anything is asked for again
+        over = [one for one in others if one.has_written_all]  # the present run replaces the last import
+        if self._journal.restores is None:  # a rollback lost before any change to the board is asked for again
             await self._end(over)
         await self._note("writing")
         await self._mark(before)
-        await self._end(over if begun is None else [*over, begun])  # no board has the marker of `begun` any more
+        await self._end(over if begun is None else [*over, begun])  # the marker of `begun` has left every board
         if replace:
             content = await self._clear(reader)
         await self._write_all(reader, content)
         for one in others:
-            if one.phase == "clearing":  # another board is at this address now
+            if one.phase == "clearing":  # a different board is at this address now
                 await asyncio.to_thread(self._store.write, msgspec.structs.replace(one, phase="writing"))
         await self._note("finishing")
         await self._marker.finish(self._target.project_id)
@@ -94,10 +94,10 @@ class ImportRun:
             await asyncio.to_thread(self._store.end, one)
 
     async def _mark(self, before: int) -> None:
-        """Write the marker. Note how the board is recognised if it does not keep all of it."""
+        """Write the marker. Record the signs to recognise a board that does not keep the whole marker."""
         await self._marker.put(before)
         if self._marker.bits != 32:
-            # Noted before anything else is changed: without the whole marker, a later run needs this.
+            # Recorded before any other change: without the whole marker, a later run needs these values.
             self._journal = msgspec.structs.replace(
                 self._journal,
                 project_id_bits=self._marker.bits,
@@ -107,13 +107,13 @@ class ImportRun:
             await self._note("writing")
 
     async def _clear(self, reader: BoardReader) -> Content:
-        """Delete everything, and return what is left: servo parameters on some boards."""
+        """Delete everything, and return the rest: servo parameters on some boards."""
         await self._note("clearing")
         self._on_progress(Progress("clearing", 0, 1, "everything on the board"))
         for _ in range(_TRIES):
             with suppress(Rejected, OutcomeUnknown):
                 await self._board.clear_all_data()
-            await self._marker.restore("clearing")  # the board may have deleted the project id as well
+            await self._marker.restore("clearing")  # the board may have deleted the project id too
             content = await reader.read("clearing", self._marker.found)
             if not any(content.records.values()):
                 await self._note("writing")
@@ -123,7 +123,7 @@ class ImportRun:
         )
 
     async def _write_all(self, reader: BoardReader, content: Content | None) -> None:
-        """Write all differences, pass after pass, until none is left."""
+        """Write all differences, in passes, until the board matches the target."""
         writer = RecordWriter(self._board, reader, self._on_progress, self._marker.keep, unchecked=self._unchecked)
         if content is None:
             await self._marker.keep()
@@ -144,12 +144,11 @@ class ImportRun:
         raise ProjectError(not_taken(self._board, _explain_failed_writes(content, todo, writer.refused)))
 
     async def _check(self, reader: BoardReader, writer: RecordWriter, lists: set[RecordType[Any]]) -> Content:
-        """Return what the board holds after a pass.
+        """Return the content of the board after a pass.
 
-        Each record that was added was read back, and the others were read before. The lists show the rest: whether
-        all that was deleted is gone, whether something was stored twice or under another id. Everything is read again
-        if the board says of a write that it was done and the record shows nothing of it, or if somebody else has
-        changed the project id.
+        Each added record was read back, and all other records were read before. The lists show the rest: remaining
+        deleted records, duplicates, records under another id. Everything is read again after a write with success
+        reported but no effect on the record, and after a change of the project id by another program.
         """
         is_alone = await self._marker.keep()
         if writer.is_suspicious or not is_alone:
@@ -157,7 +156,7 @@ class ImportRun:
         return await reader.check("verifying", self._marker.found, lists | writer.doubtful)
 
     def _lists_worth_reading(self, content: Content, todo: Sequence[Write]) -> set[RecordType[Any]]:
-        """Return the types whose list costs no more to read than the writing that it checks, or nearly nothing."""
+        """Return the types with a list no longer than the writing to check, or short in any case."""
         sizes: Counter[RecordType[Any]] = Counter()
         for write in todo:
             if write.record_type is not None:
@@ -170,9 +169,9 @@ _MOST = 3
 
 
 def _explain_failed_writes(content: Content, todo: Sequence[Write], refused: Collection[str]) -> str:
-    """Return which writes of `todo` are still to be done with `content` on the board, the first ones with a reason.
+    """Return the writes of `todo` still missing with `content` on the board, the first writes with a reason.
 
-    `refused` are the items to which the board said no.
+    `refused` are the items refused by the board.
     """
     found = {write.item: _reason(content, write, refused) for write in todo}
     words = [f"{item} ({reason})" if reason else item for item, reason in found.items()]
@@ -185,26 +184,26 @@ def _reason(content: Content, write: Write, refused: Collection[str]) -> str:
     request: Any = write.request
     if write.item in refused:
         if isinstance(request, AddServoParameterRequest):
-            return "refused; has it all these servos?"
+            return "refused; does the board have all these servos?"
         return "refused"
     if isinstance(request, AddServoParameterRequest):
         servo_ids = [one.servo_id for one in request.servos if one not in content.servo_parameters]
-        return f"servo {servo_ids[0]} comes back otherwise" if servo_ids else ""
+        return f"servo {servo_ids[0]} comes back changed" if servo_ids else ""
     if write.record_type is None:
         return ""
     return "still listed" if write.record is None else _difference(content, write.record_type, write)
 
 
 def _difference(content: Content, record_type: RecordType[Any], write: Write) -> str:
-    """Return how the record that the board returns differs from the one that it was given."""
+    """Return the difference between the record returned by the board and the written record."""
     entries = [entry for entry in content.records[record_type] if entry.record_id == write.record_id]
     if not entries:
-        return "not there afterwards"
+        return "missing afterwards"
     found = entries[0].record
     if found is None:
         return "listed and not returned"
     if len(entries) > 1:
         return f"listed {len(entries)} times"
     if (caption := record_type.caption_of(found)) != record_type.caption_of(write.record):
-        return f"its caption comes back as {quote(caption)}"
+        return f"the caption comes back as {quote(caption)}"
     return f"other {record_type.record_class.__struct_fields__[-1]} come back"

@@ -1,4 +1,4 @@
-"""A project onto a board: everything that is decided before the first byte is written, and the way back."""
+"""Import of a project to a board: all decisions before the first written byte, and the rollback."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ async def apply_project(
     unchecked: bool = False,
     restores: str | None = None,
 ) -> ApplyResult:
-    """Make the board hold `project`.
+    """Make the content of the board equal to `project`.
 
-    `replace` deletes everything first (document, 4.2), otherwise only what differs is written. `backup=False` goes on
-    without a backup. `unchecked` writes records that were read from a board; `restores` names the backup that they
-    come from.
+    `replace` deletes everything first (document, 4.2), otherwise only differences are written. `backup=False` continues
+    without a backup. `unchecked` writes records read from a board; `restores` is the name of the backup with these
+    records.
 
-    Raise ProjectError, before anything is changed, for a project that cannot be written, and if no backup can be made;
-    later, if the board does not take it. After any error from `marking` on, and after a cancellation, the next call
-    continues.
+    Raise ProjectError, before any change, for a project impossible to write, and for a failed backup; later, if the
+    board refuses a part. After any error from `marking` on, and after a cancellation, the next call continues the
+    import.
     """
     check_writable(board, project, unchecked=unchecked)
     before = await read_project_id(board)
@@ -76,7 +76,7 @@ async def apply_project(
     marker = await asyncio.to_thread(store.new_marker, avoided)
     journal = Journal(marker, board.url, project.project_id, None if saved is None else saved.name, restores=restores)
     others = [one for one in journals if one.url == board.url and one is not begun]
-    # Files take their time. Another program that has begun since changed the project id before anything else.
+    # Files take time. Any program that began an import meanwhile changed the project id first.
     if await read_project_id(board, before) != before:
         raise _disturbed(board)
     run = ImportRun(board, project, journal, store, on_progress, unchecked=unchecked)
@@ -92,7 +92,7 @@ def _disturbed(board: BoardConnection) -> ProjectError:
 async def _begun_without_id(
     board: BoardConnection, content: Content, journals: Sequence[Journal], store: BackupStore
 ) -> Journal | None:
-    """Return the journal of an interrupted import to a board without project ids, recognised by its content."""
+    """Return the journal of an interrupted import to a board without project ids, recognised by the content."""
     begun = [one for one in journals if one.may_be_of(content.project_id, board.url) and not one.has_written_all]
     if not begun or by_content(journals, content, board.url, {}, is_over=True):
         return None
@@ -100,8 +100,8 @@ async def _begun_without_id(
     found = by_content(begun, content, board.url, backups, is_over=False)
     if found is None:
         _logger.warning(
-            "an import to %s was interrupted; the board keeps no project id, and holds records that are neither from "
-            "before nor from that import: it may be another board, so this import starts over, with its own backup",
+            "an import to %s was interrupted; the board keeps no project id, and holds records from neither before nor "
+            "during the import, so perhaps a different board: the import starts over, with a new backup",
             escape(board.url),
         )
     return found
@@ -112,7 +112,7 @@ def _last_import(journals: Sequence[Journal], content: Content, url: str) -> Jou
 
 
 async def _digests_in(store: BackupStore, name: str | None) -> Digests:
-    """Return the digests of a backup; empty if it is gone or cannot be read."""
+    """Return the digests of a backup; empty for a missing or unreadable backup."""
     if name is None:
         return {}
     try:
@@ -122,7 +122,7 @@ async def _digests_in(store: BackupStore, name: str | None) -> Digests:
 
 
 async def _finish(last: Journal | None, store: BackupStore) -> None:
-    """Note that the last import is finished, if that import could not see it itself."""
+    """Mark the last import as finished, if the import ended before the confirmation by the board."""
     if last is not None and last.phase != "finished":
         await asyncio.to_thread(store.write, msgspec.structs.replace(last, phase="finished"))
 
@@ -145,24 +145,24 @@ async def _backup(
     *,
     wanted: bool,
 ) -> Path | None:
-    """Return the backup with what was on the board before the import; None if there is none."""
+    """Return the backup of the board's content before the import; None without a backup."""
     if begun is None:
         return await _save(board, content or Content(), store, on_progress) if wanted else None
     if content is not None and wanted and not await _is_saved(content, begun, store):
-        # Either records were left when the board was cleared, or this is another board.
+        # Either a rest of records after clearing the board, or a different board.
         path = await _save(board, content, store, on_progress)
-        _logger.warning("what is left on %s is kept in %s", escape(board.url), escape(str(path)))
+        _logger.warning("the records left on %s are saved in %s", escape(board.url), escape(str(path)))
     if begun.backup is None:
         return None
     path = store.path_of(begun.backup)
     if path.is_file():
         return path
-    _logger.warning("the backup of the import that goes on is gone: %s", escape(str(path)))
+    _logger.warning("the backup of the continued import is missing: %s", escape(str(path)))
     return None
 
 
 async def _is_saved(content: Content, begun: Journal, store: BackupStore) -> bool:
-    """Return whether nothing would be lost with `content`: it comes from the backup, or from the import itself."""
+    """Return whether `content` is free of unsaved records: all are from the backup, or from the import."""
     if content.is_empty():
         return True
     if not begun.target:
@@ -171,7 +171,7 @@ async def _is_saved(content: Content, begun: Journal, store: BackupStore) -> boo
 
 
 async def _save(board: BoardConnection, content: Content, store: BackupStore, on_progress: ProgressCallback) -> Path:
-    """Save what is on the board. Raise ProjectError if the board does not return all of it."""
+    """Save the content of the board. Raise ProjectError if the board does not return all records."""
     on_progress(Progress("saving", 0, 1, "backup"))
     try:
         old = content.project()
@@ -192,9 +192,9 @@ async def roll_back(
     store: BackupStore,
     on_progress: ProgressCallback,
 ) -> ApplyResult:
-    """Restore `backup`, by default the one of the unfinished import, else that of the last import at this address.
+    """Restore `backup`, by default of the unfinished import, else of the last import at this address.
 
-    Raise ProjectError if there is none. It is an import like any other: it can be interrupted, and rolled back.
+    Raise ProjectError without a backup. A rollback is an ordinary import: safe to interrupt, and to roll back.
     """
     path = backup or await backup_for(board, store)
     project = await asyncio.to_thread(store.load, path, board.codec.caption_encoding)
@@ -209,35 +209,35 @@ async def roll_back(
 
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
-    """Return the backup of what was on the board before the last import. Raise ProjectError if there is none."""
+    """Return the backup of the board's content before the last import. Raise ProjectError without a backup."""
     here, url = await read_project_id(board), board.connection.board_url
     journals = await asyncio.to_thread(store.journals, here)
     journal = journal_of(journals, here, url) or last_import(journals, here, url)
     if journal is None and any(one.may_be_of(here, url) for one in journals):
         journal = await _import_without_id(board, journals, store)
     if journal is not None and journal.restores is not None and journal.phase != "finished":
-        return store.path_of(journal.restores)  # a rollback that was interrupted continues
+        return store.path_of(journal.restores)  # continues an interrupted rollback
     if journal is None:
         why = (
-            f"{url} holds an import that another computer began, or whose journal is lost"
+            f"{url} holds an import begun by another computer, or with a lost journal"
             if is_unfinished(here)
-            else f"no import from here is known that left {url} with project id {here}, so there is none to undo"
+            else f"no import from this computer gave {url} the project id {here}: nothing to undo"
         )
-        raise ProjectError(f"{why}; give `rollback` one of `servolink backups`, or apply a project")
+        raise ProjectError(f"{why}; give `rollback` a backup from `servolink backups`, or apply a project")
     if journal.backup is None:
         raise ProjectError(f"the last import to {url} was made without a backup; apply a project")
     return store.path_of(journal.backup)
 
 
 async def _import_without_id(board: BoardConnection, journals: Sequence[Journal], store: BackupStore) -> Journal:
-    """Return the journal of the last import to a board without project ids. Raise ProjectError if it is not known."""
+    """Return the journal of the last import to a board without project ids. Raise ProjectError for unknown content."""
     content = await BoardReader(board, lambda progress: None, Project()).read()
     backups = {one.backup: await _digests_in(store, one.backup) for one in journals if one.backup}
-    # First the last import here: another board at this address may be in the middle of one that writes the same.
+    # Finished imports first: another board at the same address may be in the middle of an import of the same project.
     for is_over in (True, False):
         if found := by_content(journals, content, board.url, backups, is_over=is_over):
             return found
     raise ProjectError(
-        f"{board.url} keeps no project id, and holds something else than the last import from here wrote, so it may be "
-        "another board; give `rollback` one of `servolink backups`, or apply a project"
+        f"{board.url} keeps no project id, and the content differs from the last import by this computer: perhaps "
+        "a different board; give `rollback` a backup from `servolink backups`, or apply a project"
     )

@@ -1,4 +1,4 @@
-"""The journal of one import: what a later run needs to finish it, or to undo it, and how its board is recognised."""
+"""Journal of an import: facts for a later run to finish or undo the import, and to recognise the board."""
 
 from __future__ import annotations
 
@@ -17,37 +17,36 @@ from servolink.protocol.record_types import STORED_TYPES, StoredType
 
 JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing", "finished"]
 Digests: TypeAlias = "dict[str, str]"
-"""A short digest of each record, by its name such as "action 3"."""
+"""Short digest of each record, by name such as "action 3"."""
 
 
 class Journal(Struct, frozen=True, forbid_unknown_fields=True):
     """Record of an import, written before each step that needs a further step.
 
-    The marker makes it the journal of one board: the board's project id is the marker during the import, wherever and
-    to whichever computer it is plugged in. Of boards that keep less of a project id, less is certain.
+    The marker ties the journal to a board: during the import, the board's project id is the marker, at any port and on
+    any computer. For boards that keep only a part of a project id, the tie is less certain.
     """
 
     marker: Annotated[int, Meta(ge=UNFINISHED.start, lt=UNFINISHED.stop)]
-    """Of this run alone: the next one that continues the import takes another."""
+    """Marker of this run only: the next run of the same import uses another."""
     url: str
-    """The address of the board."""
+    """Address of the board during the import."""
     project_id: int
-    """Of the project that is written."""
+    """Project id of the project to write."""
     backup: str | None
-    """The name of the file with what the board held before; None if it was told to do without."""
+    """File name of the backup of the board's content before; None for an import without a backup."""
     phase: JournalPhase = "writing"
-    """`clearing`: the board may be without the marker, because it deletes its project id too. `finishing`: everything
-    is written, and the board has the project id, or is about to get it. `finished`: it has confirmed that."""
+    """`clearing`: the board may be without the marker, because clearing also deletes the project id. `finishing`: all
+    records are written, and the project id is on the board or about to be. `finished`: confirmed by the board."""
     restores: str | None = None
-    """The name of the backup that is written, if this is a rollback: asked for again before it was `finished`, it
-    continues."""
+    """Name of the backup to write, for a rollback: requested again before `finished`, the rollback continues."""
     project_id_bits: ProjectIDBits | None = None
-    """How many bits of a project id the board keeps, if they are fewer than 32. Nothing is written before this is
-    known and noted."""
+    """Bits of a project id kept by the board, if fewer than 32. Nothing is written before the number is known and
+    recorded."""
     constant_id: int = 0
-    """The number that a board returns which keeps no bits of a project id."""
+    """Project id returned by a board that keeps no bits of a project id."""
     target: Digests = {}
-    """The digests of what is written to a board that keeps fewer than 32 bits."""
+    """Digests of all records to write, for a board that keeps fewer than 32 bits."""
 
     @property
     def has_written_all(self) -> bool:
@@ -55,32 +54,32 @@ class Journal(Struct, frozen=True, forbid_unknown_fields=True):
         return self.phase in ("finishing", "finished")
 
     def is_of(self, project_id: int, url: str) -> bool:
-        """Return whether the board at `url` with this project id is in the middle of this import."""
+        """Return whether the board at `url` with this project id is in the middle of the import."""
         if self.marker == project_id:
             return True
         if self.url != url or self.phase == "finished" or self.project_id_bits == 0:
             return False
         if project_id == 0 and self.phase == "clearing":
             return True
-        # Without `project_id_bits` it was interrupted just when the board turned out to keep only these.
+        # Without `project_id_bits`, the run was interrupted just when the board turned out to keep only 16 bits.
         return is_cut(project_id, self.marker)
 
     def may_be_of(self, project_id: int, url: str) -> bool:
-        """Return whether it is of a board without project ids that was at `url`: only its content tells more."""
+        """Return whether the journal is of a board without project ids at `url`: only the content tells more."""
         return self.project_id_bits == 0 and self.url == url and self.constant_id == project_id
 
 
 def journal_of(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
-    """Return the journal of the import that the board with this project id is in the middle of, if there is one.
+    """Return the journal of the unfinished import on the board with this project id, None without an import.
 
-    A marker that the board has whole outweighs all that the address suggests.
+    A whole marker on the board outweighs all evidence from the address.
     """
     found = [journal for journal in journals if journal.is_of(project_id, url)]
     return next((journal for journal in found if journal.marker == project_id), found[0] if found else None)
 
 
 def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journal | None:
-    """Return the journal of the import that left this project id on the board at `url`, if it is known."""
+    """Return the journal of the import that left this project id on the board at `url`; None if unknown."""
     return next(
         (
             one
@@ -97,10 +96,10 @@ def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journ
 def by_content(
     journals: Iterable[Journal], content: Content, url: str, backups: dict[str, Digests], *, is_over: bool
 ) -> Journal | None:
-    """Return the journal of an import to a board without project ids, recognised by its address and its content.
+    """Return the journal of an import to a board without project ids, recognised by address and content.
 
-    `is_over` asks for one that has written everything: its board holds exactly what was written. Otherwise its board
-    holds records from before, in `backups`, and written ones, and at most one that was torn when the power was lost.
+    `is_over` asks for a finished import: the board holds exactly the written records. Otherwise the board holds records
+    from before, in `backups`, and written records, and at most one record torn by a loss of power.
     """
     found = digests_of(content.readable())
     for journal in journals:
@@ -127,11 +126,11 @@ def digests_of(project: Project) -> Digests:
 
 
 def strangers(found: Digests, sources: Collection[Digests]) -> list[str]:
-    """Return the names of records that none of `sources` has in this form."""
+    """Return the names of records not found in the same form in any of `sources`."""
     return [name for name, digest in found.items() if all(source.get(name) != digest for source in sources)]
 
 
 def _digest(stored_type: StoredType[Any], record: Any) -> str:
-    # `repr` tells all values apart, also captions that are not valid text.
+    # `repr` tells all values apart, even captions of invalid text.
     text = repr(msgspec.structs.astuple(record)).encode("utf-8", "backslashreplace")
     return hashlib.blake2b(text, digest_size=6, person=stored_type.field.encode()[:16]).hexdigest()

@@ -1,4 +1,4 @@
-"""The board as far as a transfer needs it: one connection, and several requests under way on it."""
+"""Board as seen by a transfer: a single connection, with several requests under way."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Request, Response
 
 ProjectIDBits: TypeAlias = Literal[32, 16, 0]
-"""How many bits of a project id a board keeps; with 0 it returns the same number whatever is written."""
+"""Number of project id bits kept by a board; 0: the board returns the same number after any write."""
 
 T = TypeVar("T")
 R = TypeVar("R", bound=Response)
 
 
 class TransferConnection(Protocol):
-    """A connection, as far as it concerns a transfer."""
+    """Connection to a board, as far as needed by a transfer."""
 
     @property
     def board_url(self) -> str:
-        """The address of the board itself, by which its imports are known."""
+        """Address of the board without any hub, to recognise imports to this board."""
         ...
 
     @property
     def depth_bound(self) -> int:
-        """How many queries may ever be under way."""
+        """Maximum number of queries ever under way."""
         ...
 
     @property
     def write_depth_bound(self) -> int:
-        """How many requests may ever be under way while one of them is a change."""
+        """Maximum number of requests ever under way while a request changes the board."""
         ...
 
     @property
     def pace(self) -> float:
-        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        """Known rate of the line in bytes per second, 0 if unknown."""
         ...
 
     def bulk(self) -> AbstractContextManager[None]:
-        """Return a context in which much is transferred."""
+        """Return a context for the transfer of much data."""
         ...
 
 
 class BoardConnection(Protocol):
-    """A connected board, as far as projects need one."""
+    """Connected board, as far as needed by projects."""
 
     @property
     def url(self) -> str:
-        """The address."""
+        """Address of the board."""
         ...
 
     @property
@@ -61,7 +61,7 @@ class BoardConnection(Protocol):
 
     @property
     def connection(self) -> TransferConnection:
-        """The present connection: another object after a loss."""
+        """Present connection: another object after a loss."""
         ...
 
     def request(self, packet: Request[R], *, unchecked: bool = False) -> Coroutine[Any, Any, R]:
@@ -76,20 +76,20 @@ class BoardConnection(Protocol):
 
 
 class PinnedConnection:
-    """Passes requests on. Raise ConnectionLost once the connection is another one, even to the same address."""
+    """Passes requests on. Raise ConnectionLost after any change of the connection, even to the same address."""
 
     def __init__(
         self, board: BoardConnection, memory_unit: int | None = None, project_id_bits: ProjectIDBits | None = None
     ) -> None:
-        """Speak to `board` through the connection that it has now."""
+        """Speak to `board` through the present connection."""
         self.memory_unit = memory_unit
-        """Bytes in the unit in which the board counts its memory; None if it is unknown."""
+        """Bytes per unit in the board's memory figures; None if unknown."""
         self.project_id_bits = project_id_bits
-        """How many bits of a project id the board keeps; None if it is unknown."""
+        """Number of project id bits kept by the board; None if unknown."""
         self._board = board
         self.connection = board.connection
         self.url = board.connection.board_url
-        """The address of the board itself, whether or not a hub is in between."""
+        """Address of the board without any hub in between."""
 
     @property
     def codec(self) -> Codec:
@@ -111,16 +111,16 @@ class PinnedConnection:
     def _pinned(self) -> BoardConnection:
         if self._board.connection is not self.connection:
             raise ConnectionLost(
-                f"the connection to {self.url} was lost and came back in the middle of this, perhaps to "
-                "another board; do it again"
+                f"the connection to {self.url} was lost and restored in the middle of the transfer, perhaps to "
+                "another board; start the transfer again"
             )
         return self._board
 
 
 async def in_parallel(items: Iterable[T], work: Callable[[T], Awaitable[None]], depth: int) -> None:
-    """Do `work` for each item, begun in their order, so many at a time that `depth` requests can be under way.
+    """Do `work` for each item, started in order, with as many at a time as `depth` requests need.
 
-    The first error ends all of it and is raised.
+    The first error ends all work and is raised.
     """
     waiting = iter(items)
 
@@ -133,7 +133,7 @@ async def in_parallel(items: Iterable[T], work: Callable[[T], Awaitable[None]], 
         return
     try:
         async with asyncio.TaskGroup() as group:
-            # One more than the depth: its request waits in the queue, and is sent the moment another is answered.
+            # A worker beyond the depth: the request waits in the queue, and is sent as soon as another is answered.
             for _ in range(depth + 1):
                 group.create_task(worker())
     except BaseExceptionGroup as errors:

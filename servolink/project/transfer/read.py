@@ -1,8 +1,8 @@
-"""Reading a board: its content, each part read once if it is as expected, else until two consecutive readings agree.
+"""Reading of a board: each part once if as expected, else until two consecutive readings agree.
 
-The checksum of a frame has 8 bits: on a bad line it accepts a damaged response now and then (docs/limits.md has the
-figures). Damage that turns one record into exactly the expected one does not happen, so such a reading is proof. For
-anything else two equal readings are wanted: it is going to be changed, deleted or kept in a file.
+The checksum of a frame has 8 bits: on a bad line, now and then a damaged response is accepted (docs/limits.md has the
+figures). Damage never turns a record into exactly the expected record, so an expected reading is proof. Any other
+part must be read twice with the same result: the part will be changed, deleted or saved in a file.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from servolink.protocol.records import ServoParameter
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """One entry of a list on the board."""
+    """Entry of a list on the board, with the record."""
 
     record_id: int
     record: Any | None
-    """The record that the board returns for this id; None if it returns none, or one that cannot be decoded."""
+    """Record returned by the board for this id; None for a missing record, or a record impossible to decode."""
 
 
 @dataclass
@@ -42,22 +42,22 @@ class Content:
     servo_parameters: tuple[ServoParameter, ...] = ()
     active: int | None = None
     records: dict[RecordType[Any], tuple[Listed, ...]] = field(default_factory=lambda: dict.fromkeys(RECORD_TYPES, ()))
-    """In the order of the board's lists, with ids that are listed twice."""
+    """Records in the order of the board's lists, with duplicate ids."""
 
     def project(self) -> Project:
-        """Return it as a project. Raise ProjectError if the board lists a record that it does not return."""
+        """Return the content as a project. Raise ProjectError for a listed record that the board does not return."""
         for record_type, entries in self.records.items():
             for entry in entries:
                 if entry.record is None:
                     raise ProjectError(
-                        f"{record_type} {entry.record_id}: the board lists it and does not return it, or returns "
-                        f"something that is not a valid {record_type}; delete it there, or go on without keeping what "
-                        "the board has"
+                        f"{record_type} {entry.record_id}: the board lists the record, but returns nothing or "
+                        f"no valid {record_type}; delete the record on the board, or continue without a backup of the "
+                        "board"
                     )
         return self.readable()
 
     def readable(self) -> Project:
-        """Return as a project what the board returns, without records that it only lists."""
+        """Return all records returned by the board as a project, without records only listed."""
         records = {
             record_type.field: tuple({one.record_id: one.record for one in entries if one.record is not None}.values())
             for record_type, entries in self.records.items()
@@ -66,7 +66,7 @@ class Content:
         return Project(self.project_id, parameters, active_joystick_table=self.active, **records).sorted()
 
     def doubled(self) -> list[str]:
-        """Return what is listed more than once, of which a board returns only one."""
+        """Return the names of all items listed more than once; a board returns only a single copy."""
         listed = {str(record_type): self.ids_of(record_type) for record_type in self.records}
         listed["servo parameter"] = [one.servo_id for one in self.servo_parameters]
         return [
@@ -77,7 +77,7 @@ class Content:
         ]
 
     def missing(self) -> list[str]:
-        """Return what is listed and not returned."""
+        """Return the names of all records listed but not returned."""
         return [
             f"{record_type} {entry.record_id}"
             for record_type, entries in self.records.items()
@@ -90,11 +90,11 @@ class Content:
         return [entry.record_id for entry in self.records[record_type]]
 
     def is_empty(self) -> bool:
-        """Return whether nothing is stored but, perhaps, the project id."""
+        """Return whether nothing is stored except, perhaps, the project id."""
         return not any(self.records.values()) and not without_neutral(self.servo_parameters)
 
     def growth(self, project: Project) -> int:
-        """Return how many bytes more `project` takes than the content that it replaces."""
+        """Return the number of bytes that `project` takes beyond the replaced content."""
         records = [entry.record for entries in self.records.values() for entry in entries if entry.record is not None]
         kept = {one.servo_id for one in without_neutral(project.servo_parameters)}
         neutral = [one for one in self.servo_parameters if one.servo_id not in kept]
@@ -107,12 +107,12 @@ Key: TypeAlias = "tuple[RecordType[Any], int]"
 """Type and id of a record."""
 
 _READINGS = 8
-"""How many readings may differ from the one before until reading is given up."""
+"""Maximum number of readings different from the previous reading."""
 _NOTHING_EXPECTED = object()
 
 
 class Outline(NamedTuple):
-    """Everything on a board but its records."""
+    """Everything on a board except the records."""
 
     project_id: int
     servo_parameters: tuple[ServoParameter, ...]
@@ -120,9 +120,9 @@ class Outline(NamedTuple):
 
 
 async def export_project(board: BoardConnection, on_progress: ProgressCallback) -> Project:
-    """Return everything stored on the board, each part from two readings that agree.
+    """Return everything stored on the board, each part after two consistent readings.
 
-    Raise ProjectError if the readings never agree, or if the board lists a record that it does not return.
+    Raise ProjectError if the readings never agree, or if the board does not return a listed record.
     """
     content = await BoardReader(board, on_progress).read()
     if doubled := content.doubled():
@@ -133,7 +133,7 @@ async def export_project(board: BoardConnection, on_progress: ProgressCallback) 
 
 
 async def read_project_id(board: BoardConnection, expected: object = _NOTHING_EXPECTED) -> int:
-    """Return the project id, from two readings that agree, or one that is as `expected`."""
+    """Return the project id, from two equal readings, or from a single reading equal to `expected`."""
 
     async def read() -> int:
         return (await board.request(QueryProjectIDRequest())).project_id
@@ -142,12 +142,12 @@ async def read_project_id(board: BoardConnection, expected: object = _NOTHING_EX
 
 
 class BoardReader:
-    """Reads a board, and knows its records from then on: what is read or written once need not be read again."""
+    """Reads a board and remembers the records: a record once read or written need not be read again."""
 
     def __init__(self, board: BoardConnection, on_progress: ProgressCallback, target: Project | None = None) -> None:
-        """Read `board`, on which `target` is expected; None expects nothing."""
+        """Read `board`, expected to hold `target`; None expects nothing."""
         self.known: dict[Key, Any | None] = {}
-        """Records whose content is proved; None for a missing record."""
+        """Records with proved content; None for a missing record."""
         self._board = board
         self._depth = board.connection.depth_bound
         self._on_progress = on_progress
@@ -161,7 +161,7 @@ class BoardReader:
     # --- everything ---------------------------------------------------------------------------------------------
 
     async def read(self, phase: Phase = "reading", project_id: object = _NOTHING_EXPECTED) -> Content:
-        """Read everything; `project_id` is expected. Raise ProjectError if it keeps changing, or if readings differ."""
+        """Read everything, expecting `project_id`. Raise ProjectError for ever-changing ids or readings."""
         for _ in range(_READINGS):
             outline = await self._read_outline(self._expect(project_id))
             self.known.clear()
@@ -178,11 +178,11 @@ class BoardReader:
             if self._target is not None or await self._read_outline(outline) == outline:
                 return self._content(outline)
         raise ProjectError(
-            f"{self._board.url}: what is on the board kept changing while it was read; is another program using it?"
+            f"{self._board.url}: the content kept changing during the reading; is another program using the board?"
         )
 
     async def check(self, phase: Phase, project_id: int, types: Collection[RecordType[Any]]) -> Content:
-        """Return the content after records were written: they are known, so only `types` are listed again."""
+        """Return the content after a write of records: the records are known, so only `types` are listed again."""
         outline = await self._read_outline(self._expect(project_id))
         self._on_progress(Progress(phase, 0, len(types), "lists"))
         for record_type in RECORD_TYPES:
@@ -190,7 +190,7 @@ class BoardReader:
                 record for (each, _), record in self.known.items() if each is record_type and record is not None
             )
         await in_parallel([each for each in RECORD_TYPES if each in types], self._read_list, self._depth)
-        # A deleted record that is listed all the same is not known any more; neither is a new one.
+        # A deleted record still listed is unknown again, like a new record.
         await self._read_records(phase, [key for key in self._listed_keys() if self.known.get(key) is None])
         if doubtful := [each for each in types if self._is_doubtful(each)]:
             await self._confirm_lists(phase, doubtful)
@@ -209,7 +209,7 @@ class BoardReader:
         return Content(*outline, records)
 
     def _expect(self, project_id: object) -> tuple[object, object, object]:
-        """Return an expected outline; parts of which nothing is expected need two readings."""
+        """Return the expected outline; parts without an expectation need two readings."""
         if self._target is None:
             return project_id, _NOTHING_EXPECTED, _NOTHING_EXPECTED
         return project_id, self._target.servo_parameters, self._target.active_joystick_table
@@ -244,8 +244,8 @@ class BoardReader:
     def _is_doubtful(self, record_type: RecordType[Any]) -> bool:
         """Return whether a single reading of a list is not enough.
 
-        It is if the board returns each record of the list, with the caption that the list has. For an export this is
-        never enough.
+        A single reading is enough if the board returns each record of the list, with the caption as in the list. For an
+        export, a single reading is never enough.
         """
         ids = [record_type.id_of(entry) for entry in self._lists[record_type]]
         return (
@@ -267,12 +267,12 @@ class BoardReader:
         )
 
     def _compare_captions_no_more(self) -> None:
-        """Ignore the captions in lists if they differ from those of records although both were read twice."""
+        """Ignore the captions in lists if different from the captions of records even after two readings."""
         if any(self._differs_from_list(*key) for key in self._listed_keys() if self.known.get(key) is not None):
             self._compares_captions = False
 
     async def _confirm_lists(self, phase: Phase, types: Iterable[RecordType[Any]]) -> None:
-        """Read the lists of `types` until two consecutive readings agree, and the records that only these show."""
+        """Read the lists of `types` until two consecutive readings agree, and then the new records listed."""
         for record_type in types:
 
             async def read(record_type: RecordType[Any] = record_type) -> tuple[Any, ...]:
@@ -290,7 +290,7 @@ class BoardReader:
     # --- records ------------------------------------------------------------------------------------------------
 
     async def query(self, record_type: RecordType[Any], record_id: int) -> Any | None:
-        """Read a record once; return None for a missing record, or one that cannot be decoded."""
+        """Read a record once; return None for a missing record, or a record impossible to decode."""
         try:
             found = record_type.record_in(await self._board.request(record_type.query(record_id)))
         except DecodeError:
@@ -318,7 +318,7 @@ class BoardReader:
 async def _agreed(
     board: BoardConnection, read: Callable[[], Awaitable[T]], what: str, expected: object = _NOTHING_EXPECTED
 ) -> T:
-    """Return a reading that is as `expected`, or equals the one before."""
+    """Return a reading equal to `expected` or to the previous reading."""
     before = await read()
     if before == expected:
         return before
@@ -328,11 +328,11 @@ async def _agreed(
             return now
         before = now
     raise ProjectError(
-        f"{board.url}: {_READINGS + 1} readings of {what} all differed from the one before; the line is "
+        f"{board.url}: {_READINGS + 1} readings of {what} all differed from the previous reading; the line is "
         "too bad, or another program is using the board"
     )
 
 
 def doubled_types(content: Content) -> set[RecordType[Any]]:
-    """Return the types of which a record is listed more than once."""
+    """Return the types of records listed more than once."""
     return {each for each in RECORD_TYPES if any(times > 1 for times in Counter(content.ids_of(each)).values())}

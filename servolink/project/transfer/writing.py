@@ -1,4 +1,4 @@
-"""Writing a project to a board: the requests, in an order that gives it no reason to refuse one, and their sending."""
+"""Writing of a project to a board: requests in an order without any reason for a refusal, and their sending."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from servolink.protocol.records import ServoParameter
 
 
 class Write(Struct, frozen=True):
-    """One request, and the name of the object that it changes."""
+    """Single request, with the name of the changed object."""
 
     item: str
     request: Request[Result]
@@ -32,20 +32,20 @@ class Write(Struct, frozen=True):
     """None for servo parameters and the active table."""
     record_id: int = 0
     record: Any = None
-    """The record to add; None to delete the one with this id."""
+    """Record to add; None to delete the record with this id."""
 
 
 def writes(content: Content, target: Project) -> list[Write]:
-    """Return the requests of all stages, in their order."""
+    """Return the requests of all stages in order."""
     return [write for stage in stages(content, target) for write in stage]
 
 
 def stages(content: Content, target: Project) -> list[list[Write]]:
-    """Return the requests that turn `content` into `target`, but for the project id.
+    """Return the requests to turn `content` into `target`, except for the project id.
 
-    The writes of one stage do not depend on one another; each stage depends on those before it. A record that differs
-    is deleted and added again, whatever a board does with an id that is taken. A record is deleted before those that
-    it refers to, and added after them.
+    The writes of a stage are independent of each other; each stage depends on the stages before. A changed record is
+    deleted and added again, because boards treat an id in use in different ways. Records are deleted before the records
+    referred to, and added after them.
     """
     target = target.sorted()
     deletions = [_deletions(record_type, content, target) for record_type in RECORD_TYPES]
@@ -58,7 +58,7 @@ def stages(content: Content, target: Project) -> list[list[Write]]:
 
 
 def sound_ids(record_type: RecordType[Any], content: Content, target: Project) -> set[int]:
-    """Return the ids of the records that are on the board as they should be: once, and equal to the target's."""
+    """Return the ids of the records as wanted on the board: stored once, and equal to the target's."""
     wanted, times = record_type.by_id(target), Counter(content.ids_of(record_type))
     return {
         entry.record_id
@@ -68,7 +68,7 @@ def sound_ids(record_type: RecordType[Any], content: Content, target: Project) -
 
 
 def _deletions(record_type: RecordType[Any], content: Content, target: Project) -> list[list[Write]]:
-    """Return the deletions in levels, of which a later one holds what refers to an earlier one."""
+    """Return the deletions in levels: records of a later level may refer to records of an earlier level."""
     sound = sound_ids(record_type, content, target)
     entries = [entry for entry in content.records[record_type] if entry.record_id not in sound]
     levels = _levels(record_type, {entry.record_id: entry.record for entry in entries})
@@ -100,12 +100,12 @@ def _levels(record_type: RecordType[Any], records: dict[int, Any]) -> list[set[i
     if record_type is not MACRO:
         return [set(records)]
     levels = dependency_levels({number: record for number, record in records.items() if record is not None})
-    # Macros in a cycle, and those that the board does not return, have no place in the order.
+    # Macros in a cycle, and macros not returned by the board, have no place in the order.
     return [*levels, set(records).difference(*levels)]
 
 
 def _parameters(content: Content, target: Project) -> list[Write]:
-    """Write all parameters if one differs: a board may take them as the whole list, or each for itself."""
+    """Write all parameters after any difference: a board may take the list as a whole, or each entry separately."""
     there = without_neutral(content.servo_parameters)
     if sorted(there, key=lambda one: one.servo_id) == list(target.servo_parameters):
         return []
@@ -124,7 +124,7 @@ def _activation(content: Content, target: Project) -> list[Write]:
 
 
 def check_writable(board: BoardConnection, project: Project, *, unchecked: bool) -> None:
-    """Raise ProjectError for a project that no board can store; `unchecked` as in `apply_project`."""
+    """Raise ProjectError for a project impossible to store on any board; `unchecked` as in `apply_project`."""
     if not unchecked:
         for problem in validate_project(project, caption_encoding=board.codec.caption_encoding):
             if problem.severity == "error":
@@ -138,25 +138,25 @@ def check_writable(board: BoardConnection, project: Project, *, unchecked: bool)
 
 
 def items_of(todo: Iterable[Write]) -> set[str]:
-    """Return the names of what is written."""
+    """Return the names of all items to write."""
     return {write.item for write in todo}
 
 
 _TRIES = 4
-"""How many times one record is written in a pass, if a reading shows each time that it was lost."""
+"""Maximum writes of a record in a pass, as long as each reading shows the write as lost."""
 _CHECK_EVERY = 64
-"""Writes, after which the marker is looked at: another program may have begun to import."""
+"""Number of writes between checks of the marker: another program may have begun an import."""
 _MOST_LOST = 4
-"""So many lost writes, and more than a tenth of all, mean that the board does not queue what it is sent."""
+"""Number of lost writes that, with more than a tenth of all lost, shows a board without a request queue."""
 _NOT_READ = object()
-"""The board stays silent when it is asked for the record, as some do for an id that they do not have."""
+"""Result for a board silent about a record, as some are for a missing id."""
 
 
 class RecordWriter:
-    """Sends the writes of an import in passes, and notes in `reader` what the board holds afterwards.
+    """Sends the writes of an import in passes, and records the resulting content of the board in `reader`.
 
-    A write is sent again only after a reading that was sent behind it shows that the board does not hold the record:
-    the board handles requests in order, so the write was lost and will not be done any more.
+    A write is repeated only after a later reading without the record: the board handles requests in order, so the
+    write was lost and will not be done any more.
     """
 
     def __init__(
@@ -168,16 +168,20 @@ class RecordWriter:
         *,
         unchecked: bool,
     ) -> None:
-        """`is_alone` is asked now and then: False if somebody has changed the project id; it may raise ProjectError."""
-        self.refused: set[str] = set()
-        """Items of the latest pass that the board refused."""
-        self.doubtful: set[RecordType[Any]] = set()
-        """Types of which a write of the latest pass was not proved at once: only their lists show the outcome."""
-        self.is_suspicious = False
-        """Whether another record than the written ones may have changed.
+        """Send writes through `board`, and record the outcomes in `reader`.
 
-        That is if the board said of a write that it was done and a reading shows nothing of it, as the write may have
-        been damaged on its way, and if somebody else has changed the project id.
+        `is_alone` is called now and then, and returns False after a change of the project id by another program;
+        `is_alone` may raise ProjectError.
+        """
+        self.refused: set[str] = set()
+        """Items of the latest pass refused by the board."""
+        self.doubtful: set[RecordType[Any]] = set()
+        """Types with an unproved write in the latest pass: only the lists show the outcome."""
+        self.is_suspicious = False
+        """Whether records other than the written records may have changed.
+
+        True after a write with success reported but no effect in a reading, as the write may have been damaged on the
+        way, and after a change of the project id by another program.
         """
         self._board = board
         self._reader = reader
@@ -213,7 +217,7 @@ class RecordWriter:
         self._done += 1
 
     def _queues(self) -> bool:
-        """Return whether the board seems to keep requests that come before it has answered the one before."""
+        """Return whether the board seems to queue requests received before the previous response."""
         return self._depth > 1 and (self._lost < _MOST_LOST or self._lost * 10 < self._sent)
 
     async def _write_one(self, write: Write) -> None:
@@ -257,11 +261,11 @@ class RecordWriter:
                 return result, found  # type: ignore[return-value]  # no exception is left
         else:
             result = await self._send(write)
-        # A reading sent beside the write may have been answered first. This one follows the write.
+        # A reading sent beside the write may have been answered first. The next reading follows the write.
         return result, await self._read(record_type, write.record_id)  # type: ignore[return-value]  # the same
 
     async def _delete(self, write: Write, record_type: RecordType[Any]) -> None:
-        """Delete a record. Its list proves that it is gone, and no other, or a reading where no list will be read."""
+        """Delete a record. The list proves the deletion, and of no other record; without a list, a query does."""
         key = record_type, write.record_id
         for _ in range(_TRIES):
             result = await self._send(write)
@@ -282,7 +286,7 @@ class RecordWriter:
                 return
 
     async def _send(self, write: Write) -> int | None:
-        """Send a write once; return its result, None if no response came."""
+        """Send a write once; return the result, None without a response."""
         self._sent += 1
         try:
             return (await self._board.request(write.request, unchecked=self._unchecked)).result

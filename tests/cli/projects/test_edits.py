@@ -278,7 +278,7 @@ class TestMerge:
         )
         said = run("merge", "robot", "lost", "-o", "=out")
         assert (said.code, said.out) == (1, "")
-        assert "macro 4 'Wave left' refers to action 1, which does not exist" in said.err
+        assert "macro 4 'Wave left' refers to action 1, which is missing" in said.err
 
 
 class TestRename:

@@ -260,7 +260,7 @@ def test_every_command_says_that_an_import_is_unfinished(
     assert "holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes" in said.err
     assert "an import is unfinished" in shell("info").out
     assert shell("--json", "info").json["has_unfinished_import"]
-    assert "journal is lost" in shell("rollback", "--yes").err
+    assert "with a lost journal" in shell("rollback", "--yes").err
     assert shell("export", str(exported)).code == 0
     assert load_project(exported).project_id == 0, "or applying the file would say that an import is unfinished"
     assert shell("apply", "--yes", after).code == 0

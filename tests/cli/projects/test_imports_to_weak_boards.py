@@ -51,8 +51,8 @@ def test_a_project_that_seems_too_large_is_a_warning_before_it_is_refused_by_the
     planned = call(capsys, "--url", url, "plan", file)
     assert planned.code == 1
     assert "100 bytes of 100, afterwards -164: the project may not fit" in planned.out
-    assert "it takes 264 bytes more than what is on the board, which has 100 bytes free" in planned.err
-    assert "which is not known; `servolink apply` tries it, and nothing is lost by that" in planned.err
+    assert "264 bytes more than the present content; the board has 100 bytes free" in planned.err
+    assert "assuming memory figures in bytes; `servolink apply` tries it, and nothing is lost by that" in planned.err
     applied = call(capsys, "--url", url, "apply", "--yes", file)
     assert applied.code == 1
     assert "perhaps because its memory is full" in applied.err

@@ -226,7 +226,7 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
     assert stored(robot).actions[1] == Action(2, "Spin", spin.steps)
     said = robot("macro", "set", "1", "Twirl", "--from", "other.json")
     assert said.code == 1
-    assert "macro 1 'Twirl' of the file runs action 1 'Spin', which is missing or another one on the board" in said.err
+    assert "macro 1 'Twirl' of the file runs action 1 'Spin', missing or different on the board" in said.err
     assert stored(robot).macros[0] == GREET
 
 
@@ -242,10 +242,16 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
         ),
         ("action rename 9 x", "the board has no action 9"),
         ("action delete 2 9 --yes", "the board has no action 9"),
-        ("action delete 1 --yes", "macro 1 'Greet' runs action 1 'Bow'; change or delete that first"),
-        ("macro delete 1 --yes", "joystick table 1 'Pad' runs macro 1 'Greet'; change or delete that first"),
-        ("action add Wave --pose 1=3 --id 1", "action 1 'Bow' exists; change it with `set`, or leave out the id"),
-        ("macro add Dance --play action:7", "macro 'Dance' runs action 7, which is not on the board; add that first"),
+        ("action delete 1 --yes", "macro 1 'Greet' runs action 1 'Bow'; change or delete macro 1 first"),
+        (
+            "macro delete 1 --yes",
+            "joystick table 1 'Pad' runs macro 1 'Greet'; change or delete joystick table 1 first",
+        ),
+        (
+            "action add Wave --pose 1=3 --id 1",
+            "action 1 'Bow' exists; use `set` to change the record, or leave out the id",
+        ),
+        ("macro add Dance --play action:7", "macro 'Dance' runs action 7, not on the board; add the action first"),
         ("macro set 1 --play macro:1", "runs itself"),
         ("action rename 1 123456789012345678901234567890123", "actions[0].action_caption: "),
         ('action set 1 {"action_id":4}', "the JSON has the id 4, not 1"),
