@@ -16,11 +16,11 @@ from servolink.fleet.command_log import CommandLog
 from servolink.fleet.commands import CommandHandler, Level
 from servolink.fleet.home_assistant import Announcer, HomeAssistant
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
+from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, Topics
@@ -48,9 +48,7 @@ class Bridge:
         self.board = board
         self.hub = HubSession(hub_name, policy, f"the fleet at {access.address}")
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
-        options = ConnectionOptions(
-            f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True
-        )
+        options = MqttOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
         self.broker = BrokerConnection(access, options)
         self.broker.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 1)]
         self.broker.on_message = self._receive
@@ -58,7 +56,7 @@ class Bridge:
         self.broker.on_problem = partial(self._log, "error")
         self.outbox = Outbox(self.broker)
         stops = StopCounter()
-        self.prepared = PreparedRun(self.hub, stops)
+        self.prepared = ReadyRun(self.hub, stops)
         self.telemetry = Telemetry(
             topics, board, policy, self.hub, self.broker, self.outbox, hz, may_send=self.prepared.is_none
         )

@@ -14,7 +14,7 @@ from random import Random
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.mqtt_client import ConnectionOptions, MqttClient, Publication, Received
+from servolink.fleet.mqtt_client import MqttClient, MqttOptions, Publication, Received
 from servolink.pauses import Pauses, Reconnecting
 
 FIRST_PAUSE = 0.2
@@ -30,7 +30,7 @@ class Denied(OpenError):
 class BrokerConnection:
     """One connection with a broker."""
 
-    def __init__(self, access: BrokerAccess, options: ConnectionOptions) -> None:
+    def __init__(self, access: BrokerAccess, options: MqttOptions) -> None:
         """Use `run`, in a task of its own, after the functions are set."""
         self.access = access
         self.subscriptions: list[tuple[str, int]] = []
@@ -157,7 +157,7 @@ async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, by
             found[message.topic] = message.payload
             heard.set()
 
-    broker = BrokerConnection(access, ConnectionOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
+    broker = BrokerConnection(access, MqttOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
     broker.on_message = take
     # A broker answers in order: when it confirms the first one again, all retained messages have come before. With
     # QoS 1 it would wait for acknowledgements in between.

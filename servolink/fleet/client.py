@@ -11,7 +11,7 @@ from servolink.control.messages import Applied
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
 from servolink.files import ALL
-from servolink.fleet import stopping, together
+from servolink.fleet import stop_boards, together
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
@@ -19,7 +19,7 @@ from servolink.fleet.each import Outcomes
 from servolink.fleet.groups import Groups, chosen_boards, load_groups
 from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.roster import BoardSeen
-from servolink.fleet.stopping import Stopped
+from servolink.fleet.stop_boards import Stopped
 from servolink.fleet.together import Kind, RanTogether
 from servolink.fleet.topics import PREFIX, BoardTopic, Topics
 from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
@@ -93,9 +93,9 @@ class Fleet:
                 failed[board] = error
         return await together.run_together(self.controller, runs, anyway=anyway, failed=failed)
 
-    async def stop(self, *, patience: float = stopping.PATIENCE) -> Stopped:
+    async def stop(self, *, patience: float = stop_boards.PATIENCE) -> Stopped:
         """Stop all servos of all boards. Boards that do not answer within `patience` seconds are named."""
-        return await stopping.stop_all(self.controller, patience=patience)
+        return await stop_boards.stop_all(self.controller, patience=patience)
 
     async def plan(
         self,

@@ -32,7 +32,7 @@ _PRIVATE = 0o700
 _ENCODER = msgspec.json.Encoder()
 
 
-class Entry(Struct, omit_defaults=True):
+class LogEntry(Struct, omit_defaults=True):
     """A command, or the news of one."""
 
     id: str
@@ -53,7 +53,7 @@ class CommandLog:
     def __init__(self, path: Path) -> None:
         """Use `opened_command_log`."""
         self._path = path
-        self._entries: dict[str, Entry] = {}
+        self._entries: dict[str, LogEntry] = {}
         self._buffer: list[tuple[str, bytes]] = []
         """The ids and lines of the commands that are to be written next."""
         self._written: asyncio.Future[None]
@@ -74,15 +74,15 @@ class CommandLog:
             self._append([line for _, line in self._taken()])
             self._file.close()
 
-    def unfinished(self) -> list[Entry]:
+    def unfinished(self) -> list[LogEntry]:
         """Return the commands whose result the broker has not got."""
         return [entry for entry in self._entries.values() if not entry.is_over]
 
-    def find(self, command_id: str) -> Entry | None:
+    def find(self, command_id: str) -> LogEntry | None:
         """Return the command with this id, None if it is not known."""
         return self._entries.get(command_id)
 
-    def note(self, entry: Entry, *, only_reads: bool = False) -> Awaitable[None]:
+    def note(self, entry: LogEntry, *, only_reads: bool = False) -> Awaitable[None]:
         """Make a command known at once, and return what ends when it is on the disk.
 
         That, or this call, raises OSError if it cannot be written: then the command is not known any more.
@@ -107,13 +107,13 @@ class CommandLog:
 
     def answered(self, command_id: str, answer: str) -> None:
         """Remember the result of a command until it is over."""
-        self._add(command_id, Entry(command_id, answer=answer))
+        self._add(command_id, LogEntry(command_id, answer=answer))
 
     def over(self, command_id: str) -> None:
         """Remember that the broker has the result of a command."""
-        self._add(command_id, Entry(command_id, is_over=True))
+        self._add(command_id, LogEntry(command_id, is_over=True))
 
-    def _add(self, command_id: str, news: Entry) -> None:
+    def _add(self, command_id: str, news: LogEntry) -> None:
         """Write with the next command, or in a moment: a lost line costs a repeated result, not a repeated motion."""
         entry = self._entries.get(command_id)
         if entry is None:
@@ -130,7 +130,7 @@ class CommandLog:
     def _is_writing(self) -> bool:
         return self._writer is not None and not self._writer.done()
 
-    def _know(self, entry: Entry) -> None:
+    def _know(self, entry: LogEntry) -> None:
         self._entries[entry.id] = entry
         while len(self._entries) > MOST_KEPT:
             self._entries.pop(next(iter(self._entries)))
@@ -177,7 +177,7 @@ class CommandLog:
             return
         for line in text.splitlines():
             try:
-                news = msgspec.json.decode(line, type=Entry)
+                news = msgspec.json.decode(line, type=LogEntry)
             except msgspec.MsgspecError:  # the end of the power in the middle of a line
                 continue
             entry = self._entries.get(news.id)
@@ -186,7 +186,7 @@ class CommandLog:
             else:
                 _update(entry, news)
 
-    def _compact(self) -> list[Entry]:
+    def _compact(self) -> list[LogEntry]:
         """Write only what is still worth keeping, and return it."""
         oldest = time.time() - LONGEST_KEPT
         entries = list(self._entries.values())[-MOST_KEPT:]
@@ -200,7 +200,7 @@ class CommandLog:
         return kept
 
 
-def _update(entry: Entry, news: Entry) -> None:
+def _update(entry: LogEntry, news: LogEntry) -> None:
     entry.is_over = entry.is_over or news.is_over
     entry.answer = None if entry.is_over else news.answer or entry.answer
 

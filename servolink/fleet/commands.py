@@ -24,12 +24,12 @@ from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
-from servolink.fleet.command_log import MOST_KEPT, CommandLog, Entry
+from servolink.fleet.command_log import MOST_KEPT, CommandLog, LogEntry
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import PulseLink, StopBarrier
+from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.topics import METHODS as OWN
 from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
@@ -77,7 +77,7 @@ class CommandHandler:
         hub: HubSession,
         command_log: CommandLog,
         answers: Answers,
-        prepared: PreparedRun,
+        prepared: ReadyRun,
         stops: StopHandler,
         barrier: StopBarrier,
         log: Log,
@@ -234,7 +234,7 @@ class CommandHandler:
 
     def _note(self, command: Command, digest: str, sender: Sender) -> Awaitable[None]:
         """Make a command known, and return what ends when it is noted."""
-        entry = Entry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
+        entry = LogEntry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
         try:
             return self._command_log.note(entry, only_reads=_role(command.method) is Role.WATCH)
         except OSError as error:

@@ -18,7 +18,7 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, Ser
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
 from servolink.fleet.pending_command import OnStep, PendingCommand, failure_of
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
@@ -61,7 +61,7 @@ class Controller:
         self.on_change: OnChange | None = None
         """Function called with each changed board (not for servo frames); must not raise."""
         token = secrets.token_hex(8)
-        self.broker = BrokerConnection(access, ConnectionOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
+        self.broker = BrokerConnection(access, MqttOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
         self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
         kinds: list[BoardTopic] = ["available", "state", "log", "pulse"]
         if with_servos:

@@ -72,7 +72,7 @@ class Publication(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class ConnectionOptions:
+class MqttOptions:
     """Identity of a connection, and how the broker treats it."""
 
     identifier: str
@@ -90,9 +90,7 @@ class ConnectionOptions:
 class MqttClient:
     """One connection with a broker."""
 
-    def __init__(
-        self, access: BrokerAccess, options: ConnectionOptions, on_message: Callable[[Received], None]
-    ) -> None:
+    def __init__(self, access: BrokerAccess, options: MqttOptions, on_message: Callable[[Received], None]) -> None:
         """Call `on_message` with each message; an error that it raises is logged."""
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[str] = self._loop.create_future()
@@ -289,7 +287,7 @@ class MqttClient:
 _logger = logging.getLogger(__name__)
 
 
-def _new_client(access: BrokerAccess, options: ConnectionOptions) -> paho.Client:
+def _new_client(access: BrokerAccess, options: MqttOptions) -> paho.Client:
     client = paho.Client(
         CallbackAPIVersion.VERSION2,
         options.identifier,

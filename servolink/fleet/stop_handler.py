@@ -9,8 +9,8 @@ import msgspec
 
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.hub_session import HubSession, result_of
-from servolink.fleet.prepared import PreparedRun
 from servolink.fleet.pulse import StopBarrier
+from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import UNREADABLE, Stop, StopOver
 from servolink.motion.ticket import StopCounter, Ticket
 
@@ -20,7 +20,7 @@ _MOST_ANSWERED = 256  # of those who ask while a stop is under way
 class StopHandler:
     """Handler of the stops of one board. Stops that come while another is under way share the next."""
 
-    def __init__(self, hub: HubSession, prepared: PreparedRun, barrier: StopBarrier, counter: StopCounter) -> None:
+    def __init__(self, hub: HubSession, prepared: ReadyRun, barrier: StopBarrier, counter: StopCounter) -> None:
         """Stop the board of `hub`, forget the run that is `prepared`, and reject commands that were sent before."""
         self.counter = counter
         """Issuer of the tickets of commands."""

@@ -19,7 +19,7 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import ConnectionOptions, Received
+from servolink.fleet.mqtt_client import MqttOptions, Received
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_handler import read_stop
@@ -38,7 +38,7 @@ class Urgent:
         """Serve the boards of `bridges`, of which there is at least one."""
         self._topics = topics
         name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
-        self.broker = BrokerConnection(access, ConnectionOptions(name, sees_retained=False))
+        self.broker = BrokerConnection(access, MqttOptions(name, sees_retained=False))
         self._outbox = Outbox(self.broker)
         self._bridges: Mapping[str, Bridge] = {bridge.board: bridge for bridge in bridges}
         self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}

@@ -16,7 +16,7 @@ from servolink.fleet import broker as broker_module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.join import LocalBoard, LocalFleet
-from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
 from servolink.fleet.policy import BoardPolicy, FleetFile
 from servolink.fleet.topics import Topics
 from servolink.hub.hub import Hub
@@ -32,7 +32,7 @@ class Far:
 
     def __init__(self, broker: Broker, name: str = "far") -> None:
         self.heard: dict[str, list[Received]] = {}
-        self.broker = BrokerConnection(broker_access(broker.url), ConnectionOptions(name))
+        self.broker = BrokerConnection(broker_access(broker.url), MqttOptions(name))
         self.broker.subscriptions = [("servolink/#", 1), ("homeassistant/#", 1)]
         self.broker.on_message = self._hear
         self._news = asyncio.Event()

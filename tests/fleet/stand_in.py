@@ -12,7 +12,7 @@ import msgspec
 from servolink.control.error_codes import ErrorData, ErrorObject
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
 from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
 from servolink.tasks import Tasks
 from tests.fleet.bridged import running
@@ -96,7 +96,7 @@ async def stand_ins(broker: Broker, *names: str, **known: Any) -> AsyncIterator[
         boards = []
         for name in names:
             will = Publication(TOPICS.board(name, "available"), "offline", 1, retain=True)
-            connection = BrokerConnection(broker_access(broker.url), ConnectionOptions(f"stand-in-{name}", will=will))
+            connection = BrokerConnection(broker_access(broker.url), MqttOptions(f"stand-in-{name}", will=will))
             topics = [TOPICS.board(name, "cmd"), TOPICS.board(name, "stop")]
             topics += [TOPICS.fleet("start"), TOPICS.fleet("stop"), TOPICS.fleet("echo")]
             connection.subscriptions = [(topic, 1) for topic in topics]

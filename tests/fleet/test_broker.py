@@ -16,7 +16,7 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.mqtt_client import ConnectionOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
 from servolink.platforms import socket_watch
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
@@ -53,7 +53,7 @@ async def running(connection: BrokerConnection) -> AsyncIterator[BrokerConnectio
 
 
 def connection_to(url: str, name: str = "test", **options: Any) -> BrokerConnection:
-    return BrokerConnection(broker_access(url), ConnectionOptions(name, **options))
+    return BrokerConnection(broker_access(url), MqttOptions(name, **options))
 
 
 def socket_of(connection: BrokerConnection) -> Any:

@@ -10,14 +10,14 @@ import pytest
 
 from servolink.errors import OpenError
 from servolink.fleet import command_log as module
-from servolink.fleet.command_log import CommandLog, Entry, opened_command_log
+from servolink.fleet.command_log import CommandLog, LogEntry, opened_command_log
 
 pytestmark = pytest.mark.usefixtures("user")
 
 
 def noted(command_log: CommandLog, *ids: str, only_reads: bool = False) -> None:
     async def main() -> None:
-        notes = (command_log.note(Entry(each, "d", 1.0, "t", b"\x00"), only_reads=only_reads) for each in ids)
+        notes = (command_log.note(LogEntry(each, "d", 1.0, "t", b"\x00"), only_reads=only_reads) for each in ids)
         await asyncio.gather(*notes)
 
     asyncio.run(main())
@@ -63,15 +63,15 @@ def test_commands_of_a_batch_that_cannot_be_written_are_all_refused(monkeypatch:
         write(command_log, lines)
 
     async def main(command_log: CommandLog) -> None:
-        first = asyncio.ensure_future(command_log.note(Entry("first")))
+        first = asyncio.ensure_future(command_log.note(LogEntry("first")))
         while command_log._buffer:
             await asyncio.sleep(0)
-        batch = [command_log.note(Entry(each)) for each in ("a", "b", "c")]
+        batch = [command_log.note(LogEntry(each)) for each in ("a", "b", "c")]
         assert all(command_log.find(each) for each in ("first", "a", "b", "c")), "at once"
         outcomes = await asyncio.gather(first, *batch, return_exceptions=True)
         assert [type(each) for each in outcomes] == [type(None), OSError, OSError, OSError]
         assert not any(command_log.find(each) for each in ("a", "b", "c"))
-        await command_log.note(Entry("last"))
+        await command_log.note(LogEntry("last"))
 
     monkeypatch.setattr(CommandLog, "_write", full)
     with opened_command_log("rex") as command_log:
@@ -84,7 +84,7 @@ def test_commands_of_a_batch_that_cannot_be_written_are_all_refused(monkeypatch:
 
 def test_one_who_waits_no_longer_keeps_nobody_from_being_noted() -> None:
     async def main(command_log: CommandLog) -> None:
-        given_up, other = (asyncio.ensure_future(command_log.note(Entry(each))) for each in "ab")
+        given_up, other = (asyncio.ensure_future(command_log.note(LogEntry(each))) for each in "ab")
         given_up.cancel()
         await other
         assert command_log.find("a"), "it is on the disk"

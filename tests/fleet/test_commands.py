@@ -21,7 +21,7 @@ from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.prepared import PreparedRun
+from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import Prepare
 from servolink.hub.serving import serve_board
 from servolink.motion.ticket import StopCounter
@@ -270,7 +270,7 @@ def test_nothing_is_prepared_if_a_stop_comes_meanwhile() -> None:
             self.told += (method,)
 
     hub, stops = Hub(), StopCounter()
-    prepared = PreparedRun(hub, stops)  # type: ignore[arg-type]
+    prepared = ReadyRun(hub, stops)  # type: ignore[arg-type]
 
     async def main() -> None:
         with pytest.raises(MotionRefused, match="was stopped while this was prepared"):

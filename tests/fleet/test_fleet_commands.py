@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import servolink
-from servolink.cli.fleet.watch import picture
+from servolink.cli.fleet.fleet_watch import picture
 from servolink.errors import OpenError
 from servolink.fleet import checks
 from servolink.fleet.roster import BoardSeen

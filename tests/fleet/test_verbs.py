@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from servolink.errors import ConnectionLost, NotFound
-from servolink.fleet import checks, stopping, together
+from servolink.fleet import checks, stop_boards, together
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.topics import Stored
@@ -55,7 +55,7 @@ def refuse(kind: str, text: str) -> Any:
 
 
 def test_a_stop_names_who_is_silent_and_waits_for_nobody_else(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stopping, "_AGAIN", 0.01)
+    monkeypatch.setattr(stop_boards, "_AGAIN", 0.01)
 
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido", "bob") as (rex, fido, _), fleet_of(broker) as fleet:

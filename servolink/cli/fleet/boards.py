@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer, run_interruptible
-from servolink.cli.fleet.broker import BROKER, NOBODY, fleet_of
+from servolink.cli.fleet.broker_options import BROKER, NOBODY, fleet_of
 from servolink.cli.screen.output import Table, counted, fail, print_json, print_result, print_table, print_text
 from servolink.script import FAILED, NO_BOARD, OK
 

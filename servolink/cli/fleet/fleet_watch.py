@@ -11,7 +11,7 @@ from servolink.cli.arguments import number
 from servolink.cli.command import Command, option
 from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
 from servolink.cli.fleet.boards import battery_of, described, problems_of, state_of
-from servolink.cli.fleet.broker import BROKER, fleet_of
+from servolink.cli.fleet.broker_options import BROKER, fleet_of
 from servolink.cli.screen.live import Line, can_draw, pictures
 from servolink.cli.screen.output import Table, counted, cut, plain_lines, print_json, print_text
 from servolink.cli.screen.terminal import until_quit

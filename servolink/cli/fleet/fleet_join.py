@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import board_name, file_path, not_empty, number, timeout
 from servolink.cli.command import Command, flag, group, option
 from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
-from servolink.cli.fleet.broker import ACCESS, BROKER_VARIABLE, access_of
+from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
 from servolink.cli.screen.output import counted, cut, print_error, print_json, print_text
 from servolink.cli.usage import named_board, usage_error

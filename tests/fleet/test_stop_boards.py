@@ -13,7 +13,7 @@ from servolink.errors import ConnectionLost
 from servolink.fleet.controller import Controller
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.roster import Roster
-from servolink.fleet.stopping import stop_all
+from servolink.fleet.stop_boards import stop_all
 from servolink.fleet.topics import Result, Topics
 from tests.virtual_time import run
 

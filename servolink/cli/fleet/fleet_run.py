@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import RECORD_NAME, number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, interruptible
-from servolink.cli.fleet.broker import BROKER, GROUPS, NOBODY, boards_of, fleet_of
+from servolink.cli.fleet.broker_options import BROKER, GROUPS, NOBODY, boards_of, fleet_of
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
-    from servolink.fleet.stopping import Stopped
+    from servolink.fleet.stop_boards import Stopped
     from servolink.fleet.together import RanTogether
 
 

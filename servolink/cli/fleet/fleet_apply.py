@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import file_path, whole_number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, refuse_unasked, refuse_without_answer, run_interruptible
-from servolink.cli.fleet.broker import BROKER, GROUPS, boards_of
+from servolink.cli.fleet.broker_options import BROKER, GROUPS, boards_of
 from servolink.cli.screen.live import PHASES
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm

@@ -1,4 +1,4 @@
-"""PreparedRun: run that a board begins when the message comes that starts all boards together."""
+"""ReadyRun: run that a board begins when the message comes that starts all boards together."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servolink.fleet.topics import Prepare
 from servolink.motion.ticket import StopCounter, Ticket
 
 
-class PreparedRun:
+class ReadyRun:
     """At most one run, which the hub has checked and keeps ready, with the lease."""
 
     def __init__(self, hub: HubSession, stops: StopCounter) -> None:
