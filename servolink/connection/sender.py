@@ -27,6 +27,7 @@ _FENCE_AFTER = 3  # sendings without a response
 _SAME_FENCE = 3  # sendings in a silence: perhaps the board does not support the query
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
 _MARK_GOOD_LINE_EVERY = 128  # slots, if as many were answered since the latest loss
+_ROUNDING = 1e-9  # seconds by which a timer fires early where the clock has no finer steps
 _MOST_UNANSWERABLE = 4  # packets without a response until the board must answer a fence
 
 
@@ -357,7 +358,7 @@ class RequestSender:
 
     def _give_up_if_late(self, call: Call, since: float) -> None:
         now = self._loop.time()
-        if now - since >= call.patience:
+        if now - since >= call.patience - _ROUNDING:
             raise self.given_up(call, now)
 
     def given_up(self, call: Call, now: float) -> ServolinkError:
