@@ -16,6 +16,7 @@ from servolink.client.connect import connect
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
+from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import Hub
 from servolink.motion.angles import AngleUnit
@@ -238,4 +239,13 @@ class PatientProgram(LibraryProgram):
         return Board(Session(connection), None, MotionLimits())
 
 
-KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram, PatientProgram)
+class DirectProgram(LibraryProgram):
+    """Uses `Board` within the process of the hub, as the control interface does: its packets do not become bytes."""
+
+    async def join(self) -> None:
+        """Join the hub."""
+        unit: AngleUnit = "degree" if self.unit == _DEGREES else "adc"
+        self._board = Board(Session(DirectConnection(self._hub, who=self.name, unit=unit)), None, MotionLimits())
+
+
+KINDS: tuple[type[SharingProgram], ...] = (RawProgram, LibraryProgram, PatientProgram, DirectProgram)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from copy import copy
 from functools import partial
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 from servolink.client.button_events import ButtonEvent
 from servolink.connection.explain import lost, outcome_unknown, same, timed_out
@@ -21,6 +21,7 @@ from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, refuse_ticket
+from servolink.motion.angles import AngleUnit
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
@@ -29,11 +30,15 @@ from servolink.protocol.settings import ClearAllDataRequest
 
 R = TypeVar("R", bound=Response)
 
+_EARLY = 1e-6  # seconds by which a timer may fire too early
+
 
 class _Asked(Exchange, eq=False):
     """A request of the program, and the future of its response."""
 
     answered: asyncio.Future[Packet | None] | None = None
+    timer: asyncio.TimerHandle | None = None
+    """Gives the request up."""
 
 
 class _Events:
@@ -47,10 +52,12 @@ class _Events:
 class DirectProgram(Program):
     """A program that gets packets, not frames."""
 
-    def __init__(self, hub: Hub, events: _Events, *, who: str, door: str, role: Role, session_id: str | None) -> None:
+    def __init__(self, hub: Hub, events: _Events, **options: Any) -> None:
         """Use `DirectConnection`."""
-        super().__init__(hub, hub.board.codec, who=who, door=door, role=role, unit="degree", session_id=session_id)
+        super().__init__(hub, hub.board.codec, **options)
         self._events = events
+        self.heard_at = 0.0
+        """When the latest response came, on the clock of the event loop."""
         self._open: dict[int, _Asked] = {}
 
     @property
@@ -77,7 +84,9 @@ class DirectProgram(Program):
         if asked is None:
             return
         asked.is_over = True
-        self.counters.responses += response is not None
+        if response is not None:
+            self.counters.responses += 1
+            self.heard_at = self._now()
         if asked.answered is not None and not asked.answered.done():
             asked.answered.set_result(response)
 
@@ -99,9 +108,16 @@ class DirectConnection:
     """
 
     def __init__(
-        self, hub: Hub, *, who: str, door: str = "local", role: Role = Role.EDIT, session_id: str | None = None
+        self,
+        hub: Hub,
+        *,
+        who: str,
+        door: str = "local",
+        role: Role = Role.EDIT,
+        unit: AngleUnit = "degree",
+        session_id: str | None = None,
     ) -> None:
-        """Join `hub`. Raise ValueError if the session id is in use."""
+        """Join `hub`, with angles in `unit`. Raise ValueError if the session id is in use."""
         self.url = f"share://{hub.name}"
         self.board_url = hub.url
         self.codec = hub.board.codec
@@ -126,7 +142,7 @@ class DirectConnection:
             limits=limits_gate(lambda: self.units_sent),
         )
         self._hub = hub
-        self.program = DirectProgram(hub, self.answers, who=who, door=door, role=role, session_id=session_id)
+        self.program = DirectProgram(hub, self.answers, who=who, door=door, role=role, unit=unit, session_id=session_id)
         """The session."""
         hub.add(self.program)
         self.program.on_end = lambda: self._end(lost(self.url, ConnectionError("the hub has ended")))
@@ -230,36 +246,39 @@ class DirectConnection:
     async def _outcome(self, asked: _Asked, timeout: float | None, begun_at: float) -> Packet | None:
         """Return the response when a request is over. Raise why it has none, and give it up when its time has passed.
 
-        Without `timeout`, that is only while another program has exclusive use: else the hub finds out by itself.
+        Without `timeout`, the time counts from the latest response to this program, as the hub may be busy with others.
         """
         assert asked.answered is not None  # noqa: S101 - narrows the type
         patience = self.patience if timeout is None else timeout
         if timeout is None:
             slow = isinstance(asked.packet, ClearAllDataRequest)
             patience = (max(patience, SLOW_PATIENCE) if slow else patience) + HUB_MARGIN
-        passed = partial(self._give_up, asked, begun_at, is_limit=timeout is not None)
-        timer = self._loop.call_at(begun_at + patience, passed)
+        self._limit(asked, begun_at, patience, is_fixed=timeout is not None)
         try:
             response = await asked.answered
         except asyncio.CancelledError:
             self.program.withdraw(asked)
             raise
         finally:
-            timer.cancel()
+            if asked.timer is not None:
+                asked.timer.cancel()
         if asked.error is not None:
             raise self._error(asked)
         return response
 
-    def _give_up(self, asked: _Asked, begun_at: float, *, is_limit: bool) -> None:
-        """End a request whose time has passed; one that the hub is sending already only if `is_limit`."""
+    def _limit(self, asked: _Asked, begun_at: float, patience: float, *, is_fixed: bool) -> None:
+        """Give a request up `patience` seconds after `begun_at`, or after a later response unless `is_fixed`."""
+        since = begun_at if is_fixed else max(begun_at, self.program.heard_at)
+        if self._loop.time() < since + patience - _EARLY:
+            again = partial(self._limit, asked, begun_at, patience, is_fixed=is_fixed)
+            asked.timer = self._loop.call_at(since + patience, again)
+            return
         waited, hold = self._loop.time() - begun_at, self._hub.held_by
-        error: ServolinkError | None = None
+        error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
         if self.program.withdraw(asked) or isinstance(asked.packet, Query):
             held = "" if hold is None else f"{hold.who} has the board alone"
             error = timed_out(asked.packet, self.url, 0, waited, self.stats, held=held)
-        elif is_limit:
-            error = outcome_unknown(asked.packet, self.url, waited)
-        if error is not None and asked.answered is not None and not asked.answered.done():
+        if asked.answered is not None and not asked.answered.done():
             asked.answered.set_exception(error)
 
     def _error(self, asked: _Asked) -> ServolinkError:
