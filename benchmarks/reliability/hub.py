@@ -59,7 +59,7 @@ def run(*, short: bool, first: int = 0, histories: int | None = None, steps: int
         ("programs, line", *_COLUMNS),
         rows,
         notes=[
-            "a quarter of the programs each: only frames; the library as on a board; as over `share://`; within the hub",
+            "a quarter of the programs each: frames; the library as on a board; as over `share://`; within the hub",
             "half of them are killed in the end",
             "`refused`: movements of programs without the lease",
             "`no response`: as from a board that does not respond, because it did not, or because the cable was pulled",
