@@ -85,5 +85,4 @@ def _unit_in(request: SetAngleUnitRequest) -> AngleUnit:
 
 
 def _requests(units: ServoUnits, servo_ids: list[int]) -> tuple[SetAngleUnitRequest, ...]:
-    pairs = ((servo_id, units.of(servo_id)) for servo_id in servo_ids)
-    return tuple(unit_request(servo_id, unit) for servo_id, unit in pairs if unit is not None)
+    return tuple(unit_request(servo_id, unit) for servo_id in servo_ids if (unit := units.of(servo_id)) is not None)

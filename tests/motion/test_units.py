@@ -26,7 +26,7 @@ def after(unit: AngleUnit | None, accepted: list[SetAngleUnitRequest]) -> ServoU
 def test_units_are_those_of_a_board_that_accepted_the_same(
     unit: AngleUnit, accepted: list[SetAngleUnitRequest]
 ) -> None:
-    units, board = after(unit, accepted), dict.fromkeys(SERVOS, unit)
+    units, board = after(unit, accepted), dict[int, AngleUnit]((servo_id, unit) for servo_id in SERVOS)
     for request in accepted:
         for servo_id in board if request.servo_id == ALL_SERVOS else [request.servo_id]:
             board[servo_id] = "adc" if request.unit_type else "degree"

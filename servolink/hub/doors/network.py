@@ -51,7 +51,8 @@ class TcpConnection(AcceptedConnection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Name the program by its address."""
         super().connection_made(transport)
-        self.who = joined(*(transport.get_extra_info("peername") or ("", ""))[:2])
+        host, port, *_ = transport.get_extra_info("peername") or ("", 0)  # none if it has gone already
+        self.who = joined(host, port)
 
     def _begin(self, data: bytes) -> None:
         # A web page can make the browser connect to any port of this machine: no frames are searched behind HTTP.

@@ -84,7 +84,7 @@ class PinnedConnection:
         """Speak to `board` through the present connection."""
         self.memory_unit = memory_unit
         """Bytes per unit in the board's memory figures; None if unknown."""
-        self.project_id_bits = project_id_bits
+        self.project_id_bits: ProjectIDBits | None = project_id_bits
         """Number of project id bits kept by the board; None if unknown."""
         self._board = board
         self.connection = board.connection
