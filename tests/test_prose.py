@@ -78,8 +78,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "doctor": {"riddles": 3.5, "pronouns": 8.5, "lines": 123, "short": 15},
     "fleet": {"riddles": 8, "pronouns": 9, "short": 11},
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 155},
-    "listeners": {"riddles": 4.5, "pronouns": 8, "short": 23},
-    "motion": {"pronouns": 6.5, "short": 12},
     "profiles": {"pronouns": 9.5},
     "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "spy": {"pronouns": 8, "lines": 121},

@@ -19,14 +19,14 @@ Serve: TypeAlias = Callable[[socket.socket], Coroutine[Any, Any, None]]
 
 _ACCEPT_PAUSE = 1.0  # seconds between attempts while no connection can be accepted
 _WARNING_PAUSE = 60.0  # seconds between two warnings of the same
-_MOST_CONNECTIONS = 4096  # to one address, where the system has no limit or a high one
-_SEND_BUFFER = 64 * 1024  # in the system, which by itself would give MiB to each client that does not read
+_MOST_CONNECTIONS = 4096  # connections to an address, where the system has no limit or a high one
+_SEND_BUFFER = 64 * 1024  # bytes in the system; its default gives MiB to each client that does not read
 _logger = logging.getLogger(__name__)
 
 
 @asynccontextmanager
 async def accepting(listening: Sequence[socket.socket], serve: Serve, *, linger: float = 0.0) -> AsyncIterator[None]:
-    """Run `serve` with each connection to these sockets within this context, which closes the sockets.
+    """Run `serve` with each connection to these sockets; the sockets are closed when the context ends.
 
     At the end, conversations that do not end within `linger` seconds are cancelled.
     """
@@ -46,7 +46,7 @@ async def accepting(listening: Sequence[socket.socket], serve: Serve, *, linger:
         for each in listening:
             each.close()
         await conversations.close(linger=linger)
-        await asyncio.sleep(0)  # in which asyncio closes what was aborted
+        await asyncio.sleep(0)  # in which asyncio closes aborted connections
 
 
 async def _accept(listening: socket.socket, start: Callable[[socket.socket], None]) -> None:
@@ -74,7 +74,7 @@ async def _serve(connection: socket.socket, serve: Serve) -> None:
 
 
 def most_connections() -> int:
-    """Return the number of connections that strangers may have to one address: a quarter of the open files allowed.
+    """Return the most connections that strangers may have to an address: a quarter of the open files allowed.
 
     Strangers could otherwise take all files of this process, and nobody could connect to stop the board.
     """
@@ -83,10 +83,10 @@ def most_connections() -> int:
 
 
 class RareWarning:
-    """Warning that is logged at most once a minute, however often others cause it."""
+    """Warning that is logged at most once a minute, however often the cause recurs."""
 
     def __init__(self) -> None:
-        """Start with nothing logged."""
+        """Start with no warning logged yet."""
         self._now = asyncio.get_running_loop().time
         self._logged_at = -_WARNING_PAUSE
 

@@ -21,13 +21,13 @@ LONGEST_PAUSE = 10.0
 """Seconds without any reading, during a pause, after which a program is disconnected."""
 
 _CHUNK = 4096  # bytes read at once, which are hundreds of requests
-_LINGER = 0.5  # seconds for programs to read what they were sent before the end
-_NOT_READ = "it does not read what it asked for"
+_LINGER = 0.5  # seconds for programs to read the last bytes before the end
+_NOT_READ = "the program does not read its responses"
 _logger = logging.getLogger(__name__)
 
 
 class ProgramHandler(Protocol):
-    """Receiver of the bytes of one program, made with a function that sends bytes to the program."""
+    """Receiver of the bytes of one program, made with a function that sends bytes back."""
 
     on_room: Callable[[], None] | None
     """Function to call when `is_full` ends."""
@@ -39,7 +39,7 @@ class ProgramHandler(Protocol):
 
     @property
     def waiting(self) -> int:
-        """Number of responses to come; while there are any, those of one turn of the event loop are sent together."""
+        """Number of expected responses; while positive, the responses of a loop turn are sent together."""
         ...
 
     def receive(self, data: bytes, /) -> None:
@@ -80,7 +80,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         return self._handler is not None
 
     def end(self) -> None:
-        """Close the connection after the bytes that were sent."""
+        """Close the connection after the queued bytes."""
         if self._pipe is not None:
             self._flush()
             self._pipe.close()
@@ -93,7 +93,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
             self._pipe.abort()
 
     def send(self, data: bytes) -> None:
-        """Send bytes to the program; while responses are to come, together with others of this turn of the loop."""
+        """Send bytes to the program; while responses are expected, together with others of the same loop turn."""
         if not self._frames and self._handler is not None and not self._handler.waiting:
             self._write(data)
             return
@@ -106,7 +106,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         """Process bytes until the call of `_join`."""
 
     def _join(self, handler: ProgramHandler, *, must_read: bool = True) -> None:
-        """Pass all further bytes to this handler.
+        """Pass all further bytes to `handler`.
 
         If the program `must_read`, disconnect it when it does not; otherwise the handler limits its unread bytes.
         """
@@ -142,7 +142,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
             self.abort(_NOT_READ)
 
     def _read_so_far(self) -> int:
-        """Return the number of bytes that the system has taken for the program."""
+        """Return the number of bytes accepted by the system for the program."""
         return self._written - (0 if self._pipe is None else self._pipe.get_write_buffer_size())
 
     def _look(self, read_before: int) -> None:
@@ -160,7 +160,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
     # --- called by asyncio --------------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
+        """Begin to handle the program's bytes."""
         assert isinstance(transport, asyncio.Transport)  # noqa: S101 - narrows the type
         self._pipe = transport
         transport.set_write_buffer_limits(*self._limits)
@@ -198,7 +198,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 async def serve_connections(
     listening: Sequence[socket.socket], make: Callable[[], AcceptedConnection], *, most: int | None = None
 ) -> AsyncIterator[None]:
-    """Accept connections to these sockets within this context, `most` at once; `make` returns the object for each.
+    """Accept at most `most` connections to these sockets within the context; `make` returns the object for each.
 
     One more replaces the oldest connection without a handler; if there is none, the new one is closed.
     """
@@ -229,7 +229,7 @@ async def serve_connections(
 
 
 def _drop_silent(connections: dict[AcceptedConnection, asyncio.Task[Any] | None]) -> bool:
-    """Disconnect the oldest connection that has not begun. Return whether there is one."""
+    """Disconnect the oldest connection that has not begun. Return whether such a connection existed."""
     silent = next((connection for connection in connections if not connection.has_begun), None)
     if silent is None:
         return False

@@ -90,13 +90,13 @@ async def _pass_requests(
         chunk = begin or await reader.read(_CHUNK)
         while chunk:
             # 4 KiB hold hundreds of requests, each with a response of up to 64 KiB. One piece holds ten requests at
-            # most, whose responses stay below MAX_WAITING; the next piece waits until the host has read most of them.
+            # most, with responses below MAX_WAITING; the next piece waits until the host has read most of them.
             for at in range(0, len(chunk), _PIECE):
                 await transport.send(chunk[at : at + _PIECE])
                 await asyncio.sleep(0)  # responses come in the next turn, and other hosts have their turn
                 if not patient:
                     await writer.drain()
-                # Wait until a slow line has taken this piece; the board sees that its host was not silent meanwhile.
+                # Wait until a slow line has taken the piece; the board sees that its host was not silent meanwhile.
                 await transport.send(b"")
             chunk = await reader.read(_CHUNK)
     except (TransportError, OSError):
@@ -122,7 +122,7 @@ def _abort(pipe: asyncio.WriteTransport) -> None:
 
 @asynccontextmanager
 async def serve_network(connect: Connect, host: str, port: int, *, begins_with: bytes = b"") -> AsyncIterator[str]:
-    """Serve each host that connects to `host` and `port` with a transport of its own; yield the URL.
+    """Serve each host that connects to `host` and `port` with its own transport; yield the URL.
 
     A host whose first bytes are not `begins_with` is disconnected before any byte is used: a web page can make the
     browser connect to any port of this machine, and send any bytes behind a line of HTTP.
@@ -134,14 +134,14 @@ async def serve_network(connect: Connect, host: str, port: int, *, begins_with: 
         if begin.startswith(begins_with):
             await bridge(reader, writer, connect, begin=begin)
         elif begin:
-            warning.log("a host was disconnected: it began with %s, not as this protocol does", quote(begin[:16]))
+            warning.log("a host was disconnected: its first bytes are %s, not of this protocol", quote(begin[:16]))
 
     async with listen(converse, host, port) as place:
         yield f"tcp://{place}"
 
 
 async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
-    """Return the first bytes: `wanted` and perhaps more, or anything else with which the host began."""
+    """Return the first bytes: `wanted` and perhaps more, or any other bytes with which the host began."""
     begin = b""
     with suppress(OSError):
         while len(begin) < len(wanted) and wanted.startswith(begin) and (chunk := await reader.read(_CHUNK)):
@@ -170,7 +170,7 @@ async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]
 
 @asynccontextmanager
 async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
-    """Serve one conversation over a new pseudo-terminal; yield its URL.
+    """Serve a conversation over a new pseudo-terminal; yield its URL.
 
     Like a board on a serial line, the conversation outlives its hosts. Raise TransportUnavailable on Windows.
     """

@@ -1,4 +1,4 @@
-"""Pseudo-terminals that one program after the other opens as a serial port, with links that keep their names."""
+"""Pseudo-terminals that programs open, in turn, as a serial port, with links that keep their names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _TERMINALS = "/dev/"
 
 
 class ServedTerminal:
-    """Pseudo-terminal with a handler for each program that opens it.
+    """Pseudo-terminal with a new handler for each program.
 
     Settings and unread bytes of one program are gone before the next program.
     """
@@ -56,7 +56,7 @@ class ServedTerminal:
         self._timer: asyncio.TimerHandle | None = None
         self._terminal = PseudoTerminal()
         self.name = self._terminal.name
-        """Path by which programs open the terminal."""
+        """Path of the terminal, for programs."""
         self._hang_up()
 
     def close(self) -> None:
@@ -74,7 +74,7 @@ class ServedTerminal:
         if handler is None:
             return
         if len(self._unread) + len(data) > MOST_UNREAD:
-            self._warning.log("%s: responses are dropped, as the program does not read them", self.name)
+            self._warning.log("%s: responses are dropped, as the program does not read", self.name)
             return
         is_first = not self._unread
         self._unread += data
@@ -173,7 +173,7 @@ class ServedTerminal:
 
 @contextmanager
 def address_of(terminal: ServedTerminal, link: str | Path | None) -> Iterator[str]:
-    """Yield the URL of a terminal: by its name, or by `link`, a symbolic link that is removed after this context.
+    """Yield the URL of a terminal: its name, or `link`, a symbolic link that is removed after the context.
 
     A link that a killed program left is replaced. Raise OpenError if the link cannot be made.
     """

@@ -1,4 +1,4 @@
-"""TCP addresses in the form HOST:PORT, and sockets that listen there."""
+"""TCP addresses in the form HOST:PORT, and sockets that listen at them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def place_of(listening: Sequence[socket.socket]) -> str:
 
 
 def reached_by(url: str) -> str:
-    """Return the users who can connect to a server at `url`, which is `tcp://ADDRESS:PORT`, as people read them."""
+    """Return the users who can connect to a server at `url` (`tcp://ADDRESS:PORT`), in readable form."""
     host, _ = host_and_port(url.removeprefix("tcp://"))
     return "every user of this machine" if ip_address(host).is_loopback else "everybody in the network"
 
@@ -66,12 +66,12 @@ async def listening_sockets(host: str, port: int) -> list[socket.socket]:
     except OSError as error:
         raise OpenError(f"cannot listen at {place}: {error}; {_remedy(error)}") from error
     except UnicodeError as error:
-        raise OpenError(f"cannot listen at {place}: no host can have this name; write its IP address") from error
+        raise OpenError(f"cannot listen at {place}: no host can have such a name; write an IP address") from error
 
 
 def _remedy(error: OSError) -> str:
     if isinstance(error, socket.gaierror) or error.errno in _NO_SUCH_FAMILY:
-        return "it must be an address of this machine, such as 127.0.0.1, or * for all of them"
+        return "use an address of this machine, such as 127.0.0.1, or * for every address"
     return "try another port, or 0"
 
 

@@ -1,1 +1,1 @@
-"""Everything that is checked and computed before a movement is sent."""
+"""Checks and computations before a movement is sent."""

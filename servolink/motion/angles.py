@@ -1,4 +1,4 @@
-"""Angles: whole numbers with a unit, and what is sent for them."""
+"""Angles: whole numbers with a unit, and the values sent for them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ AngleUnit = Literal["degree", "adc"]
 
 
 class Angle(int):
-    """A whole number with a unit. It prints as the number alone; `repr` shows the unit.
+    """Whole number with a unit. `str` gives the number; `repr` shows the unit.
 
     It adds to and compares with plain numbers and angles in the same unit. Raise TypeError for another unit.
     """
@@ -32,17 +32,17 @@ class Angle(int):
         return int(number)
 
     def __add__(self, other: int, /) -> Self:
-        """Return the sum, in this unit. Raise TypeError for a fraction."""
+        """Return the sum, in the same unit. Raise TypeError for a fraction."""
         return type(self)(int(self) + self._whole(other))
 
     def __sub__(self, other: int, /) -> Self:
-        """Return the difference, in this unit. Raise TypeError for a fraction."""
+        """Return the difference, in the same unit. Raise TypeError for a fraction."""
         return type(self)(int(self) - self._whole(other))
 
     __radd__ = __add__
 
     def __rsub__(self, other: int, /) -> Self:
-        """Return the difference, in this unit."""
+        """Return the difference, in the unit of this angle."""
         return -self + other
 
     def __neg__(self) -> Self:
@@ -76,7 +76,7 @@ class Angle(int):
         return int(self) == other
 
     def __ne__(self, other: object, /) -> bool:
-        """Compare; the operator that `int` has ignores units."""
+        """Compare as angles; the operator of `int` ignores units."""
         return not self == other
 
     def __hash__(self) -> int:

@@ -19,7 +19,7 @@ SpeedCap = float | Mapping[int, float]
 
 
 class MotionLimits(Struct, frozen=True):
-    """How far and how fast servos may move. Without arguments there are no limits, and it is false.
+    """Limits of the angles and speeds of servos. Without arguments there are no limits, and the object is false.
 
     Raise EncodeError for limits that allow nothing or name no servo, TypeError for values of a wrong type.
     """
@@ -28,16 +28,16 @@ class MotionLimits(Struct, frozen=True):
     speed_cap: float | None = None
     """Highest speed of any servo, in degrees per second."""
     speed_caps: Mapping[int, float] = field(default_factory=dict)
-    """The same for single servos, by id; where both apply, the lower one counts."""
+    """Speed caps of single servos, degrees per second by id; `speed_cap` counts too, and the lower cap wins."""
     soft_start: float | None = None
     """Highest speed of a servo's first movement from an unknown pose, in degrees per second."""
     source: str = ""
     """Where the limits come from, named in errors, such as `profile "rex"`."""
     also: tuple[MotionLimits, ...] = ()
-    """Further limits, all of which hold as well (see `tightened`)."""
+    """Further limits, which apply as well (see `tightened`)."""
 
     def __post_init__(self) -> None:
-        """Check the values, and copy those that the caller could change."""
+        """Check the values, and copy the mappings, which the caller could change."""
         if self.speed_cap is not None:
             force_setattr(self, "speed_cap", _checked_speed("speed_cap", self.speed_cap))
         if self.soft_start is not None:
@@ -59,7 +59,7 @@ class MotionLimits(Struct, frozen=True):
         return any(own) or any(self.also)
 
     def tightened(self, other: MotionLimits) -> MotionLimits:
-        """Return the limits that allow what both allow. The result never allows more than either of them.
+        """Return limits that allow only motions allowed by both. The result never allows more than either of them.
 
         Where they have nothing in common, nothing is allowed.
         """
@@ -84,7 +84,7 @@ class MotionLimits(Struct, frozen=True):
         return softest if softest is None or cap is None else min(softest, cap)
 
     def limit_speed_of(self, servo_id: int) -> bool:
-        """Return whether the speed of a servo is limited, so that a movement can be checked only from where it is."""
+        """Return whether the speed of a servo is limited, so that checking a movement needs the present angle."""
         return self.cap_of(servo_id) is not None or self.soft_speed_of(servo_id) is not None
 
     def apply_to(self, servo_id: int) -> bool:
@@ -92,7 +92,7 @@ class MotionLimits(Struct, frozen=True):
         return self.of(servo_id) is not None or self.limit_speed_of(servo_id)
 
     def exceeded_angles(self, servo_id: int, degrees: float) -> str:
-        """Return the limits that an angle is outside of, such as `-80..80 (from profile "rex")`; empty if none."""
+        """Return the limits that exclude an angle, such as `-80..80 (from profile "rex")`; empty if none do."""
         for limits in self._each():
             pair = limits._angles_of(servo_id)  # noqa: SLF001 - of its own class
             if pair is not None and not pair[0] <= degrees <= pair[1]:
@@ -100,7 +100,7 @@ class MotionLimits(Struct, frozen=True):
         return ""
 
     def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
-        """Return the speed cap that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        """Return the speed cap exceeded by turning `degrees` in `seconds`, with its source; empty if none."""
         for limits in self._each():
             for cap in limits._caps_of(servo_id):  # noqa: SLF001 - of its own class
                 if _is_above(cap, degrees, seconds):
@@ -108,7 +108,7 @@ class MotionLimits(Struct, frozen=True):
         return ""
 
     def exceeded_soft_start(self, degrees: float, seconds: float) -> str:
-        """Return the soft start that turning by `degrees` in `seconds` exceeds, with its source; empty if none."""
+        """Return the soft start exceeded by turning `degrees` in `seconds`, with its source; empty if none."""
         for limits in self._each():
             if limits.soft_start is not None and _is_above(limits.soft_start, degrees, seconds):
                 return f"{_shown(limits.soft_start)}{limits._origin}"  # noqa: SLF001 - of its own class
@@ -138,7 +138,7 @@ def motion_limits(
     soft_start: float | None = None,
     source: str = "",
 ) -> MotionLimits:
-    """Return the limits for arguments of this form, in which one speed cap or one for each servo is given."""
+    """Return the limits for such arguments: one speed cap for all servos, or a cap for each servo."""
     if isinstance(speed_cap, Mapping):
         return MotionLimits(angle_limits, None, speed_cap, soft_start, source)
     return MotionLimits(angle_limits, speed_cap, {}, soft_start, source)

@@ -1,4 +1,4 @@
-"""A movement: its targets, checked against the limits, and the time that each servo takes."""
+"""Movement: targets, checked against the limits, and the time of each servo."""
 
 from __future__ import annotations
 

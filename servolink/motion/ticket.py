@@ -1,4 +1,4 @@
-"""Ticket: when and by whom a motion was asked for, so that nothing moves after a stop that came later."""
+"""Ticket of a motion: time and sender of the request, so that a later stop cancels the motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coinci
 
 
 class Ticket(NamedTuple):
-    """Permission of a motion to begin, as of the moment at which it was asked for.
+    """Permission to begin a motion, valid from the moment of the request.
 
     A ticket belongs to the counter that issued it. Whoever passes a motion on, as a hub does, exchanges the ticket for
     one of the next counter.
@@ -23,10 +23,10 @@ class Ticket(NamedTuple):
     who: str = ""
     """Session that asked, where several programs share a board; else empty."""
     units_sent: int | None = None
-    """Angle units sent when its angles were checked (`Connection.units_sent`); None if that does not matter."""
+    """Angle units sent when the angles were checked (`Connection.units_sent`); None if units do not matter."""
 
     def begun(self) -> Ticket:
-        """Return the ticket of what follows in a motion that has begun: only a stop ends it."""
+        """Return the ticket for the rest of a motion that has begun: only a stop ends the motion."""
         return self._replace(until=math.inf)
 
     def checked(self, units_sent: int) -> Ticket:
@@ -35,10 +35,10 @@ class Ticket(NamedTuple):
 
 
 class StopCounter:
-    """Counter of stops on one connection, in one hub or of one bridge of a fleet."""
+    """Counter of stops on a connection, in a hub or of a bridge of a fleet."""
 
     def __init__(self) -> None:
-        """Start without stops."""
+        """Start with an epoch that no other counter has."""
         self._first = self.epoch = next(_FIRST_EPOCHS)
         self._ticket = Ticket(self.epoch)
 
@@ -48,12 +48,12 @@ class StopCounter:
         return self.epoch - self._first
 
     def stop(self) -> None:
-        """Count a stop: no ticket that was issued before it holds any more."""
+        """Count a stop: tickets issued before are no longer valid."""
         self.epoch += 1
         self._ticket = Ticket(self.epoch)
 
     def ticket(self, *, until: float = math.inf, who: str = "") -> Ticket:
-        """Return the ticket of a motion that is asked for now."""
+        """Return the ticket of a motion requested now."""
         return self._ticket if until == math.inf and not who else Ticket(self.epoch, until, who)
 
     def holds(self, ticket: Ticket) -> bool:
@@ -61,5 +61,5 @@ class StopCounter:
         return ticket.epoch == self.epoch
 
     def issued(self, ticket: Ticket) -> bool:
-        """Return whether `ticket` was issued here, and not on a connection that was replaced."""
+        """Return whether `ticket` was issued here, and not on an earlier connection."""
         return self._first <= ticket.epoch <= self.epoch

@@ -1,4 +1,4 @@
-"""ServoUnits: in which unit the angles of each servo are sent and reported (3.2.4)."""
+"""ServoUnits: units in which the angles of each servo are sent and reported (3.2.4)."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleU
 
 
 class ServoUnits(Struct):
-    """Unit of each servo, as set on a board or as a program means it.
+    """Unit of each servo, as set on a board or as meant by a program.
 
     Angles are never converted: the document does not say how degrees and ADC relate.
     """
 
     common: AngleUnit | None = None
-    """Unit of all servos without one of their own; None for an unknown unit."""
+    """Unit of all servos that are not in `own`; None for an unknown unit."""
     own: dict[int, AngleUnit | None] = field(default_factory=dict)
     """Units of servos that may differ from `common`, by servo id; None for an unknown unit."""
 
@@ -51,13 +51,13 @@ class ServoUnits(Struct):
             self.own[servo_id] = None
 
     def needed(self, wanted: ServoUnits, servo_ids: AbstractSet[int] | None = None) -> tuple[SetAngleUnitRequest, ...]:
-        """Return the requests, in their order, after which a board with these units has those `wanted`.
+        """Return the ordered requests that bring a board with these units to the `wanted` units.
 
         Only `servo_ids` matter, None for all servos. Each request must be accepted, and no packet that depends on units
         may be under way meanwhile.
         """
-        # A servo with a unit of its own in either exists, as the board has accepted it. Others may not, and a board
-        # rejects a unit for a missing servo. So the unit of other servos is set for all servos together.
+        # A servo that has a different unit on either side exists: the board accepted the unit. Any other servo may be
+        # missing, and a board rejects a unit for a missing servo. So the other servos are set all together.
         existing = wanted.own.keys() | {servo_id for servo_id, unit in self.own.items() if unit is not None}
         others = (self.own.keys() if servo_ids is None else servo_ids) - existing
         if wanted.common is not None and (
@@ -76,7 +76,7 @@ def unit_request(servo_id: int, unit: AngleUnit) -> SetAngleUnitRequest:
 
 
 def is_accepted(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> bool:
-    """Return whether the board has set what `request` asks for."""
+    """Return whether the board has set the unit in `request`."""
     return (response.servo_id, response.unit_type) == (request.servo_id, request.unit_type)
 
 

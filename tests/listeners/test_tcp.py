@@ -57,10 +57,10 @@ def test_a_machine_without_ipv6_serves_the_rest(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("error", "remedy"),
     [
-        (OSError(errno.EADDRNOTAVAIL, "not available"), "it must be an address of this machine"),
+        (OSError(errno.EADDRNOTAVAIL, "not available"), "use an address of this machine"),
         (
             socket.gaierror(socket.EAI_NONAME, "not known"),
-            "it must be an address of this machine, such as 127.0.0.1, or",
+            "use an address of this machine, such as 127.0.0.1, or",
         ),
         (OSError(errno.EADDRINUSE, "in use"), "try another port, or 0"),
     ],
@@ -130,7 +130,7 @@ def test_a_name_that_no_host_can_have_is_told(host: str, kind: str) -> None:
         async with serve(VirtualBoard(), **options):
             pass
 
-    with pytest.raises(OpenError, match="no host can have this name; write its IP address"):
+    with pytest.raises(OpenError, match="no host can have such a name; write an IP address"):
         asyncio.run(main())
 
 

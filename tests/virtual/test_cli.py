@@ -430,7 +430,7 @@ def test_it_ends_with_its_terminal() -> None:
         (("--faults", "dorp=0.1"), 2, "'dorp' is not a fault"),
         (("--script", "missing"), 2, "missing"),
         (("--script", "/dev/zero"), 2, "is not a regular file"),
-        (("--tcp", "192.0.2.1:80"), 3, "it must be an address of this machine"),
+        (("--tcp", "192.0.2.1:80"), 3, "use an address of this machine"),
         (("--state", "/"), 1, "cannot be read"),
         (("--state", "/dev/zero"), 1, "is not a regular file"),
         (("--state", "missing/board.json"), 2, "missing does not exist; create it"),
