@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from servolink.errors import InvalidAddress
 
-# Compiled when they are first used: that takes a while, and no address needs all of them.
+# Compiled on first use: compiling takes time, and no address needs all patterns.
 _BARE_DEVICE = r"(?ai)/|\\\\\.\\|com\d+(\?|$)"
 _COM_PORT = r"(?ai)(?:\\\\\.\\)?(com\d+)"
 _SCHEME = r"(?a)[a-z][a-z0-9+.-]*"
@@ -22,13 +22,13 @@ _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
 CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth")
-"""Options that every address can have; they are not for the transport (see `servolink.connection.options`)."""
+"""Options of every address, for the connection and not for the transport (see `servolink.connection.options`)."""
 
 
 class Address:
-    """A parsed address; its options are read by name and kind, and `refuse_unknown` refuses the others.
+    """Parsed address. Options are read by name and type; `refuse_unknown` refuses unread options.
 
-    `options` are those of the transport; `connection_options` are those that every address can have.
+    `options` belong to the transport; `connection_options` are allowed in every address.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class Address:
         path: str = "",
         options: Mapping[str, str] | None = None,
     ) -> None:
-        """Keep the parts as text; `port` is the part after the host's colon, which some schemes use for an id."""
+        """Store the parts as text; `port` is the text after the colon of the host, used as an id by some schemes."""
         self.url = url
         self.scheme = scheme
         self.host = host
@@ -52,10 +52,10 @@ class Address:
 
     @classmethod
     def parse(cls, url: str) -> Address:
-        """Parse any text; InvalidAddress says what to write instead."""
+        """Return the address in `url`. Raise InvalidAddress, with the correct form, for any other text."""
         if re.search(_CONTROL, url):
             raise refusal(url, f"holds a control character; {_FORMS}")
-        if re.match(_BARE_DEVICE, url):  # taken literally, so that no file name needs escapes
+        if re.match(_BARE_DEVICE, url):  # taken literally: file names need no escapes
             path, _, query = url.partition("?")
             return cls(url, "serial", path=path, options=_options(url, query))
         scheme, separator, rest = url.partition("://")
@@ -78,25 +78,25 @@ class Address:
 
     @property
     def serial_device(self) -> str:
-        """The device file or COM port of a serial port's address, the same for all its names; else empty."""
+        """Device file or COM port in the address of a serial port, with links resolved; otherwise empty."""
         if self.scheme != "serial":
             return ""
         device = self.host + self.path
-        if "/" in device:  # such as a link in /dev/serial/by-id
+        if "/" in device:  # perhaps a link in /dev/serial/by-id
             return os.path.realpath(device)
         port = re.fullmatch(_COM_PORT, device)
         return port[1].upper() if port else device
 
     def port_number(self) -> int:
-        """Return the port, 1 to 65535."""
+        """Return the port number, 1..65535. Raise InvalidAddress."""
         if not re.fullmatch(_INTEGER, self.port) or not 1 <= int(self.port) <= 65535:
             raise self.refusal(f"needs a port from 1 to 65535: {self.scheme}://host:port")
         return int(self.port)
 
     def integer(self, name: str, default: int, low: int, high: int) -> int:
-        """Return an option that is an integer from `low` to `high`, decimal or, as in 0x81, hexadecimal.
+        """Return an integer option, `low`..`high`, in decimal or hexadecimal notation (0x81).
 
-        As all readers of options: return `default` if it is not given, raise InvalidAddress if it is something else.
+        Like all readers of options, return `default` for a missing option, and raise InvalidAddress for a wrong value.
         """
         text = self._option(name)
         if text is None:
@@ -109,7 +109,7 @@ class Address:
         return value
 
     def number(self, name: str, default: float, low: float, high: float) -> float:
-        """Return an option that is a number from `low` to `high`."""
+        """Return a numeric option, `low`..`high`; read as by `integer`."""
         text = self._option(name)
         if text is None:
             return default
@@ -119,23 +119,23 @@ class Address:
         return value
 
     def choice(self, name: str, default: str, choices: Sequence[str]) -> str:
-        """Return an option that is one of `choices`."""
+        """Return an option with a value among `choices`; read as by `integer`."""
         text = self._option(name)
         if text is not None and text not in choices:
             raise self._bad(name, text, "one of " + ", ".join(choices))
         return default if text is None else text
 
     def flag(self, name: str, *, default: bool) -> bool:
-        """Return whether an option is 1, not 0."""
+        """Return whether an option is 1 and not 0; read as by `integer`."""
         return self.choice(name, "1" if default else "0", ("0", "1")) == "1"
 
     def text(self, name: str, default: str) -> str:
-        """Return an option that is any text."""
+        """Return a text option, or `default` for a missing option."""
         text = self._option(name)
         return default if text is None else text
 
     def refuse_unknown(self) -> None:
-        """Refuse the options that have not been read; call it after reading those that are known."""
+        """Raise InvalidAddress for unread options. Call after reading all known options."""
         unknown = [name for name in self.options if name not in self._known]
         if unknown:
             own = ", ".join(self._known) or "none of its own"
@@ -145,7 +145,7 @@ class Address:
             )
 
     def refusal(self, reason: str) -> InvalidAddress:
-        """Return the error that names this address and `reason`."""
+        """Return an error with this address and `reason`."""
         return refusal(self.url, reason)
 
     def _option(self, name: str) -> str | None:
@@ -159,12 +159,12 @@ class Address:
 
 
 def refusal(url: str, reason: str) -> InvalidAddress:
-    """Return the error that names the address `url` and why it cannot be used."""
+    """Return an error with the address `url` and the reason why the address is unusable."""
     return InvalidAddress(f"{shorten(url)}: {reason}" if url else f"'' {reason}")
 
 
 def with_options(url: str, options: Mapping[str, str]) -> str:
-    """Return the address `url` with these options, in place of those of the same names."""
+    """Return the address `url` with `options` added; options of the same name are replaced."""
     if not options:
         return url
     from urllib.parse import quote  # most programs start without it
@@ -176,7 +176,7 @@ def with_options(url: str, options: Mapping[str, str]) -> str:
 
 
 def shorten(text: str) -> str:
-    """Return `text` cut to a length that an error can show."""
+    """Return `text`, cut to 200 characters for an error text."""
     return text if len(text) <= _LONGEST else text[:_LONGEST] + "..."
 
 
@@ -188,7 +188,7 @@ def _options(url: str, query: str) -> dict[str, str]:
         if not separator or not name:
             raise refusal(url, f"option {shorten(item)!r} must be written name=value")
         if name in options:
-            raise refusal(url, f"option {shorten(name)} is given twice; keep one")
+            raise refusal(url, f"option {shorten(name)} is given twice; keep one value")
         options[name] = _unescaped(url, value)
     return options
 

@@ -1,4 +1,4 @@
-"""A device that may be a board, as found without opening it, and the identity by which it is found again."""
+"""Possible boards, found without opening any device, and USB identities to find a device again."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from urllib.parse import quote
 from servolink.errors import OpenError
 from servolink.transports.address import Address
 
-UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule that gives it, and where to put it"
-"""What to do on Linux about a USB device that this user may not open."""
+UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule for this permission, and where to put the rule"
+"""Remedy on Linux for a USB device without permission for the user."""
 
 _NUMBER = re.compile(r"(0x)?[0-9a-f]{1,4}", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
 class PortIdentity:
-    """The identity of a USB device, the same on every port; None and "" mean unknown or, in a search, any."""
+    """Identity of a USB device, the same on every port; None and "" mean unknown or, in a search, any."""
 
     vendor_id: int | None = None
     product_id: int | None = None
     serial_number: str = ""
     interface: int | None = None
-    """The number of the interface, by which several ports of one device differ."""
+    """Interface number, different for each port of a device with several ports."""
 
     @classmethod
     def from_address(cls, address: Address) -> PortIdentity:
-        """Read it from `scheme://VID:PID/SERIAL`, `scheme://VID:PID` or `scheme://`."""
+        """Return the identity in `scheme://VID:PID/SERIAL`, `scheme://VID:PID` or `scheme://`."""
         serial_number = address.path.removeprefix("/")
         if not address.host and not address.port and not serial_number:
             return cls()
@@ -43,16 +43,16 @@ class PortIdentity:
 
     @property
     def device(self) -> PortIdentity:
-        """The identity of the whole device, whichever of its interfaces this is."""
+        """Identity of the whole device, without the interface number."""
         return replace(self, interface=None)
 
     @property
     def is_any(self) -> bool:
-        """Whether it names no device."""
+        """Whether the identity fits every device."""
         return self.vendor_id is None and not self.serial_number
 
     def fits(self, found: PortIdentity) -> bool:
-        """Return whether `found` has everything that is known here."""
+        """Return whether `found` has all known parts of this identity."""
         return (
             self.vendor_id in {None, found.vendor_id}
             and self.product_id in {None, found.product_id}
@@ -61,12 +61,12 @@ class PortIdentity:
         )
 
     def url(self, scheme: str, option: str = "") -> str:
-        """Write the address of this device, with `option` as its only one."""
+        """Return the address of the device, with `option` as the only option."""
         serial_number = "/" + quote(self.serial_number, safe="") if self.serial_number else ""
         return f"{scheme}://{self._ids}{serial_number}{'?' if option else ''}{option}"
 
     def __str__(self) -> str:
-        """Return it as a person reads it."""
+        """Return the identity as text for people, such as `0403:6001`."""
         if self.is_any:
             return "with a vendor-defined interface"
         return self._ids + (f" with the serial number {self.serial_number!r}" if self.serial_number else "")
@@ -81,26 +81,26 @@ ANY_DEVICE = PortIdentity()
 
 @dataclass(frozen=True, slots=True)
 class DeviceInfo:
-    """A place where a board may be."""
+    """Address of a possible board, with facts known without opening the device."""
 
     url: str
     product: str = ""
-    """The name the device reports; empty if it reports none."""
+    """Product name reported by the device; empty if missing."""
     identity: PortIdentity = ANY_DEVICE
-    """How to know the device again; unknown for one that is not on USB."""
+    """USB identity of the device, to find the device again; unknown for other devices."""
     problem: str = ""
-    """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
+    """Reason why the device cannot be opened, with the remedy; empty without a known problem."""
     shares: str = ""
-    """The address of the board, if this is a hub that shares it; else empty."""
+    """Address of the board shared by a hub; empty for other devices."""
 
     @property
     def serial_number(self) -> str:
-        """The serial number of the USB device; empty if it has none."""
+        """Serial number of the USB device; empty if missing."""
         return self.identity.serial_number
 
 
 def is_accessible(path: str) -> bool:
-    """Return whether this process may read and write `path`; True if there is no such file, as on other systems."""
+    """Return whether the process may read and write `path`; True for a missing file, as on other systems."""
     try:
         os.stat(path)  # noqa: PTH116 - the name of a port or device need not be that of a file
     except PermissionError:
@@ -119,14 +119,14 @@ _Found = TypeVar("_Found", bound=_Addressed)
 
 
 def choose_only(url: str, wanted: str, found: Sequence[_Found], present: Iterable[_Addressed]) -> _Found:
-    """Return the only one of `found`; OpenError says how to choose, or that only `present` ones are here."""
+    """Return the only device in `found`. Raise OpenError for several, or for none, with the `present` devices."""
     if len(found) == 1:
         return found[0]
     urls = sorted(each.url for each in found)
     if len(set(urls)) < len(urls):
         raise OpenError(f"{url}: {len(urls)} devices cannot be told apart ({urls[0]}); unplug the others")
     if urls:
-        raise OpenError(f"{url}: {len(urls)} devices can be the board; choose one: {', '.join(urls)}")
+        raise OpenError(f"{url}: {len(urls)} devices can be the board; choose among: {', '.join(urls)}")
     others = ", ".join(sorted(each.url for each in present))
     here = f"these are here: {others}" if others else "nothing of that kind is here"
     raise OpenError(f"{url}: found no {wanted}; plug the board in and switch it on; {here}")

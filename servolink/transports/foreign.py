@@ -1,4 +1,4 @@
-"""Transports that are not ours: whatever they raise becomes an error of servolink, and they cannot hang a program."""
+"""Transports of other packages: all errors become errors of servolink, and time limits prevent a hang."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from servolink.escaping import escape
 from servolink.transports.base import STALL_LIMIT, Transport
 from servolink.transports.lifecycle import BaseTransport, StallWatch, WrappedTransport
 
-_OPEN_LIMIT = 60.0  # seconds that it may take to open
-_CLOSE_LIMIT = 1.0  # and to close
-_SLOWEST = 960.0  # bytes per second, 9600 baud: what a send may take for much data, beside STALL_LIMIT
+_OPEN_LIMIT = 60.0  # seconds for opening
+_CLOSE_LIMIT = 1.0  # seconds for closing
+_SLOWEST = 960.0  # bytes per second at 9600 baud: a long send may take this time in addition to STALL_LIMIT
 _logger = logging.getLogger("servolink.transport")
 
 
 def contained(transport: Transport) -> Transport:
-    """Return what keeps `transport` within limits; ours do that themselves, and are returned as they are."""
+    """Return `transport` inside a ForeignTransport; transports of servolink are returned unchanged."""
     is_ours = type(transport).__module__.split(".")[0] == "servolink"
-    if isinstance(transport, BaseTransport) and (is_ours or transport.is_shared):  # a hub is known by the type
+    if isinstance(transport, BaseTransport) and (is_ours or transport.is_shared):  # hubs are recognised by type
         return transport
     return ForeignTransport(transport, f"the transport {type(transport).__name__}")
 
 
 class ForeignTransport(WrappedTransport):
-    """A transport of another package, with errors that name its maker, and limits to all that it is asked to do."""
+    """Transport of another package, with its maker named in errors, and a time limit for each call."""
 
     def __init__(self, inner: Transport, maker: str) -> None:
-        """Wrap `inner`; errors call it `maker`, such as `the plug-in acme-boards`."""
+        """Wrap `inner`, called `maker` in errors, such as `the plug-in acme-boards`."""
         super().__init__(inner)
         self._maker = maker
-        self._gave_up = False  # closing it, which failed: it would do no better again
-        self._untaken = 0  # bytes in sends that have not returned
-        self._returned = 0  # sends
-        self._waits: set[asyncio.Timeout] = set()  # of these sends, which end with the connection
+        self._gave_up = False  # closing failed, and is not tried again
+        self._untaken = 0  # bytes in unfinished sends
+        self._returned = 0  # number of finished sends
+        self._waits: set[asyncio.Timeout] = set()  # time limits of unfinished sends, cancelled with the connection
         self._watch = StallWatch(lambda: bool(self._waits), self._taken, self._stalled, self._send_limit)
 
     async def _open(self) -> None:
@@ -47,7 +47,7 @@ class ForeignTransport(WrappedTransport):
         except TransportError:
             raise
         except Exception as error:
-            with suppress(Exception):  # it may have opened something before it failed
+            with suppress(Exception):  # the failed call may have left something open
                 async with asyncio.timeout(_CLOSE_LIMIT):
                     await self._inner.close()
             self._gave_up = True
@@ -63,7 +63,7 @@ class ForeignTransport(WrappedTransport):
         return None if taking is None else self._until_returned(taking, len(data))
 
     async def _until_returned(self, taking: Awaitable[None], size: int) -> None:
-        """Await `taking` until it returns, fails or the connection ends."""
+        """Await `taking` until the send returns or fails, or the connection ends."""
         self._untaken += size
         try:
             async with asyncio.timeout(None) as wait:

@@ -1,4 +1,4 @@
-"""A board on an HID interface, through hidapi."""
+"""Transport for a board on an HID interface, through hidapi."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from servolink.transports.hid_devices import (
 )
 from servolink.transports.threaded import DeviceTransport
 
-_READ_LIMIT = 100  # milliseconds; without a limit only the device could end a read
+_READ_LIMIT = 100  # milliseconds; without a limit only the device could end a blocking read
 _USUAL_SIZE = 64
 
 
 class HidDevice:
-    """An HID interface whose reports, one after the other, are a stream of bytes."""
+    """HID interface whose reports form a stream of bytes."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class HidDevice:
         report_id: int | None = None,
         report_size: int | None = None,
     ) -> None:
-        """Lead to the only interface that fits; for None the descriptor of the device decides."""
+        """Use the only fitting interface; for None, read page, id or size from the descriptor of the device."""
         self._api = api
         self._url = url
         self._wanted = wanted
@@ -50,7 +50,7 @@ class HidDevice:
         self._report_size = report_size
 
     def open(self) -> OpenHid:
-        """Find and open it, or raise OpenError."""
+        """Find and open the interface. Raise OpenError with the remedy."""
         found = boards(self._api, self._wanted, self._usage_page)
         kind = f"HID device {self._wanted}"
         if self._usage_page is not None:
@@ -76,7 +76,7 @@ class HidDevice:
         return handle
 
     def _reports(self, handle: Handle) -> list[HidReport]:
-        """Return the reports declared on the wanted pages; empty if the descriptor cannot be read."""
+        """Return the reports declared on the wanted usage pages; empty for an unreadable descriptor."""
         try:
             descriptor = bytes(handle.get_report_descriptor())
         except (OSError, AttributeError):
@@ -85,7 +85,7 @@ class HidDevice:
         return [report for report in declared(descriptor) if report.usage_page in pages]
 
     def _report(self, reports: list[HidReport], way: Way) -> HidReport:
-        """Choose the report to use in one direction."""
+        """Return the report for one direction. Raise OpenError if the device has no such report."""
         fitting = [report for report in reports if report.way is way and self._report_id in {None, report.report_id}]
         if not fitting and reports and self._report_size is None:
             ids = sorted({f"{report.way.name.lower()} {report.report_id}" for report in reports})
@@ -98,17 +98,17 @@ class HidDevice:
 
 
 class OpenHid:
-    """An open HID interface."""
+    """Open HID interface, read and written in reports."""
 
     def __init__(self, handle: Handle, incoming: HidReport, outgoing: HidReport, undo: ExitStack) -> None:
-        """Use `handle`; `undo` closes it."""
+        """Use `handle`; `undo` closes the handle."""
         self._handle = handle
         self._incoming = incoming
         self._outgoing = outgoing
         self._undo = undo
 
     def read(self) -> bytes:
-        """Return the next report without its id, or nothing."""
+        """Return the next report without its id, or b"" after the time limit."""
         report_id, size = self._incoming.report_id, self._incoming.size
         try:
             report = bytes(self._handle.read(size + 1 if report_id else size, _READ_LIMIT))
@@ -124,11 +124,11 @@ class OpenHid:
 
     def write(self, piece: bytes) -> None:
         """Send one report; Linux waits up to 5 s for the device to take it."""
-        if self._handle.write(piece) < 0:  # the other values it returns differ between systems
+        if self._handle.write(piece) < 0:  # other return values differ between systems
             raise _gone(self._handle.error())
 
     def close(self) -> None:
-        """Close it and release it for other programs."""
+        """Close the interface and release the lock for other programs."""
         self._undo.close()
 
 
@@ -137,7 +137,7 @@ def _gone(reason: str) -> ConnectionResetError:
 
 
 def _claim(url: str, path: str, undo: ExitStack) -> None:
-    """Keep other servolinks from the device. Raise OpenError."""
+    """Lock the device against other processes of servolink. Raise OpenError."""
     try:
         undo.enter_context(claim_device(path))
     except OSError as error:
@@ -146,7 +146,7 @@ def _claim(url: str, path: str, undo: ExitStack) -> None:
 
 def _reason(error: OSError, path: str) -> str:
     if error.errno == errno.EWOULDBLOCK:
-        return f"{path} is in use by another servolink; close that"
+        return f"{path} is in use by another servolink; close that program"
     if error.errno in {errno.EACCES, errno.EPERM}:
         return f"no permission for {path}; {UDEV_CURE}"
     if error.errno in {errno.ENOENT, errno.ENODEV, errno.ENXIO}:
@@ -155,20 +155,20 @@ def _reason(error: OSError, path: str) -> str:
 
 
 def cut(frame: bytes, report_id: int, size: int) -> Iterator[bytes]:
-    """Yield the reports that carry `frame`: each starts with its id, even if that is 0, and is filled with zeros."""
+    """Yield the reports for `frame`, each with its id in front, even id 0, and padded with zeros."""
     for start in range(0, len(frame), size):
         yield bytes([report_id]) + frame[start : start + size].ljust(size, b"\0")
 
 
 class Way(IntEnum):
-    """Direction of a report; the number is the prefix of its item in a descriptor, without the length."""
+    """Direction of a report, as the prefix of the item in a descriptor, without the length bits."""
 
     IN = 0x80
     OUT = 0x90
 
 
 class _ReportItem(IntEnum):
-    """The other items that matter, likewise by prefix (Device Class Definition for HID 1.11, 6.2.2)."""
+    """Other items in use, also by prefix (Device Class Definition for HID 1.11, 6.2.2)."""
 
     USAGE_PAGE = 0x04
     REPORT_SIZE = 0x74  # bits in one field
@@ -183,18 +183,18 @@ class _ReportItem(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class HidReport:
-    """A report as declared."""
+    """Report, as declared in a descriptor."""
 
     way: Way
     report_id: int
     usage_page: int
     size: int
-    """Bytes, without the id that precedes the report unless it is 0."""
+    """Size in bytes, without the id in front of the report."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Globals:
-    """The items that stay in force until they are given again."""
+    """Global items of a descriptor, valid until given again."""
 
     usage_page: int = 0
     report_id: int = 0
@@ -203,13 +203,13 @@ class _Globals:
 
 
 def declared(descriptor: bytes) -> list[HidReport]:
-    """Return the reports of a descriptor, in its order; ignore items that are cut off or make no sense."""
+    """Return the reports in a descriptor, in order; ignore truncated and meaningless items."""
     bits: dict[tuple[Way, int, int], int] = {}
     state, stack = _Globals(), list[_Globals]()
     depth, page = 0, 0
     for prefix, value in _items(descriptor):
         if prefix == _ReportItem.COLLECTION:
-            page = page if depth else state.usage_page  # a report belongs to the outermost collection's page
+            page = page if depth else state.usage_page  # a report belongs to the usage page of the outermost collection
             depth += 1
         elif prefix == _ReportItem.END_COLLECTION:
             depth -= 1
@@ -242,11 +242,11 @@ def _changed(state: _Globals, prefix: int, value: int) -> _Globals:
 
 
 def _items(descriptor: bytes) -> Iterator[tuple[int, int]]:
-    """Yield type and tag of each item, as its prefix without the length, and its value."""
+    """Yield type and tag of each item, as the prefix without the length, and the value."""
     position = 0
     while position < len(descriptor):
         prefix = descriptor[position]
-        if prefix == _ReportItem.LONG:  # reserved, and skipped: its length follows
+        if prefix == _ReportItem.LONG:  # a reserved item, skipped by the length in the next byte
             position += 3 + (descriptor[position + 1] if position + 1 < len(descriptor) else 0)
             continue
         end = position + 1 + (0, 1, 2, 4)[prefix & 3]

@@ -1,4 +1,4 @@
-"""The HID interfaces that can be boards, as hidapi lists them without opening any."""
+"""Search for HID interfaces of boards in the list of hidapi, without opening any device."""
 
 from __future__ import annotations
 
@@ -17,59 +17,59 @@ from servolink.escaping import escape
 from servolink.transports.device_info import ANY_DEVICE, UDEV_CURE, DeviceInfo, PortIdentity, is_accessible
 
 VENDOR_PAGES = range(0xFF00, 0x10000)
-"""The usage pages that a maker may use for anything."""
+"""Vendor-defined usage pages."""
 
 _INSTALL = "pip install --force-reinstall hidapi"
 _INPUT_USAGES = {(0x01, 0x02), (0x01, 0x06), (0x01, 0x07)}  # mouse, keyboard, keypad
 
 LIBRARY_LOCK = Lock()
-"""Held while hidapi lists or opens, which it can do for one thread at a time only."""
+"""Lock for listing and opening devices: hidapi supports only one thread at a time."""
 
 
 class Handle(Protocol):
-    """A device of hidapi."""
+    """Device object of hidapi."""
 
     def open_path(self, path: bytes, /) -> None:
-        """Open it; an OSError says only that it failed."""
+        """Open the device at `path`. Raise OSError without a reason."""
         ...
 
     def get_report_descriptor(self) -> Sequence[int]:
-        """Return its report descriptor, from hidapi 0.14 on."""
+        """Return the report descriptor of the device; from hidapi 0.14 on."""
         ...
 
     def read(self, max_length: int, timeout_ms: int, /) -> Sequence[int]:
-        """Return a report, or nothing after `timeout_ms`; 0 waits for ever. Raise OSError once it is gone."""
+        """Return a report, or nothing after `timeout_ms`; 0 waits forever. Raise OSError for an unplugged device."""
         ...
 
     def write(self, report: bytes, /) -> int:
-        """Send a report with its id in front; negative if it failed."""
+        """Send a report with its id in front; return a negative number for a failure."""
         ...
 
     def error(self) -> str:
-        """Return why the last call failed."""
+        """Return the error text of the last failed call."""
         ...
 
     def close(self) -> None:
-        """Close it; must not be called during another call."""
+        """Close the device; must not be called during another call."""
         ...
 
 
 class HidApi(Protocol):
-    """The module of hidapi, as far as it is used."""
+    """Used part of the module of hidapi."""
 
     def enumerate(self) -> list[dict[str, Any]]:
-        """List every outermost collection of every device."""
+        """Return every outermost collection of every device."""
         ...
 
     def device(self) -> Handle:
-        """Make an unopened device."""
+        """Return an unopened device object."""
         ...
 
 
 def load() -> HidApi:
-    """Import hidapi; TransportUnavailable says what to install, or to replace."""
+    """Import hidapi. Raise TransportUnavailable, with the package to install or to replace."""
     reason = "hidapi is not installed"
-    # On Linux the module `hid` takes the device away from the kernel and knows no usage pages.
+    # On Linux the module `hid` detaches the device from the kernel and knows no usage pages.
     for name in ("hidraw", "hid") if sys.platform == "linux" else ("hid",):
         try:
             module: Any = import_module(name)
@@ -77,61 +77,61 @@ def load() -> HidApi:
             reason = f"hidapi cannot be loaded: {type(error).__name__}: {error}"
         else:
             if hasattr(module, "device") and hasattr(module, "enumerate"):
-                return module  # type: ignore[no-any-return]  # looked at just now
+                return module  # type: ignore[no-any-return]  # checked above
     if _is_package("hid"):
         raise TransportUnavailable(
-            f"hid:// needs the package hidapi, but the module `hid` is that of another package, named hid; "
+            f"hid:// needs the package hidapi, but the module `hid` belongs to another package, named hid; "
             f"try: pip uninstall hid; {_INSTALL}"
         )
     raise TransportUnavailable(f"hid:// cannot be used: {reason}; try: {_INSTALL}")
 
 
 def _is_package(name: str) -> bool:
-    """Return whether a module is a folder, which hidapi's never is."""
+    """Return whether a module is a package, with a folder; the module of hidapi is a single file."""
     try:
         spec = find_spec(name)
-    except ValueError:  # it is in sys.modules without its origin
+    except ValueError:  # the module is in sys.modules without an origin
         return False
     return spec is not None and spec.submodule_search_locations is not None
 
 
 @dataclass(frozen=True, slots=True)
 class HidInterface:
-    """An HID interface; `usages` are usage page and usage of each of its outermost collections."""
+    """HID interface; `usages` are usage page and usage of each outermost collection."""
 
     path: bytes
     identity: PortIdentity
     product: str
     usages: tuple[tuple[int, int], ...]
-    alone: bool = True  # whether no other interface of its device can be a board
+    alone: bool = True  # whether no other interface of the device can be a board
 
     @property
     def url(self) -> str:
-        """Its address, with the usage page if its device has several such interfaces."""
+        """Address of the interface, with the usage page if the device has several such interfaces."""
         return self.identity.url("hid", "" if self.alone else f"usage_page={self.usages[0][0]:#06x}")
 
     @property
     def is_input(self) -> bool:
-        """Whether it is a keyboard or a mouse."""
+        """Whether the interface belongs to a keyboard or a mouse."""
         return not _INPUT_USAGES.isdisjoint(self.usages)
 
     @property
     def problem(self) -> str:
-        """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
+        """Reason why the interface cannot be opened, with the remedy; empty without a known problem."""
         path = os.fsdecode(self.path)
         return "" if is_accessible(path) else f"no permission for {escape(path)}; {UDEV_CURE}"
 
     def has_page(self, wanted: int | None) -> bool:
-        """Return whether it has the usage page `wanted`, or for None any that is the maker's own."""
+        """Return whether the interface has the usage page `wanted`, for None any vendor-defined page."""
         return any(page == wanted if wanted is not None else page in VENDOR_PAGES for page, _ in self.usages)
 
 
 def interfaces(api: HidApi) -> list[HidInterface]:
-    """List every HID interface."""
+    """Return all HID interfaces of all devices."""
     with LIBRARY_LOCK:
         entries = api.enumerate()
     found: dict[bytes, HidInterface] = {}
-    for entry in entries:  # one for each outermost collection
+    for entry in entries:  # one entry for each outermost collection
         usage = int(entry["usage_page"]), int(entry["usage"])
         path = bytes(entry["path"])
         if path in found:
@@ -142,14 +142,14 @@ def interfaces(api: HidApi) -> list[HidInterface]:
                 entry["vendor_id"],
                 entry["product_id"],
                 entry["serial_number"] or "",
-                number if number >= 0 else None,  # hidapi's -1: the system does not say
+                number if number >= 0 else None,  # hidapi returns -1 for a number unknown to the system
             )
             found[path] = HidInterface(path, identity, entry["product_string"] or "", (usage,))
     return list(found.values())
 
 
 def boards(api: HidApi, wanted: PortIdentity = ANY_DEVICE, usage_page: int | None = None) -> list[HidInterface]:
-    """List the interfaces that fit and can be boards; those of keyboards and mice only if their id is given."""
+    """Return the fitting interfaces of possible boards; keyboards and mice only if `wanted` has their ids."""
     everything = interfaces(api)
     inputs = {each.identity.device for each in everything if each.is_input}
     found = [
@@ -165,5 +165,5 @@ def boards(api: HidApi, wanted: PortIdentity = ANY_DEVICE, usage_page: int | Non
 
 
 def candidates() -> list[DeviceInfo]:
-    """List the HID devices that can be boards; TransportUnavailable says what to install."""
+    """Return the possible boards on HID. Raise TransportUnavailable, with the package to install."""
     return [DeviceInfo(each.url, each.product, each.identity, each.problem) for each in boards(load())]

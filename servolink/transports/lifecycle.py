@@ -1,4 +1,4 @@
-"""The life of a transport, the same for every kind: opened once, lost once, closed as often as anyone likes."""
+"""Life cycle shared by all kinds of transports: opened once, lost once, closed any number of times."""
 
 from __future__ import annotations
 
@@ -21,47 +21,47 @@ Stage: TypeAlias = Literal["new", "opening", "open", "closing", "ended"]
 
 
 class BaseTransport(ABC):
-    """Everything a transport promises except the bytes themselves: a kind adds `_open`, `_send`, `_close`, `_abort`.
+    """Contract of a transport without the bytes: each kind implements `_open`, `_send`, `_close` and `_abort`.
 
-    A kind calls `_deliver` with each chunk that arrives and `_lose` with any error that ends the connection. Any
-    exception that is not a ServolinkError becomes an OpenError or a ConnectionLost, so that a kind need not translate
-    the errors of its library.
+    A kind calls `_deliver` with each received chunk, and `_lose` with the error that ends the connection. Other
+    exceptions than ServolinkError become OpenError or ConnectionLost, so that a kind need not translate the errors of
+    its library.
     """
 
     takes_at_once = True
-    """Whether `take` has all of the data when it returns, awaited or not."""
+    """Whether `take` has queued all data at its return, awaited or not."""
     is_recorded = False
-    """Whether what is sent is recorded or compared with a recording, so that it must not depend on chance."""
+    """Whether sent bytes are recorded or compared with a recording, and must not depend on chance."""
     is_shared = False
-    """Whether a hub is at the other end, which repeats requests itself and keeps programs apart."""
+    """Whether the peer is a hub, which repeats requests and separates programs."""
 
     def __init_subclass__(cls) -> None:
-        """Take nothing at once past a `send` of the subclass."""
+        """Clear `takes_at_once` if the subclass has another `send`."""
         super().__init_subclass__()
         if "send" in vars(cls) and "take" not in vars(cls):
             cls.takes_at_once = False
 
     def __init__(self, url: str) -> None:
-        """Start unopened; errors and log lines call the transport `url`."""
+        """Start unopened; `url` names the transport in errors and logs."""
         self._url = url
         self._stage: Stage = "new"
-        self._receiver: Receiver | None = None  # None again after the end
+        self._receiver: Receiver | None = None  # None before opening and after the end
         self._error: ConnectionLost | None = None  # the first cause of a loss
-        self._senders: deque[asyncio.Future[bool]] = deque()  # resolved with whether the system took their bytes
+        self._senders: deque[asyncio.Future[bool]] = deque()  # resolved with True if the system took the bytes
         self._watch = StallWatch(lambda: bool(self._senders), self._taken, self._lose)
 
     @property
     def url(self) -> str:
-        """The address it leads to."""
+        """Address of the transport, as written by the user."""
         return self._url
 
     @property
     def board_url(self) -> str:
-        """The address of the board itself: another one if a hub is in between."""
+        """Address of the board: different from `url` if a hub shares the board."""
         return self._url
 
     async def open(self, receiver: Receiver) -> None:
-        """Open the device; raise OpenError if that fails or if this transport was opened or closed before."""
+        """Open the device. Raise OpenError for a failure, and if the transport was opened or closed before."""
         if self._stage != "new":
             raise OpenError(f"{self.url}: a transport is opened once; make another")
         self._stage, self._receiver = "opening", receiver
@@ -72,7 +72,7 @@ class BaseTransport(ABC):
             if isinstance(error, Exception) and not isinstance(error, ServolinkError):
                 raise OpenError(f"{self.url}: cannot open it: {self._explain(error)}") from error
             raise
-        # `close` and the device itself may have ended it meanwhile, in another task or in a callback.
+        # Meanwhile `close` in another task, or the device in a callback, may have ended the connection.
         if self._was_ended():
             self._abort()
             if self._error is not None:
@@ -82,7 +82,7 @@ class BaseTransport(ABC):
         _logger.info("%s: opened", escape(self.url))
 
     async def send(self, data: bytes) -> None:
-        """Send all of `data`; raise ConnectionLost unless the connection is open and takes it."""
+        """Send all of `data`. Raise ConnectionLost unless the connection is open and accepts all bytes."""
         if self._stage != "open":
             raise self._lost()
         try:
@@ -95,7 +95,7 @@ class BaseTransport(ABC):
             raise self._lost() from error
 
     def take(self, data: bytes) -> Awaitable[None] | None:
-        """Take all of `data` as `send` does; return None if the system has it, or what to await until it has."""
+        """Queue all of `data` as `send` does. Return None if the system accepted all bytes, else an awaitable."""
         if self._stage != "open":
             raise self._lost()
         try:
@@ -111,7 +111,7 @@ class BaseTransport(ABC):
         if self._stage == "open":
             self._stage = "closing"
         elif self._stage in {"new", "opening"}:
-            self._end(None)  # `open` notices
+            self._end(None)  # an `open` in progress checks the stage
         try:
             await self._close()
         finally:
@@ -119,33 +119,33 @@ class BaseTransport(ABC):
 
     @abstractmethod
     async def _open(self) -> None:
-        """Open the device; OpenError says what to do, and nothing is left open, also after a cancellation."""
+        """Open the device. Raise OpenError with the remedy; after a failure or cancellation nothing stays open."""
 
     @abstractmethod
     def _send(self, data: bytes) -> Awaitable[None] | None:
-        """Take all of `data` at once; return None if the system has it, or what to await until it has.
+        """Queue all of `data` immediately. Return None if the system accepted all bytes, else an awaitable.
 
-        Empty `data` asks for whatever was sent before. Not a coroutine, so that nothing is left unsent when the
-        caller is cancelled; see `_until_taken` for the usual thing to await.
+        Empty `data` waits for all earlier bytes. Not a coroutine, so that a cancelled caller leaves nothing unsent; see
+        `_until_taken` for the usual awaitable.
         """
 
     @abstractmethod
     async def _close(self) -> None:
-        """Give sent bytes a moment to leave, then free the port, within 1 s in all.
+        """Give sent bytes a moment to leave, then free the port, within 1 s in total.
 
-        Called for every `close`, in every stage: before opening and again after the end too.
+        Called for every `close`, in every stage, also before opening and again after the end.
         """
 
     @abstractmethod
     def _abort(self) -> None:
-        """Release the device without waiting; called once the connection has ended, perhaps twice."""
+        """Release the device without waiting; called after the end of the connection, perhaps twice."""
 
     def _taken(self) -> int:
-        """Return a number that grows with every byte the system takes; needed only if senders ever wait."""
+        """Return a number growing with each byte accepted by the system; needed only by kinds with waiting senders."""
         return 0
 
     def _deliver(self, data: bytes) -> None:
-        """Pass `data` to the receiver; one that fails ends the connection instead of missing bytes unnoticed."""
+        """Pass `data` to the receiver; an exception of the receiver ends the connection, as bytes are missing."""
         if self._receiver is not None:
             try:
                 self._receiver.data(data)
@@ -153,11 +153,11 @@ class BaseTransport(ABC):
                 self._lose(error)
 
     def _lose(self, cause: Exception) -> None:
-        """End the connection because of `cause`; ignored if it has ended already, so the first cause stays."""
+        """End the connection because of `cause`; after the end, do nothing: the first cause stays."""
         self._end(cause)
 
     def _lost(self) -> ConnectionLost:
-        """Return the reason why nothing can be sent, as an exception of its own for each caller."""
+        """Return the reason why sending is impossible, as a new exception for each caller."""
         if self._error is None:
             state = "not open yet" if self._stage in {"new", "opening"} else "closed"
             return ConnectionLost(f"{self.url}: it is {state}")
@@ -166,8 +166,8 @@ class BaseTransport(ABC):
         return error
 
     async def _until_taken(self, taken: asyncio.Future[bool]) -> None:
-        """Wait until the kind resolves `taken` with True, or the connection ends."""
-        if self._stage == "ended":  # by `_send` itself: nothing would resolve the future
+        """Wait until `taken` is resolved with True, or the connection ends."""
+        if self._stage == "ended":  # ended by `_send` itself: nobody would resolve the future
             raise self._lost()
         self._senders.append(taken)
         self._watch.start()
@@ -177,18 +177,18 @@ class BaseTransport(ABC):
     def _end(self, cause: Exception | None) -> None:
         if self._stage == "ended":
             return
-        was_open = self._stage in {"open", "closing"}  # otherwise `open` raises, and `lost` is not called
-        # First of all, as the rest calls foreign code, which may call us: from here on nothing is sent or delivered,
-        # and nothing ends a second time.
+        was_open = self._stage in {"open", "closing"}  # otherwise `open` raises, without a call of `lost`
+        # First, as foreign code called below may call back: from here on nothing is sent or delivered, and nothing ends
+        # a second time.
         self._stage = "ended"
         receiver, self._receiver = self._receiver, None
         if cause is not None:
             self._error = self._loss(cause)
-        self._abort()  # before others learn of the end: they may want to open the device again
+        self._abort()  # before receivers learn of the end: a receiver may open the device again
         self._watch.stop()
         self._wake_senders(taken=False)
         if receiver is not None and was_open:
-            _logger.info("%s", self._error or f"{escape(self.url)}: closed")  # the error names the address itself
+            _logger.info("%s", self._error or f"{escape(self.url)}: closed")  # the error contains the address
             receiver.lost(self._error)
 
     def _loss(self, cause: Exception) -> ConnectionLost:
@@ -199,7 +199,7 @@ class BaseTransport(ABC):
         return error
 
     def _explain(self, error: Exception) -> str:
-        """Return the text of an error that is not ours."""
+        """Return the text of an error of another package."""
         return str(error) or type(error).__name__  # a TimeoutError often has no text
 
     def _was_ended(self) -> bool:
@@ -212,10 +212,10 @@ class BaseTransport(ABC):
 
 
 class WrappedTransport(BaseTransport):
-    """A transport around another one: passes everything through both ways; a subclass changes what passes."""
+    """Transport around another transport. Passes bytes in both directions, changed by subclasses."""
 
     def __init__(self, inner: Transport) -> None:
-        """Wrap `inner`, which must not be used otherwise."""
+        """Wrap `inner`, from now on used by this transport only."""
         super().__init__(inner.url)
         self._inner = inner
         self.takes_at_once = self.takes_at_once and getattr(inner, "takes_at_once", False)
@@ -223,19 +223,19 @@ class WrappedTransport(BaseTransport):
         self._take = take if self.takes_at_once else None
         self.is_recorded = self.is_recorded or getattr(inner, "is_recorded", False)
         self._inner_is_open = False
-        self._closing: asyncio.Task[None] | None = None  # kept, as the loop does not keep its tasks
+        self._closing: asyncio.Task[None] | None = None  # kept here: the loop has weak references only
 
     def data(self, chunk: bytes, /) -> None:
         """Pass on a chunk of the wrapped transport."""
         self._deliver(chunk)
 
     def lost(self, error: Exception | None, /) -> None:
-        """End with the wrapped transport."""
+        """End the connection together with the wrapped transport."""
         self._inner_is_open = False
         self._end(error)
 
     async def _open(self) -> None:
-        self._inner_is_open = True  # before opening, as `lost` may be called before this task runs on
+        self._inner_is_open = True  # before opening: `lost` may be called before this task continues
         try:
             await self._inner.open(self)
         except BaseException:
@@ -249,7 +249,7 @@ class WrappedTransport(BaseTransport):
         await self._close_inner()
 
     def _abort(self) -> None:
-        """Close the wrapped transport behind the end, unless it ended first."""
+        """Close the wrapped transport after the end, unless already ended."""
         if self._inner_is_open:
             self._inner_is_open = False
             self._closing = asyncio.ensure_future(self._close_inner())
@@ -262,16 +262,16 @@ class WrappedTransport(BaseTransport):
         await self._inner.close()
 
     def _closed(self, closing: asyncio.Task[None]) -> None:
-        if not closing.cancelled() and (error := closing.exception()):  # no caller waits for it
+        if not closing.cancelled() and (error := closing.exception()):  # no caller awaits the task
             _logger.warning("%s: closing it failed: %s", escape(self.url), escape(str(error)))
 
     def _break(self, reason: str) -> None:
-        """Lose the connection now, and close the wrapped transport behind it."""
+        """Lose the connection immediately, then close the wrapped transport."""
         self._lose(ConnectionError(reason))
 
 
 class StallWatch:
-    """Notices that the system takes no more bytes, with one timer however many sends wait."""
+    """Watch for stalled sending, with a single timer for all waiting sends."""
 
     def __init__(
         self,
@@ -280,7 +280,7 @@ class StallWatch:
         stalled: Callable[[TimeoutError], None],
         limit: Callable[[], float] = lambda: STALL_LIMIT,
     ) -> None:
-        """While `waiting()`, call `stalled` once `taken()` has not grown for `limit()` seconds."""
+        """Call `stalled` if `taken()` has not grown for `limit()` seconds while `waiting()` is true."""
         self._waiting = waiting
         self._taken = taken
         self._stalled = stalled
@@ -289,28 +289,28 @@ class StallWatch:
 
     @property
     def running(self) -> bool:
-        """Whether its timer is set."""
+        """Whether the timer is set."""
         return self._timer is not None
 
     def start(self) -> None:
-        """Start, unless it is running; it stops by itself when no send waits any more."""
+        """Start the timer, unless set; the watch stops when no send waits."""
         if self._timer is None:
             self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, self._taken(), 1)
 
     def stop(self) -> None:
-        """Stop at once."""
+        """Stop the watch immediately."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
 
     def _look(self, taken: int, looks: int) -> None:
-        """Compare with `taken`, for the `looks`-th time in a row without progress."""
+        """Compare progress with `taken`; `looks` is the number of comparisons without progress."""
         self._timer = None
         if not self._waiting():
-            return  # the next send that has to wait starts it again
+            return  # the next waiting send starts the watch again
         if self._taken() != taken:
             taken, looks = self._taken(), 0
-        # Counted in looks, not in seconds: time also passes while the whole machine is suspended.
+        # Counted in comparisons, not in seconds: time also passes while the machine is suspended.
         elif looks * _STALL_STEP >= (limit := self._limit()):
             self._stalled(TimeoutError(f"it has taken no byte for {limit:g} s"))
             return

@@ -1,4 +1,4 @@
-"""Faults of a line: the same seed and the same bytes give the same faults."""
+"""Fault injection on a line: the same seed and the same bytes give the same faults."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from servolink.transports.lifecycle import WrappedTransport
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """How bad a line is. Most are probabilities from 0 to 1; each is also an option of an address and of `parse`."""
+    """Rates of faults on a line, mostly probabilities 0..1, and also the names of options in addresses and `parse`."""
 
     drop: float = 0.0
-    """Per byte: lost."""
+    """Probability, per byte, of being lost."""
     flip: float = 0.0
-    """Per byte: one bit inverted."""
+    """Probability, per byte, of an inverted bit."""
     insert: float = 0.0
-    """Per byte: a random byte inserted before it."""
+    """Probability, per byte, of a random byte inserted in front."""
     delay: float = 0.0
-    """Per chunk: late by `delay_time`; later chunks wait behind it."""
+    """Probability, per chunk, of arriving `delay_time` late, with all later chunks behind."""
     delay_time: float = 0.05
-    """Seconds."""
+    """Delay of a late chunk, in seconds."""
     duplicate: float = 0.0
-    """Per chunk: delivered twice."""
+    """Probability, per chunk, of being delivered twice."""
     cut: float = 0.0
-    """Per chunk: cut anywhere before its last byte."""
+    """Probability, per chunk, of being cut anywhere before the last byte."""
     unplug: int = 0
-    """The number of bytes in one direction after which the line is lost; 0 means never."""
+    """Bytes in one direction after which the line is lost; 0 for never."""
 
     @classmethod
     def parse(cls, text: str) -> Faults:
-        """Read `drop=0.01,flip=0.001`; InvalidAddress names the wrong part and the valid names."""
+        """Return the faults in a text such as `drop=0.01,flip=0.001`. Raise InvalidAddress, with the valid names."""
         url = "faults://?" + text.replace(",", "&")
         try:
             address = Address.parse(url)
@@ -55,7 +55,7 @@ class Faults:
 
     @classmethod
     def from_address(cls, address: Address) -> Faults:
-        """Read the options of `address` that are faults; the caller refuses the others."""
+        """Return the faults among the options of `address`; the caller refuses other options."""
         return cls(
             drop=address.number("drop", 0.0, 0.0, 1.0),
             flip=address.number("flip", 0.0, 0.0, 1.0),
@@ -69,25 +69,25 @@ class Faults:
 
 
 class LineFaults:
-    """One direction of a bad line."""
+    """Faults in one direction of a bad line."""
 
     def __init__(self, faults: Faults, seed: int | str = 0) -> None:
-        """Draw faults from `seed`."""
+        """Draw all faults from a random generator with `seed`."""
         self._faults = faults
         self._random = Random(seed)  # noqa: S311 - repeatable, not secret
         self._passed = 0
         self._last = -math.inf
-        # The probability of at least one of the three byte faults, which are independent.
+        # Probability of at least one byte fault among three independent kinds.
         self._noise = 1 - (1 - faults.drop) * (1 - faults.flip) * (1 - faults.insert)
         self._clean = self._clean_run()
 
     @property
     def unplugged(self) -> bool:
-        """Whether the line is lost for good."""
+        """Whether the line is permanently lost."""
         return 0 < self._faults.unplug <= self._passed
 
     def apply(self, chunk: bytes, now: float) -> list[tuple[float, bytes]]:
-        """Return the time and the content of each piece that arrives of `chunk`, sent at `now` seconds, in order."""
+        """Return arrival time and content of each piece of `chunk`, sent at `now` seconds, in order."""
         chunk = self._count(chunk)
         if chunk and self._happens(self._faults.cut):
             chunk = chunk[: self._random.randrange(len(chunk))]
@@ -110,7 +110,7 @@ class LineFaults:
         return probability > 0 and self._random.random() < probability
 
     def _clean_run(self) -> int:
-        """Draw how many bytes pass before the next byte fault: one draw instead of one for each byte."""
+        """Return the number of bytes before the next byte fault, from a single draw instead of a draw for each byte."""
         if not 0 < self._noise < 1:
             return 0
         return int(math.log(1 - self._random.random()) / math.log1p(-self._noise))
@@ -128,10 +128,10 @@ class LineFaults:
         return bytes(out + chunk[at:])
 
     def _damage(self, out: bytearray, byte: int) -> None:
-        """Append a byte with at least one fault, unless it is dropped."""
+        """Append a byte with at least one fault, or drop the byte."""
         faults = self._faults
-        # At least one of the three is known to happen: one draw below their joint probability says which is the first
-        # of insert, flip and drop, in this order. Those behind it are drawn by themselves, those before did not happen.
+        # At least one fault happens: a draw below the joint probability decides on the first among insert, flip and
+        # drop, in this order. Later kinds are drawn separately, earlier kinds did not happen.
         draw = self._random.random() * self._noise
         insert = draw < faults.insert
         flip = self._happens(faults.flip) if insert else draw < faults.insert + (1 - faults.insert) * faults.flip
@@ -143,20 +143,20 @@ class LineFaults:
 
 
 MAX_LATE = 128 * 1024
-"""Bytes that may be late in one direction. Until there are fewer, sending waits, as on any slow line."""
+"""Most late bytes in one direction; beyond this number sending waits, as on any slow line."""
 
-_UNPLUGGED = "it was unplugged by fault injection"
+_UNPLUGGED = "unplugged by fault injection"
 
 
 class _LateChunks:
-    """The chunks that are late in one direction, with the time at which each arrives."""
+    """Queue of late chunks in one direction, with arrival times."""
 
     def __init__(self) -> None:
         self.room = asyncio.Event()
         """Set while fewer than MAX_LATE bytes are late."""
         self._chunks: deque[tuple[float, bytes]] = deque()
         self.size = 0
-        """How many bytes are late."""
+        """Number of late bytes in this direction."""
         self._count(0)
 
     def __bool__(self) -> bool:
@@ -188,12 +188,12 @@ class _LateChunks:
 
 
 class FaultyTransport(WrappedTransport):
-    """Applies faults to one or both directions of a transport; a delayed chunk delays those behind it."""
+    """Transport with faults in one or both directions; a delayed chunk also delays all later chunks."""
 
     def __init__(
         self, inner: Transport, faults: Faults, *, seed: int = 0, sent: bool = True, received: bool = True
     ) -> None:
-        """Wrap `inner`; each direction draws its own faults from `seed`."""
+        """Wrap `inner`; each direction draws separate faults from `seed`."""
         super().__init__(contained(inner))
         self._down = LineFaults(faults if sent else Faults(), f"sent {seed}")
         self._up = LineFaults(faults if received else Faults(), f"received {seed}")
@@ -204,7 +204,7 @@ class FaultyTransport(WrappedTransport):
 
     @property
     def late_bytes(self) -> int:
-        """How many bytes are late, in both directions."""
+        """Number of late bytes in both directions."""
         return self._late_down.size + self._late_up.size
 
     def data(self, chunk: bytes, /) -> None:
@@ -255,13 +255,13 @@ class FaultyTransport(WrappedTransport):
         loop = asyncio.get_running_loop()
         try:
             while self._late_down:
-                at, piece = self._late_down.first  # removed only when sent, so that nothing overtakes it
+                at, piece = self._late_down.first  # removed only when sent, so that no later piece overtakes
                 await asyncio.sleep(at - loop.time())
-                await self._late_up.room.wait()  # a few bytes of a request can bring 64 KiB
+                await self._late_up.room.wait()  # a request of a few bytes can cause a response of 64 KiB
                 await self._inner.send(piece)
                 self._late_down.popleft()
         except ConnectionLost:
-            self._late_down.clear()  # the wrapped transport reports it
+            self._late_down.clear()  # the wrapped transport reports the loss
 
     def _arm(self) -> None:
         if self._late_up and self._timer is None:

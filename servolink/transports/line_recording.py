@@ -1,4 +1,4 @@
-"""Recordings of what passes through a transport, one JSON object a line, and transports that play them."""
+"""Recordings of the bytes of a transport, in lines of JSON, and transports to replay recordings."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ from servolink.transports.lifecycle import BaseTransport, WrappedTransport
 
 
 class RecordingTransport(WrappedTransport):
-    """Records both directions with times.
+    """Transport with a recording of both directions, with times.
 
-    A line is `{"t": seconds since opening, "sent": hex}`, or `"received": hex`, or `"lost": text` as the last one.
-    Each is handed to the system before the next, so that a crash loses one line at most.
+    A line is `{"t": seconds since opening, "sent": hex}`, with `"received": hex` for received bytes and `"lost": text`
+    at the end. Each line is written before the next, so that a crash loses at most one line.
     """
 
     is_recorded = True
 
     def __init__(self, inner: Transport, path: str | Path) -> None:
-        """Record `inner` to a new file at `path`."""
+        """Record the bytes of `inner` in a new file at `path`."""
         super().__init__(contained(inner))
         self._path = Path(path)
         self._file: TextIO | None = None
         self._start = 0.0
 
     def data(self, chunk: bytes, /) -> None:
-        """Record `chunk` and pass it on."""
+        """Record `chunk` and pass the bytes to the receiver."""
         self._write("received", chunk.hex())
         super().data(chunk)
 
     async def _open(self) -> None:
-        """Create the file, then open the wrapped transport; an existing file is never overwritten."""
+        """Create the file, then open the wrapped transport. Raise OpenError for an existing file."""
         try:
             self._file = self._path.open("x", encoding="ascii", buffering=1)
         except FileExistsError as error:
-            raise OpenError(f"{self._path} exists already; remove it or record to another file") from error
+            raise OpenError(f"{self._path} exists already; remove the file or record to another file") from error
         except (OSError, ValueError) as error:
             raise OpenError(f"cannot record to {self._path}: {error}; choose another file") from error
         self._start = asyncio.get_running_loop().time()
@@ -60,7 +60,7 @@ class RecordingTransport(WrappedTransport):
     def _send(self, data: bytes) -> Awaitable[None] | None:
         if data:
             self._write("sent", data.hex())
-        if self._was_ended():  # because the recording could not be written
+        if self._was_ended():  # because writing the recording failed
             raise self._lost()
         return super()._send(data)
 
@@ -76,7 +76,7 @@ class RecordingTransport(WrappedTransport):
         seconds = round(asyncio.get_running_loop().time() - self._start, 6)
         try:
             self._file.write(json.dumps({"t": seconds, what: text}) + "\n")
-        except OSError as error:  # a recording with a hole would mislead its readers
+        except OSError as error:  # a recording with a gap would mislead its readers
             self._close_file()
             self._break(f"{self._path} cannot be written: {error}")
 
@@ -86,7 +86,7 @@ class RecordingTransport(WrappedTransport):
             try:
                 file.close()
             except OSError:
-                return  # the disk is full, as the write before has reported
+                return  # the disk is full, as reported by the previous write
 
 
 class _RecordedLine(NamedTuple):
@@ -98,30 +98,30 @@ class _RecordedLine(NamedTuple):
 
 
 class ReplayTransport(BaseTransport):
-    """A board that answers from a recording.
+    """Transport with the responses of a board from a recording.
 
-    A recorded answer comes once everything sent before it has been sent again, as much later as in the recording,
-    or at once without `timing`. How sends are cut does not matter; a differing byte ends the connection.
+    A recorded response arrives after all bytes sent earlier in the recording have been sent again, with the recorded
+    delay, or without `timing` immediately. The division into sends is ignored; a different byte ends the connection.
     """
 
     is_recorded = True
 
     def __init__(self, path: str | Path, *, timing: bool = True, url: str = "") -> None:
-        """Play the recording at `path`."""
+        """Prepare to play the recording at `path`."""
         super().__init__(url or f"replay://{path}")
         self._path = Path(path)
         self._timing = timing
         self._sends: list[_RecordedLine] = []
-        self._ends: list[int] = []  # of each send, in all that is to be sent
+        self._ends: list[int] = []  # position after each send, in all bytes to be sent
         self._expected = bytearray()
-        self._said = 0  # bytes
-        self._done = 0  # sends
-        self._coming: deque[tuple[int, _RecordedLine]] = deque()  # from the board, each after a number of sends
-        self._shift = 0.0  # from the recording's time to the loop's
+        self._said = 0  # bytes sent so far
+        self._done = 0  # sends completed so far
+        self._coming: deque[tuple[int, _RecordedLine]] = deque()  # lines of the board, each after a number of sends
+        self._shift = 0.0  # seconds from the time of the recording to the time of the loop
         self._timer: asyncio.Handle | None = None
 
     async def _open(self) -> None:
-        """Read the recording; OpenError names the invalid line."""
+        """Read the recording. Raise OpenError, with the number of an invalid line."""
         for line in _read(self._path):
             if line.what == "sent":
                 self._sends.append(line)
@@ -133,27 +133,27 @@ class ReplayTransport(BaseTransport):
         self._arm()
 
     def _send(self, data: bytes) -> None:
-        """Compare `data` with the recording; ConnectionLost names the line that differs."""
+        """Compare `data` with the recording. Raise ConnectionLost, with the number of the first different line."""
         before, self._said = self._said, self._said + len(data)
         if self._expected[before : self._said] != data:
             error = self._mismatch(data, before)
             self._lose(error)
             raise error
         done = bisect_right(self._ends, self._said)
-        if done > self._done:  # the rest of the recording moves along with the last complete send
+        if done > self._done:  # the rest of the recording follows the time of the last complete send
             self._done = done
             self._shift = asyncio.get_running_loop().time() - self._sends[done - 1].seconds
         self._arm()
 
     async def _close(self) -> None:
-        """There is nothing to free."""
+        """Do nothing: a recording occupies no port."""
 
     def _abort(self) -> None:
         if self._timer is not None:
             self._timer.cancel()
 
     def _arm(self) -> None:
-        """Set the timer for the next chunk, unless the program has to send something before."""
+        """Set the timer for the next chunk, unless the program must send first."""
         if self._timer is None and self._coming and self._coming[0][0] <= self._done:
             loop = asyncio.get_running_loop()
             due = self._coming[0][1].seconds + self._shift if self._timing else loop.time()
@@ -166,7 +166,7 @@ class ReplayTransport(BaseTransport):
             self._lose(ConnectionLost(f"{self.url}: line {line.number}: {line.text}"))
         else:
             self._deliver(line.data)
-            if self._stage != "ended":  # by the receiver
+            if self._stage != "ended":  # the receiver may close the transport
                 self._arm()
 
     def _mismatch(self, data: bytes, before: int) -> ConnectionLost:
@@ -179,11 +179,11 @@ class ReplayTransport(BaseTransport):
             index = bisect_right(self._ends, before + same)
             rest = self._expected[before + same : self._ends[index]][:32]
             reason = f"line {self._sends[index].number}: expected {rest.hex()}, {got}"
-        return ConnectionLost(f"{self.url}: the program went another way: {reason}")
+        return ConnectionLost(f"{self.url}: the program sent bytes different from the recording: {reason}")
 
 
 _LARGEST = 256 * MIB
-"""The largest recording that is replayed: days of ordinary use."""
+"""Most bytes of a recording for replay: days of ordinary use."""
 
 
 def _read(path: Path) -> list[_RecordedLine]:
@@ -192,7 +192,9 @@ def _read(path: Path) -> list[_RecordedLine]:
     except (OSError, ValueError) as error:
         raise OpenError(f"cannot read the recording {path}: {reason(error)}") from error
     read: list[_RecordedLine] = []
-    for number, text in enumerate(lines[:-1], 1):  # after the last newline is nothing, or a line cut by a crash
+    for number, text in enumerate(
+        lines[:-1], 1
+    ):  # the last newline is followed by nothing, or by a line cut in a crash
         try:
             read.append(_parse(number, text, read[-1].seconds if read else 0.0))
         except (ValueError, TypeError, OverflowError, RecursionError) as error:
@@ -207,14 +209,14 @@ def _parse(number: int, text: bytes, earliest: float) -> _RecordedLine:
     (what,) = entry.keys() - {"t"}
     seconds = float(entry["t"])
     if not earliest <= seconds < math.inf:
-        raise ValueError(f"its time must be from {earliest:g} on, as the lines are in order")
+        raise ValueError(f"the time must be at least {earliest:g}, as lines are in order of time")
     if what not in ("sent", "received", "lost") or not isinstance(entry[what], str):
         raise ValueError(f'expected "sent", "received" or "lost" with a text, not {quote(what)}')
     return _RecordedLine(number, seconds, what, entry[what], b"" if what == "lost" else bytes.fromhex(entry[what]))
 
 
 def from_address(address: Address) -> ReplayTransport:
-    """Make the transport for `replay:///path/to/file.jsonl?timing=1`; `servolink.recorder.replaying` has all others."""
+    """Return the transport for `replay:///path/to/file.jsonl?timing=1`; for MCAP see `servolink.recorder.replaying`."""
     timing = address.flag("timing", default=True)
     address.refuse_unknown()
     return ReplayTransport(address.host + address.path, timing=timing, url=address.url)

@@ -1,4 +1,4 @@
-"""Two ends in one process, joined as by a null-modem cable."""
+"""Transport between two ends in one process, joined as by a null-modem cable."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 
 _lines: WeakKeyDictionary[asyncio.AbstractEventLoop, dict[str, list[MemoryTransport]]] = WeakKeyDictionary()
-"""The ends of each named line; an event loop has its own."""
+"""Open ends of each named line, separate for each event loop."""
 
 
 class MemoryTransport(BaseTransport):
-    """One end; bytes arrive at the other end in a later turn of the event loop, or once that end is open."""
+    """End of a line; bytes arrive in a later turn of the event loop, or as soon as the other end is open."""
 
     def __init__(self, url: str = "memory://", name: str = "") -> None:
-        """Be an end of the line `name`, which joins its first two openers; without a name, see `pair`."""
+        """Prepare an end of the line `name`, which joins the first two opened ends; without a name, see `pair`."""
         super().__init__(url)
         self._name = name
         self._peer: MemoryTransport | None = None
@@ -28,7 +28,7 @@ class MemoryTransport(BaseTransport):
 
     @classmethod
     def pair(cls) -> tuple[MemoryTransport, MemoryTransport]:
-        """Make two joined ends."""
+        """Return two joined ends of a line without a name."""
         one, other = cls(), cls()
         one._join(other)
         return one, other
@@ -49,7 +49,7 @@ class MemoryTransport(BaseTransport):
                 self._join(ends[0])
             ends.append(self)
         self._loop = loop
-        for _ in self._coming:  # sent by the other end before this one was open
+        for _ in self._coming:  # sent by the other end before the opening
             loop.call_soon(self._receive)
 
     def _send(self, data: bytes) -> None:
@@ -59,13 +59,13 @@ class MemoryTransport(BaseTransport):
                 self._peer._loop.call_soon(self._peer._receive)
 
     async def _close(self) -> None:
-        if self._peer is not None:  # which gets the sent bytes first
+        if self._peer is not None:  # the other end receives the sent bytes first
             self._peer._lose_soon("the other end was closed")
 
     def _abort(self) -> None:
         lines = _lines.get(self._loop, {}) if self._loop is not None else {}
         if self in lines.get(self._name, ()):
-            del lines[self._name]  # from now on the name can be opened again
+            del lines[self._name]  # the name can be opened again
 
     def _join(self, peer: MemoryTransport) -> None:
         self._peer, peer._peer = peer, self

@@ -1,4 +1,4 @@
-"""From an address to the transport that serves its scheme, ours or another package's."""
+"""Registry of transports by scheme: built-in modules, and entry points of other packages."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 TRANSPORTS = "servolink.transports"
-"""The entry-point group in which other packages register schemes: name = scheme, value = a function of an Address."""
+"""Entry-point group for schemes of other packages: name = scheme, value = function of an Address."""
 DISCOVERY = "servolink.discovery"
-"""The entry-point group in which other packages add to `discover`: value = a function that returns DeviceInfos."""
+"""Entry-point group for the search by other packages: value = function that returns DeviceInfos."""
 
 Factory: TypeAlias = Callable[[Address], Transport]
 
@@ -26,7 +26,7 @@ Factory: TypeAlias = Callable[[Address], Transport]
 class _Kind(NamedTuple):
     module: str
     function: str
-    needs: str = ""  # what to install when the module's library is missing
+    needs: str = ""  # packages to install if the library of the module is missing
 
 
 _KINDS = {
@@ -42,9 +42,12 @@ _KINDS = {
 
 
 def create(url: str) -> Transport:
-    """Return the transport for `url`, not opened yet.
+    """Return an unopened transport for `url`.
 
-    Raise InvalidAddress for an address that is written wrongly, TransportUnavailable for one that cannot be used here.
+    Raises:
+        InvalidAddress: The address is written wrongly.
+        TransportUnavailable: A library is missing, or a plug-in is broken.
+
     """
     address = Address.parse(url)
     if kind := _KINDS.get(address.scheme):
@@ -58,22 +61,22 @@ def create(url: str) -> Transport:
 
 
 class PlugIn:
-    """An entry point of another package, whose failures are TransportUnavailable and name that package."""
+    """Entry point of another package; failures become TransportUnavailable, with the name of the package."""
 
     def __init__(self, entry_point: EntryPoint, purpose: str) -> None:
-        """Keep `entry_point`, unloaded; errors say that it is for `purpose`."""
+        """Store `entry_point`, not loaded yet; errors mention `purpose`."""
         self.name = entry_point.name
         self.package = entry_point.dist.name if entry_point.dist else entry_point.value
         self._entry_point = entry_point
         self._purpose = purpose
 
     def load(self) -> Any:
-        """Import and return the registered function."""
+        """Import and return the registered function. Raise TransportUnavailable."""
         return self._entry_point.load()
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
-        """Turn any exception that is not a TransportError into TransportUnavailable."""
+        """Turn any exception except TransportError into TransportUnavailable."""
         try:
             yield
         except TransportError:
@@ -82,15 +85,15 @@ class PlugIn:
             raise self.broken(f"{type(error).__name__}: {error}") from error
 
     def broken(self, reason: str) -> TransportUnavailable:
-        """Return the error for a plug-in that does not work."""
+        """Return the error for a broken plug-in."""
         return TransportUnavailable(
-            f"the plug-in {self.package} for {self._purpose} is broken: {shorten(reason)}; update or remove it"
+            f"the plug-in {self.package} for {self._purpose} is broken: {shorten(reason)}; update or remove the plug-in"
         )
 
 
 def plug_ins(group: str) -> list[PlugIn]:
-    """Return what other packages have registered in `group`."""
-    from importlib.metadata import entry_points  # brings half of the email package
+    """Return the entry points of other packages in `group`."""
+    from importlib.metadata import entry_points  # imported late: loads half of the email package
 
     points = entry_points(group=group)
     return [PlugIn(each, f"{each.name}://" if group == TRANSPORTS else "discovery") for each in points]
@@ -107,7 +110,7 @@ def _create_with(plug_in: PlugIn, address: Address) -> Transport:
 def _load(address: Address, kind: _Kind) -> Factory:
     try:
         return cast("Factory", getattr(import_module(kind.module), kind.function))
-    except Exception as error:  # another package of the library's name fails in any way, not by ImportError alone
+    except Exception as error:  # another package of the same name fails in any way, not only with ImportError
         cure = f"; try: pip install --force-reinstall {kind.needs}" if kind.needs else ""
         reason = f"{type(error).__name__}: {error}"
         raise TransportUnavailable(f"{address.scheme}:// cannot be loaded: {reason}{cure}") from error

@@ -1,4 +1,4 @@
-"""Serial ports, through pyserial-asyncio."""
+"""Transport for serial ports, through pyserial-asyncio."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from servolink.transports.address import Address
 from servolink.transports.serial_ports import list_ports
 from servolink.transports.stream import StreamTransport
 
-_CLOSE_LIMIT = 0.2  # seconds that closing may block the event loop
-_OPENING_LIMIT = 0.5  # seconds that a cancelled opening waits for the system
+_CLOSE_LIMIT = 0.2  # most seconds for which closing blocks the event loop
+_OPENING_LIMIT = 0.5  # seconds for which a cancelled opening waits for the system
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
 
 
 class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
-    """A port that reports a failure to `failed`, where pyserial-asyncio would log it or close twice."""
+    """Port that reports failures to `failed`: pyserial-asyncio would log the error or close twice."""
 
     failed: Callable[[Exception], None]
 
     def read(self, size: int = 1) -> bytes:
-        """Read without `select`, as data is known to be there; if none is, pyserial finds out why."""
-        try:  # on Windows, where a port has no descriptor, this fails with an OSError too
+        """Read without `select`, as data is known to be available; for a failure, pyserial finds the cause."""
+        try:  # on Windows ports have no descriptor: also an OSError
             if data := os.read(self.fileno(), size):
                 return data
         except OSError:
@@ -44,7 +44,7 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
             return b""
 
     def write_at_once(self, data: bytes) -> int:
-        """Return how much of `data` the system took; after a failure 0, and the next `write` finds out why."""
+        """Return the number of bytes accepted by the system; 0 for a failure, raised by the next `write`."""
         try:
             return os.write(self.fileno(), data)
         except OSError:
@@ -55,7 +55,7 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
             return super().write(b)  # type: ignore[no-any-return]  # likewise
         except serial.SerialException as error:
             self.failed(error)
-            raise BlockingIOError from error  # the bytes were not taken
+            raise BlockingIOError from error  # the system accepted no bytes
 
     @property
     def in_waiting(self) -> int:
@@ -66,15 +66,15 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
             return 0
 
     def flush(self) -> None:
-        """Drop the bytes that the device does not take: waiting for it, as pyserial does, can last for ever."""
+        """Drop unsent bytes: pyserial would wait for the device, possibly forever."""
         try:
-            if self.out_waiting:  # only then: a pseudo-terminal would drop bytes that its reader has yet to read
+            if self.out_waiting:  # not otherwise: a pseudo-terminal would drop bytes still unread by the other end
                 self.reset_output_buffer()
         except OSError:
             pass  # unplugged: nothing is left to drop
 
     def close(self) -> None:
-        """Close in a thread: a device that takes nothing makes Linux wait for 30 s, which must not block the loop."""
+        """Close in a thread: for a stuck device Linux waits 30 s, and the event loop must not block."""
         if not self.is_open or sys.is_finalizing():  # a thread started at the end of the program never runs
             super().close()
             return
@@ -84,13 +84,13 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
 
 
 class SerialTransport(StreamTransport):
-    """A serial port, opened for us alone, with 8 data bits, no parity and 1 stop bit."""
+    """Serial port, opened for exclusive use, with 8 data bits, no parity and 1 stop bit."""
 
     def __init__(self, url: str, device: str, *, baudrate: int = 115200, dtr: bool = False, rts: bool = False) -> None:
-        """Lead to `device`; `dtr` and `rts` are the levels of the two control lines, which reset some boards."""
+        """Use the port `device`; `dtr` and `rts` are levels of control lines, which reset some boards."""
         super().__init__(url)
         self.bytes_per_second = baudrate / 10
-        """What the line carries at least; USB does not care about the baud rate."""
+        """Least capacity of the line; USB ignores the baud rate."""
         self._device = device
         self._port = _Port(baudrate=baudrate, exclusive=True)
         self._port.dtr = dtr
@@ -99,38 +99,38 @@ class SerialTransport(StreamTransport):
 
     @property
     def baudrate(self) -> int:
-        """The baud rate."""
+        """Baud rate of the port, in bits per second."""
         return int(self._port.baudrate)
 
     def set_baudrate(self, baudrate: int) -> bool:
-        """Change the baud rate of the open port at once; return whether the port can have this one."""
+        """Change the baud rate of the open port immediately; return whether the port supports `baudrate`."""
         try:
             self._port.baudrate = baudrate
-        except (OSError, ValueError):  # pyserial raises the latter for numbers that no port has
+        except (OSError, ValueError):  # pyserial raises ValueError for rates of no port
             return False
         self.bytes_per_second = baudrate / 10
         return True
 
     async def connect(self) -> asyncio.Transport:
-        """Open the port in a thread; OpenError says what to do."""
+        """Open the port in a thread. Raise OpenError with the remedy."""
         loop = asyncio.get_running_loop()
         opening = loop.run_in_executor(None, self._open_port)
         try:
             await asyncio.shield(opening)
         except asyncio.CancelledError:
             opening.add_done_callback(self._close_late)
-            # A caller that tries again at once would find the port in use, by us; a stuck one closes itself later.
+            # Otherwise an immediate new attempt would find the port in use. A port stuck in opening is closed later.
             await asyncio.wait((opening,), timeout=_OPENING_LIMIT)
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
-        return pipe  # type: ignore[no-any-return]  # nor has pyserial-asyncio
+        return pipe  # type: ignore[no-any-return]  # pyserial-asyncio has no types
 
     def _open_port(self) -> None:
-        """Open the port, which may block; pyserial drops stale input."""
+        """Open the port, perhaps blocking; pyserial drops stale input."""
         try:
             self._port.port = self._device
             self._port.open()
-        except Exception as error:  # OSError, ValueError for baud rate or name, termios.error, which is neither
+        except Exception as error:  # OSError, ValueError for baud rate or name, or termios.error
             raise OpenError(f"{self.url}: {_reason(self._device, error)}") from error
 
     def _close_late(self, opening: asyncio.Future[None]) -> None:
@@ -146,7 +146,7 @@ class SerialTransport(StreamTransport):
         self._port.close()
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
-        """Write at once what the system takes, usually everything, instead of one turn of the loop later."""
+        """Write as many bytes as possible immediately, usually all, and not one turn of the loop later."""
         taken = 0 if self._full else self._port.write_at_once(data)
         if taken < len(data):
             pipe.write(data[taken:])
@@ -155,7 +155,7 @@ class SerialTransport(StreamTransport):
         try:
             return super()._unsent() + int(self._port.out_waiting)
         except OSError:
-            return 0  # unplugged: nothing will leave any more
+            return 0  # unplugged: no more bytes will leave
 
 
 def _reason(device: str, error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""The serial ports that can be boards, as the system lists them without opening any; and a board that moves."""
+"""Search for serial ports of boards, without opening any port, and tracking of a board moved to another port."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo, PortIdentity, is_accessible
 
 _TRIES = 3
-_INTERFACE = re.compile(r":[^.]+\.(\d+)$", re.ASCII)  # in a location such as 1-1.4:1.0
+_INTERFACE = re.compile(r":[^.]+\.(\d+)$", re.ASCII)  # interface number in a location such as 1-1.4:1.0
 
 
 def list_ports() -> list[Any]:
-    """Return all serial ports, as pyserial describes them.
+    """Return all serial ports, as described by pyserial.
 
-    While a device vanishes pyserial fails in ways of its own, for example with a TypeError; the next try is without
-    that device.
+    For a device unplugged during the search pyserial raises various errors, such as a TypeError; the next attempt does
+    not find the device.
     """
-    from serial.tools import list_ports as pyserial  # type: ignore[import-untyped] # other kinds do without pyserial
+    from serial.tools import list_ports as pyserial  # type: ignore[import-untyped] # other kinds need no pyserial
 
     for _ in range(_TRIES):
         try:
@@ -35,7 +35,7 @@ def list_ports() -> list[Any]:
 
 
 def candidates() -> list[DeviceInfo]:
-    """Return the serial ports on USB; others, such as a modem's or a Raspberry Pi's pins, must be named by the user."""
+    """Return the serial ports on USB. Other ports, such as modems or the pins of a Raspberry Pi, must be named."""
     return list(_candidates())
 
 
@@ -56,7 +56,7 @@ def _problem(device: str) -> str:
 
 
 def identity_at(url: str, devices: Iterable[DeviceInfo]) -> PortIdentity | None:
-    """Return the identity of the serial port at `url`; None if it has no serial number to find it again by."""
+    """Return the identity of the serial port at `url`; None without a serial number."""
     if not (wanted := Address.parse(url).serial_device):
         return None
     at_url = (device.identity for device in devices if Address.parse(device.url).serial_device == wanted)
@@ -64,7 +64,7 @@ def identity_at(url: str, devices: Iterable[DeviceInfo]) -> PortIdentity | None:
 
 
 def ports_of(identity: PortIdentity, devices: Iterable[DeviceInfo]) -> list[DeviceInfo]:
-    """Return the serial ports that have `identity`."""
+    """Return the serial ports with the USB identity `identity`."""
     return [device for device in devices if device.url.startswith("serial://") and identity.fits(device.identity)]
 
 
@@ -75,24 +75,24 @@ def move(url: str, port: DeviceInfo) -> str:
 
 
 class PortTracker:
-    """Follows the board behind one address; only a serial port with a USB serial number ever moves."""
+    """Tracker of the board at an address: a serial port with a USB serial number may get another name."""
 
     def __init__(self, url: str) -> None:
-        """Follow the board at `url`."""
+        """Track the board at `url`."""
         self._url = url
         self._identity: PortIdentity | None = None
 
     async def learn(self) -> None:
-        """Remember which board is at the address now."""
+        """Store the identity of the board now at the address."""
         try:
             is_serial = bool(Address.parse(self._url).serial_device)
         except TransportError:
-            return  # opening the address reports what is wrong with it
+            return  # opening the wrong address reports the error
         if is_serial:
             self._identity = identity_at(self._url, await asyncio.to_thread(candidates))
 
     async def url(self) -> str:
-        """Return where the board is now; the first address if it is not here or cannot be told from another."""
+        """Return the present address of the board; for an absent or ambiguous board, the first address."""
         if self._identity is None:
             return self._url
         found = ports_of(self._identity, await asyncio.to_thread(candidates))

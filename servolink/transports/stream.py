@@ -1,4 +1,4 @@
-"""Transports over asyncio's own, of which serial and TCP differ only in how they connect; and TCP."""
+"""Base of transports over asyncio transports, for serial ports and TCP; and TCP."""
 
 from __future__ import annotations
 
@@ -11,59 +11,59 @@ from servolink.errors import OpenError
 from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 
-_DRAIN_LIMIT = 0.5  # seconds that close() gives sent bytes to leave
+_DRAIN_LIMIT = 0.5  # seconds for sent bytes to leave in close()
 _DRAIN_STEP = 0.01
 
 
 class StreamTransport(BaseTransport, asyncio.Protocol):
-    """A transport over one of asyncio's own; a kind of stream implements `connect`."""
+    """Transport over an asyncio transport; each kind of stream implements `connect`."""
 
     def __init__(self, url: str) -> None:
-        """Start unopened; errors call the transport `url`."""
+        """Start unopened; `url` names the transport in errors."""
         super().__init__(url)
         self._pipe: asyncio.Transport | None = None  # kept after the end
         self._gone = asyncio.Event()
-        self._full = False  # whether the system left bytes in the pipe's buffer
+        self._full = False  # whether bytes wait in the buffer of the pipe
         self.on_taken: Callable[[], object] | None = None
-        """Called when the system has taken everything that `pass_on` left waiting."""
+        """Callback when the system has accepted all bytes of `pass_on`."""
         self._sent = 0
 
     @abstractmethod
     async def connect(self) -> asyncio.Transport:
-        """Connect with this object as the protocol and return asyncio's transport, as `create_connection` does.
+        """Connect with this object as the protocol and return the asyncio transport, as by `create_connection`.
 
-        Raise OpenError, which says what to do; any other exception becomes one. Leave nothing open when it fails or
-        is cancelled.
+        Raise OpenError with the remedy; any other exception becomes an OpenError. Leave nothing open after a failure
+        or cancellation.
         """
 
     def data_received(self, data: bytes) -> None:
-        """Pass `data` on (called by asyncio)."""
+        """Pass `data` to the receiver (called by asyncio)."""
         self._deliver(data)
 
     def eof_received(self) -> None:
-        """End at once, as half a connection is useless (called by asyncio)."""
+        """End the connection: half a connection is useless (called by asyncio)."""
         self._lose(ConnectionResetError("the other side closed the connection"))
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """End (called by asyncio, which closes the descriptor before any waiter runs on)."""
+        """End the connection (called by asyncio; waiters continue after the descriptor was closed)."""
         self._gone.set()
         self._end(exc)
 
     def pause_writing(self) -> None:
-        """Make sends wait: the system does not take everything at once (called by asyncio)."""
+        """Make sends wait: the buffer of the system is full (called by asyncio)."""
         self._full = True
 
     def resume_writing(self) -> None:
-        """Release the waiting sends: the system has taken everything (called by asyncio)."""
+        """Release the waiting sends: the system has accepted all bytes (called by asyncio)."""
         self._full = False
         self._wake_senders(taken=True)
         if self.on_taken is not None:
             self.on_taken()
 
     def pass_on(self, data: bytes) -> bool:
-        """Give `data` to the system without a time limit; return whether it took all, or else calls `on_taken` later.
+        """Send `data` without a time limit. Return whether the system accepted all; otherwise call `on_taken` later.
 
-        For a relay, which has no say in how long a device may be busy. Raise ConnectionLost if it is not open.
+        For relays, which cannot know how long a device may be busy. Raise ConnectionLost for a closed transport.
         """
         if self._stage != "open" or self._pipe is None:
             raise self._lost()
@@ -73,37 +73,37 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
 
     @property
     def baudrate(self) -> int:
-        """The baud rate of a serial port; 0 for what has none."""
+        """Baud rate of a serial port; 0 for other streams."""
         return 0
 
     def set_baudrate(self, baudrate: int) -> bool:
-        """Change the baud rate at once; return whether it has one now."""
+        """Change the baud rate immediately; return whether the stream supports `baudrate`."""
         return False
 
     def pause_reading(self) -> None:
-        """Leave what arrives to the system for now, which may slow the other side down."""
+        """Stop reading: bytes wait in buffers of the system, and may slow the sender down."""
         if self._pipe is not None and not self._pipe.is_closing():
             self._pipe.pause_reading()
 
     def resume_reading(self) -> None:
-        """Read again."""
+        """Continue reading after `pause_reading`."""
         if self._pipe is not None and not self._pipe.is_closing():
             self._pipe.resume_reading()
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
-        """Give `data` to the system; `pipe` buffers the rest that it does not take, and calls `pause_writing`."""
+        """Pass `data` to the system; `pipe` buffers the rest and calls `pause_writing`."""
         pipe.write(data)
 
     def _unsent(self) -> int:
-        """Return the number of bytes that have not left yet."""
+        """Return the number of bytes still waiting to be sent."""
         return self._pipe.get_write_buffer_size() if self._pipe else 0
 
     async def _open(self) -> None:
         self._pipe = await self.connect()
-        self._pipe.set_write_buffer_limits(high=0)  # so that resume_writing means: everything has been taken
+        self._pipe.set_write_buffer_limits(high=0)  # so that resume_writing means: the system has accepted all bytes
 
     def _send(self, data: bytes) -> Awaitable[None] | None:
-        if data and self._pipe is not None:  # pyserial-asyncio would spin on no data
+        if data and self._pipe is not None:  # without data, pyserial-asyncio would spin
             self._write(self._pipe, data)
             self._sent += len(data)
         return self._until_taken(asyncio.get_running_loop().create_future()) if self._full else None
@@ -114,7 +114,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         loop = asyncio.get_running_loop()
         deadline = loop.time() + _DRAIN_LIMIT
         try:
-            # A serial port does not say when its last byte has left.
+            # A serial port does not report the departure of the last byte.
             while self._stage == "closing" and self._unsent() and loop.time() < deadline:  # noqa: ASYNC110 - see above
                 await asyncio.sleep(_DRAIN_STEP)
         finally:
@@ -126,39 +126,39 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         if self._pipe is not None and not self._pipe.is_closing():
             try:
                 self._pipe.abort()
-            except RuntimeError:  # its event loop has ended, and asyncio cannot close anything without one
+            except RuntimeError:  # asyncio cannot close a transport after the end of the event loop
                 self._release()
                 self._gone.set()
 
     def _release(self) -> None:
         """Free the port without asyncio, once the event loop has ended."""
-        if self._pipe is not None:  # abort() would leave this to the next turn of the loop
+        if self._pipe is not None:  # abort() would close the descriptor in the next turn of the loop
             self._pipe._call_connection_lost(None)  # type: ignore[attr-defined]  # noqa: SLF001
 
     def _taken(self) -> int:
         return self._sent - (self._pipe.get_write_buffer_size() if self._pipe else 0)
 
 
-# By default a system takes megabytes ahead, then nothing for long: a slow line would look like a dead one.
+# By default a system accepts megabytes, then nothing for long: a slow line would look like a dead line.
 _SEND_BUFFER = 65536
 
 
 class TcpTransport(StreamTransport):
-    """A TCP connection with keepalive; asyncio itself turns Nagle's delay off."""
+    """TCP connection with keepalive; asyncio turns Nagle's delay off."""
 
     def __init__(self, url: str, host: str, port: int, *, timeout: float = 5.0) -> None:
-        """Lead to `port` of `host`; opening takes at most `timeout` seconds."""
+        """Use `port` of `host`; opening takes at most `timeout` seconds."""
         super().__init__(url)
         self._host = host
         self._port = port
         self._timeout = timeout
 
     async def connect(self) -> asyncio.Transport:
-        """Connect to the host; OpenError says what to check."""
+        """Connect to the host. Raise OpenError with the things to check."""
         try:
             async with asyncio.timeout(self._timeout):
                 pipe, _ = await asyncio.get_running_loop().create_connection(lambda: self, self._host, self._port)
-        except (OSError, UnicodeError) as error:  # UnicodeError: the name cannot be a host's
+        except (OSError, UnicodeError) as error:  # UnicodeError: the name is not a valid host name
             raise OpenError(f"{self.url}: {self._reason(error)}") from error
         connection = pipe.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
@@ -179,7 +179,7 @@ class TcpTransport(StreamTransport):
 
 
 def keep_alive(connection: socket.socket, *, idle: int, interval: int, count: int) -> None:
-    """Make the system notice a peer that is silently gone, where that can be set after idle + interval * count s."""
+    """Detect a silently lost peer after idle + interval * count seconds, on systems with this setting."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in {"TCP_KEEPIDLE": idle, "TCP_KEEPINTVL": interval, "TCP_KEEPCNT": count}.items():
         if hasattr(socket, name):

@@ -1,11 +1,11 @@
-"""A transport over a device whose library blocks, with two threads for each device.
+"""Transport over a device with a blocking library, with two threads for each device.
 
-One thread opens the device, reads from it and closes it; the other one, which it starts and joins, writes. So a write
-never waits for a read that waits for the board, and no call is under way when the device is closed. hidapi (from 0.15
-on) and libusb allow a read and a write at the same time, but not a close during either.
+The first thread opens, reads and closes the device; the second thread writes, and is started and joined by the first.
+So a write never waits for a read, and no call is in progress when the device is closed. hidapi (from 0.15 on) and
+libusb allow a read and a write at the same time, but no close during either.
 
-A call that is stuck in the operating system cannot be interrupted. Both threads are daemons: a stuck one is left
-behind, and closes the device by itself when the call returns.
+A call stuck in the operating system cannot be interrupted. Both threads are daemons: a stuck thread is abandoned, and
+closes the device when the call returns.
 """
 
 from __future__ import annotations
@@ -23,48 +23,48 @@ from typing import NamedTuple, Protocol, TypeAlias
 from servolink.errors import ConnectionLost
 from servolink.transports.lifecycle import BaseTransport
 
-_DRAIN_LIMIT = 0.4  # seconds that close() gives sent bytes to leave
-_END_LIMIT = 0.5  # seconds that close() then gives the device to stop: a read takes half of it
-_EXIT_LIMIT = 1.0  # seconds that the end of the program waits for a device to be closed
+_DRAIN_LIMIT = 0.4  # seconds for sent bytes to leave in close()
+_END_LIMIT = 0.5  # seconds for the device to stop after that: a read takes half of the time
+_EXIT_LIMIT = 1.0  # seconds to close a device at the end of the program
 
 
 class OpenDevice(Protocol):
-    """A device whose calls block; any error a call raises ends the connection."""
+    """Open device with blocking calls; an error in a call ends the connection."""
 
     def read(self) -> bytes:
-        """Wait for bytes, for a quarter of a second at most; return b"" if none came."""
+        """Return received bytes, or b"" after at most 0.25 s without bytes."""
         ...
 
     def pieces(self, frame: bytes) -> Iterable[bytes]:
-        """Cut `frame` into the pieces that the device takes in one call."""
+        """Cut `frame` into pieces for one call of `write` each."""
         ...
 
     def write(self, piece: bytes) -> bytes | None:
-        """Offer `piece` for a short time; return the rest that was not taken, None if all was."""
+        """Offer `piece` for a short time; return the rest to be sent again, None if the device accepted all bytes."""
         ...
 
     def close(self) -> None:
-        """Release it; called once, when neither `read` nor `write` is under way."""
+        """Release the device; called once, when neither `read` nor `write` is in progress."""
         ...
 
 
 class Device(Protocol):
-    """A device that can be opened."""
+    """Unopened device, with blocking calls."""
 
     def open(self) -> OpenDevice:
-        """Open it. Raise OpenError, which says what to do, and leave nothing open if that fails."""
+        """Open the device. For a failure, raise OpenError with the remedy, and leave nothing open."""
         ...
 
 
 class DeviceState(Enum):
-    """A state of the device, as the thread reports it."""
+    """State of the device, as reported by the thread."""
 
     OPENED = "opened"
-    CLOSED = "closed"  # the last report
+    CLOSED = "closed"  # always the last report of a thread
 
 
 News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | DeviceState"
-"""A chunk, the future of a frame that the device has taken, a failure, or a change of state."""
+"""Report of the threads: a received chunk, the future of an accepted frame, a failure, or a change of state."""
 
 
 class _QueuedFrame(NamedTuple):
@@ -73,36 +73,36 @@ class _QueuedFrame(NamedTuple):
 
 
 class DeviceThread:
-    """Owns a device and reports to the event loop, which it wakes once for everything that has happened by then."""
+    """Owner of a device, with its threads. Reports to the event loop are collected: one wake-up for many reports."""
 
     def __init__(self, device: Device, loop: asyncio.AbstractEventLoop, hear: Callable[[Iterator[News]], None]) -> None:
-        """Own `device`; `hear` is called on `loop` with all news so far, in order."""
+        """Own `device`; call `hear` on `loop` with all collected reports, in order."""
         self._device = device
         self._loop = loop
         self._hear = hear
         self._news: deque[News] = deque()
-        self._is_waking = False  # whether the loop will call `_report`
+        self._is_waking = False  # whether a call of `_report` is scheduled
         self._frames: SimpleQueue[_QueuedFrame | None] = SimpleQueue()
         self._stopping = False
         self._thread = threading.Thread(target=self._own, name="servolink device", daemon=True)
         self.steps = 0
-        """The number of times that the device has taken bytes."""
+        """Number of calls in which the device accepted bytes."""
 
     def start(self) -> None:
         """Start opening the device."""
-        # At its end Python kills daemons, perhaps in the middle of a read, and then hidapi closes the open device.
+        # At exit Python kills daemon threads, perhaps in the middle of a read, and then hidapi closes the open device.
         atexit.register(self._end_with_program)
         self._thread.start()
 
     def send(self, frame: bytes, taken: asyncio.Future[bool]) -> None:
-        """Send `frame` after the earlier ones; `taken` comes back as news when the device has it.
+        """Send `frame` after all earlier frames, and report `taken` when the device has accepted the frame.
 
-        An empty one is only reported, when the device has the earlier ones.
+        An empty frame is reported when the device has accepted all earlier frames.
         """
         self._frames.put(_QueuedFrame(frame, taken))
 
     def stop(self) -> None:
-        """Close the device as soon as no call is under way, and drop unsent frames; may be called from any thread."""
+        """Close the device as soon as no call is in progress, and drop unsent frames; callable from any thread."""
         self._stopping = True
         self._frames.put(None)
 
@@ -120,7 +120,7 @@ class DeviceThread:
     def _use(self, device: OpenDevice) -> None:
         writer = threading.Thread(target=self._write, args=[device], name="servolink device writer", daemon=True)
         try:
-            writer.start()  # fails when the program is ending
+            writer.start()  # fails at the end of the program
             self._post(DeviceState.OPENED)
             self._read(device)
         except Exception as error:  # noqa: BLE001 - reported before closing the device, which can take long
@@ -128,11 +128,15 @@ class DeviceThread:
         self.stop()
         if writer.is_alive():
             writer.join()
-        with suppress(Exception):  # nothing can be done about a device that fails to close
+        with suppress(Exception):  # no remedy for a failure to close
             device.close()
 
     def _read(self, device: OpenDevice) -> None:
-        read, post, is_closed = device.read, self._post, self._loop.is_closed  # bound once: this runs for every chunk
+        read, post, is_closed = (
+            device.read,
+            self._post,
+            self._loop.is_closed,
+        )  # bound once: the loop below runs for every chunk
         while not self._stopping and not is_closed():
             if chunk := read():
                 post(chunk)
@@ -156,7 +160,7 @@ class DeviceThread:
             self.steps += rest is None or len(rest) < offered
 
     def _report(self) -> None:
-        self._is_waking = False  # first: news that comes meanwhile must wake the loop again
+        self._is_waking = False  # first: a report posted meanwhile must wake the loop again
         self._hear(self._take())
 
     def _take(self) -> Iterator[News]:
@@ -170,7 +174,7 @@ class DeviceThread:
             self._is_waking = True
             try:
                 self._loop.call_soon_threadsafe(self._report)
-            except RuntimeError:  # the loop is closed: the device is not needed any more
+            except RuntimeError:  # the loop is closed, and the device is no longer needed
                 self.stop()
 
     def _end_with_program(self) -> None:
@@ -179,10 +183,10 @@ class DeviceThread:
 
 
 class DeviceTransport(BaseTransport):
-    """A transport over a device whose calls block, which the threads of a `DeviceThread` make."""
+    """Transport over a device with blocking calls, made by the threads of a `DeviceThread`."""
 
     def __init__(self, url: str, device: Device) -> None:
-        """Lead to `device`; errors call the transport `url`."""
+        """Use `device`; `url` names the transport in errors."""
         super().__init__(url)
         self._device = device
         self._thread: DeviceThread | None = None
@@ -198,7 +202,7 @@ class DeviceTransport(BaseTransport):
             await self._opened
         except asyncio.CancelledError:
             self._end(None)
-            # A caller that tries again at once would find the device in use, by us.
+            # Otherwise an immediate new attempt would find the device in use.
             await _within(_END_LIMIT, self._freed)
             raise
 
@@ -221,7 +225,7 @@ class DeviceTransport(BaseTransport):
             await _within(_END_LIMIT, self._freed)
         finally:
             if self._opened is not None and not self._opened.done():
-                self._opened.set_result(None)  # a thread that is stuck opening the device is left behind
+                self._opened.set_result(None)  # a thread stuck in opening the device is abandoned
 
     def _abort(self) -> None:
         if self._thread is not None:
@@ -231,7 +235,7 @@ class DeviceTransport(BaseTransport):
         return self._thread.steps if self._thread else 0
 
     def _hear(self, everything: Iterator[News]) -> None:
-        """Handle what the threads report; chunks that came together are delivered as one."""
+        """Handle the reports of the threads; consecutive chunks are joined and delivered together."""
         chunks: list[bytes] = []
         for news in everything:
             if isinstance(news, bytes):
@@ -269,7 +273,7 @@ class DeviceTransport(BaseTransport):
 
 
 async def _within(limit: float, event: asyncio.Event) -> None:
-    """Wait for `event`, but no longer than `limit` seconds."""
+    """Wait for `event`, at most `limit` seconds."""
     with suppress(TimeoutError):
         async with asyncio.timeout(limit):
             await event.wait()

@@ -1,4 +1,4 @@
-"""A board on a pair of USB bulk endpoints, through pyusb and libusb."""
+"""Transport for a board on a pair of USB bulk endpoints, through pyusb and libusb."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from servolink.transports.usb_devices import Endpoints, UsbInterface, backend, b
 
 _TRANSFER_LIMIT = 250  # milliseconds; on some systems, transfers cancelled sooner have lost packets
 _WRITE_SIZE = 16384
-_STALE_LIMIT = 1.0  # seconds for which a device may send what another program asked for
-_HALTS = 10  # so many in a row, with no data in between, are more than a disturbance
+_STALE_LIMIT = 1.0  # seconds for which a device may send responses to an earlier program
+_HALTS = 10  # most halts in a row without data: more are no mere disturbance
 
 
 class BulkDevice:
-    """A vendor-defined interface with a pair of bulk endpoints."""
+    """Vendor-defined USB interface with a pair of bulk endpoints."""
 
     def __init__(
         self,
@@ -36,7 +36,7 @@ class BulkDevice:
         outgoing: int | None = None,
         library: Any = None,
     ) -> None:
-        """Lead to the only interface that fits, by its first bulk endpoints; `library` is pyusb's backend."""
+        """Use the only fitting interface, with its first bulk endpoints; `library` is the backend of pyusb."""
         self._url = url
         self._wanted = wanted
         self._incoming = incoming
@@ -44,7 +44,7 @@ class BulkDevice:
         self._library = library
 
     def open(self) -> OpenUsb:
-        """Find and open it, or raise OpenError; drop responses that an earlier program left unread."""
+        """Find and open the interface, and drop responses to an earlier program. Raise OpenError with the remedy."""
         library = self._library or backend()
         found = boards(library, self._wanted)
         kind = f"USB device {self._wanted}"
@@ -67,50 +67,50 @@ class BulkDevice:
 
 
 class OpenUsb:
-    """A claimed interface."""
+    """Open USB interface, claimed from the system."""
 
     def __init__(self, device: Any, endpoints: Endpoints, undo: ExitStack) -> None:
-        """Use `device`, pyusb's; `undo` releases it."""
+        """Use `device` of pyusb; `undo` releases the device."""
         self._device = device
         self._endpoints = endpoints
         self._undo = undo
         self._halts = 0
 
     def drop_stale(self) -> None:
-        """Drop responses that an earlier program did not read: they would answer our first request."""
+        """Drop unread responses to an earlier program: the first request would get a wrong response."""
         until = monotonic() + _STALE_LIMIT
         while self._packet() is not None and monotonic() < until:
             pass
 
     def read(self) -> bytes:
-        """Return the next packet, or nothing."""
+        """Return the next packet, or b"" after the time limit."""
         return self._packet() or b""
 
     def pieces(self, frame: bytes) -> Iterator[bytes]:
-        """Cut `frame` into transfers; an empty packet shows the end that a full one does not."""
+        """Cut `frame` into transfers; an empty packet marks the end after a full packet."""
         for start in range(0, len(frame), _WRITE_SIZE):
             yield frame[start : start + _WRITE_SIZE]
         if len(frame) % self._endpoints.outgoing_size == 0:
             yield b""
 
     def write(self, piece: bytes) -> bytes | None:
-        """Offer `piece`; return the rest that was not taken in time, None if all was."""
+        """Offer `piece`; return the rest after the time limit, None if the device accepted all bytes."""
         try:
             taken = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
         except usb.core.USBTimeoutError:
             return piece
         except (usb.core.USBError, ValueError) as error:  # ValueError: gone before its descriptors were needed
             self._recover(self._endpoints.outgoing, error)
-            return None  # it is unknown how much was taken, and bytes sent again could be carried out twice
+            return None  # the number of accepted bytes is unknown, and a repeated command could be carried out twice
         return piece[taken:] if taken < len(piece) else None
 
     def close(self) -> None:
-        """Release it, to the kernel's driver if that had it."""
+        """Release the interface, if necessary to the driver of the kernel."""
         self._undo.close()
 
     def _packet(self) -> bytes | None:
-        """Return the next packet, which may be empty, or None if none came in time."""
-        # One packet at a time: a longer transfer waits for more after a full packet that no empty one follows.
+        """Return the next packet, perhaps empty, or None after the time limit."""
+        # One packet at a time: after a full packet with no empty packet, a longer transfer would wait for more.
         try:
             packet = bytes(self._device.read(self._endpoints.incoming, self._endpoints.incoming_size, _TRANSFER_LIMIT))
         except usb.core.USBTimeoutError:
@@ -122,7 +122,7 @@ class OpenUsb:
         return packet
 
     def _recover(self, endpoint: int, error: Exception) -> None:
-        """Clear a halt; any other error is the end."""
+        """Clear a halt of `endpoint`. Raise ConnectionLost for any other error."""
         self._halts += 1
         if getattr(error, "errno", None) != errno.EPIPE or self._halts > _HALTS:
             raise _gone(error) from error
@@ -133,11 +133,11 @@ class OpenUsb:
 
 
 def _claim(board: UsbInterface, undo: ExitStack) -> None:
-    """Take the interface; `undo` gets the steps that release it, however far this comes."""
+    """Claim the interface; `undo` gets the steps to release what was claimed, also after a failure."""
     device, number = board.device, board.number
     undo.callback(_quietly, usb.util.dispose_resources, device)
     _configure(device, board.configuration.bConfigurationValue)
-    with suppress(NotImplementedError):  # a system on which drivers cannot be detached
+    with suppress(NotImplementedError):  # drivers cannot be detached on every system
         if device.is_kernel_driver_active(number):
             device.detach_kernel_driver(number)
             undo.callback(_quietly, device.attach_kernel_driver, number)
@@ -148,18 +148,18 @@ def _claim(board: UsbInterface, undo: ExitStack) -> None:
 
 
 def _configure(device: Any, wanted: int) -> None:
-    """Set the configuration unless it is set: setting it again would reset the whole device."""
+    """Set the configuration unless already set: setting the same value again would reset the whole device."""
     try:
         if device.get_active_configuration().bConfigurationValue == wanted:
             return
     except usb.core.USBError as error:
-        if error.errno is not None:  # pyusb's own "not configured" has no number
+        if error.errno is not None:  # the error "not configured" of pyusb has no number
             raise
     device.set_configuration(wanted)
 
 
 def _quietly(free: Callable[..., object], *arguments: object) -> None:
-    """Free something of a device that may be gone."""
+    """Call `free`, and ignore the errors of an unplugged device."""
     with suppress(usb.core.USBError, NotImplementedError):
         free(*arguments)
 
@@ -169,11 +169,11 @@ def _reason(error: Exception) -> str:
     if code in {errno.EACCES, errno.EPERM}:
         return f"no permission for the USB device; {UDEV_CURE}"
     if code == errno.EBUSY:
-        return "it is in use; close the program that has it (another servolink, a virtual machine)"
+        return "the device is in use; close the program that has it (another servolink, a virtual machine)"
     if code in {errno.ENODEV, errno.ENOENT, errno.EIO, errno.ENXIO}:
-        return "it has just vanished; plug the board in again"
+        return "the device was unplugged just now; plug the board in again"
     if isinstance(error, NotImplementedError):
-        return "Windows has no driver for it that lets programs use it; give it WinUSB, with the program Zadig"
+        return "Windows has no driver for access by programs; install WinUSB for the device, with the program Zadig"
     return f"cannot open it: {error}; plug the board in again"
 
 

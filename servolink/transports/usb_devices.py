@@ -1,4 +1,4 @@
-"""The USB interfaces that can be boards: vendor-defined, with a pair of bulk endpoints."""
+"""Search for USB interfaces of boards: vendor-defined, with a pair of bulk endpoints."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _DESCRIPTIONS = Path("/sys/bus/usb/devices")
 _NODES = Path("/dev/bus/usb")
 _VENDOR_CLASS = 0xFF
 _BULK = 2
-_FREE = {"", "usbfs"}  # drivers of an interface that no kernel driver uses
+_FREE = {"", "usbfs"}  # drivers of an interface without a driver of the kernel
 
 
 class Endpoints(NamedTuple):
-    """The addresses of two endpoints and the sizes of their packets in bytes."""
+    """Addresses of two endpoints, and the sizes of their packets in bytes."""
 
     incoming: int
     incoming_size: int
@@ -32,38 +32,38 @@ class Endpoints(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class UsbInterface:
-    """An interface that can be a board's; `device`, `configuration` and `interface` are pyusb's."""
+    """Interface of a possible board; `device`, `configuration` and `interface` are objects of pyusb."""
 
     device: Any
     configuration: Any
     interface: Any
     identity: PortIdentity
     product: str
-    driver: str  # the kernel's, where that can be seen; "usbfs" is another program
-    alone: bool  # whether no other interface of its device can be a board's
+    driver: str  # driver of the kernel, if visible; "usbfs" stands for another program
+    alone: bool  # whether no other interface of the device can be a board
 
     @property
     def number(self) -> int:
-        """Its number within the device."""
+        """Number of the interface within the device."""
         return int(self.interface.bInterfaceNumber)
 
     @property
     def url(self) -> str:
-        """Its address, with its number if its device has several such interfaces."""
+        """Address of the interface, with the interface number if the device has several such interfaces."""
         return self.identity.url("usb", "" if self.alone else f"interface={self.number}")
 
     @property
     def problem(self) -> str:
-        """Why it cannot be opened, and what to do; empty if nothing is known to prevent it."""
+        """Reason why the interface cannot be opened, with the remedy; empty without a known problem."""
         node = _NODES / f"{self.device.bus or 0:03d}" / f"{self.device.address or 0:03d}"
         if not is_accessible(str(node)):
             return f"no permission for {node}; {UDEV_CURE}"
         if self.driver == "usbfs":
-            return "it is in use by another program; close that"
+            return "the interface is in use by another program; close that program"
         return ""
 
     def endpoints(self, incoming: int | None = None, outgoing: int | None = None) -> Endpoints | None:
-        """Return the endpoints with these addresses, for None the first bulk one; None if there are none."""
+        """Return the endpoints with the given addresses, for None the first bulk endpoints; None without endpoints."""
         into, out = self._endpoint(incoming, 0x80), self._endpoint(outgoing, 0)
         if into is None or out is None:
             return None
@@ -83,7 +83,7 @@ def _packet_size(endpoint: Any) -> int:
 
 
 def backend() -> Any:
-    """Load libusb, the one that comes with libusb-package; TransportUnavailable says what to install."""
+    """Load libusb from libusb-package. Raise TransportUnavailable, with the package to install."""
     cure = "pip install --force-reinstall pyusb libusb-package"
     try:
         import libusb_package
@@ -97,12 +97,12 @@ def backend() -> Any:
 
 
 def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface]:
-    """List the interfaces that fit and can be boards; one with a kernel driver only if its id is given."""
+    """Return the fitting interfaces of possible boards; with a driver of the kernel only if `wanted` has the ids."""
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
     for device in devices:
         fitting = list(_bulk_interfaces(device, wanted.interface))
-        # Asking for texts may open the device: only one that fits otherwise is asked.
+        # Reading texts may open the device, and is limited to devices that fit otherwise.
         ids = PortIdentity(device.idVendor, device.idProduct, wanted.serial_number, wanted.interface)
         if fitting and wanted.fits(ids):
             serial_number, product = _texts(device)
@@ -122,9 +122,9 @@ def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface
 
 
 def _bulk_interfaces(device: Any, number: int | None) -> Iterator[tuple[Any, Any]]:
-    """Yield configuration and interface, the first fitting alternate setting of each."""
+    """Yield configuration and interface, with the first fitting alternate setting of each interface."""
     seen = set[tuple[int, int]]()
-    with suppress(usb.core.USBError):  # a device that has just vanished, or whose descriptors are damaged
+    with suppress(usb.core.USBError):  # an unplugged device, or damaged descriptors
         for configuration in device:
             for interface in configuration:
                 key = configuration.bConfigurationValue, interface.bInterfaceNumber
@@ -139,7 +139,7 @@ def _can_be_board(interface: Any) -> bool:
 
 
 def _description(device: Any) -> Path | None:
-    """Return the folder in which Linux describes a device, if there is one."""
+    """Return the folder of a device in sysfs on Linux; None if missing."""
     ports = ".".join(map(str, device.port_numbers or ()))
     folder = _DESCRIPTIONS / f"{device.bus}-{ports}"
     return folder if ports and folder.is_dir() else None
@@ -168,16 +168,16 @@ def _line(file: Path) -> str:
     try:
         return file.read_text(encoding="utf-8", errors="surrogateescape").rstrip("\n")
     except OSError:
-        return ""  # the device has no such text, or has vanished
+        return ""  # no such text, or an unplugged device
 
 
 def _text(device: Any, name: str) -> str:
     try:
         return getattr(device, name) or ""
-    except (usb.core.USBError, ValueError, NotImplementedError):  # ValueError: no permission to ask for it
+    except (usb.core.USBError, ValueError, NotImplementedError):  # ValueError: no permission to read the text
         return ""
 
 
 def candidates() -> list[DeviceInfo]:
-    """List the USB interfaces that can be a board's; TransportUnavailable says what to install."""
+    """Return the possible boards on USB. Raise TransportUnavailable, with the package to install."""
     return [DeviceInfo(each.url, each.product, each.identity, each.problem) for each in boards(backend())]

@@ -40,7 +40,7 @@ def test_an_address_gives_the_options_that_are_in_it(place: str, query: str, opt
         ("patience=soon", "option patience must be a number from 0.001 to 3600, not 'soon'"),
         ("depth=65", "option depth must be an integer from 1 to 64, not '65'"),
         ("depth=1.5", "option depth must be an integer from 1 to 64, not '1.5'"),
-        ("depth=2&depth=2", "option depth is given twice; keep one"),
+        ("depth=2&depth=2", "option depth is given twice; keep one value"),
     ],
 )
 def test_a_wrong_option_is_refused_with_what_is_allowed(query: str, text: str) -> None:

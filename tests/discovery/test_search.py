@@ -180,7 +180,7 @@ def test_another_package_may_add_to_the_search_and_a_broken_one_hides_nothing_el
     assert sorted(str(failure) for failure in found.failures) == [
         "acme:// needs the package toylib",
         *(
-            f"the plug-in acme-search for discovery is broken: {reason}; update or remove it"
+            f"the plug-in acme-search for discovery is broken: {reason}; update or remove the plug-in"
             for reason in (
                 "AttributeError: module 'acme_search' has no attribute 'missing'",
                 "KeyError: 'acme\\x1b'",

@@ -159,7 +159,7 @@ async def test_a_missing_device_is_told_with_those_that_are_there(hid: FakeHid, 
 async def test_several_devices_are_named(hid: FakeHid) -> None:
     another(hid, serial_number="SN 2")
     assert await _open_error("hid://") == (
-        "hid://: 2 devices can be the board; choose one: hid://1209:0001/SN%201, hid://1209:0001/SN%202"
+        "hid://: 2 devices can be the board; choose among: hid://1209:0001/SN%201, hid://1209:0001/SN%202"
     )
     another(hid, serial_number="SN 2", usage_page=0xFF01)
     assert "hid://1209:0001/SN%202?usage_page=0xff00" in await _open_error("hid://1209:0001/SN%202")
@@ -184,7 +184,7 @@ async def test_keyboards_and_mice_are_no_boards(hid: FakeHid) -> None:
 async def test_a_device_that_another_servolink_has_is_busy(hid: FakeHid) -> None:
     first = create("hid://")
     await first.open(Ear())
-    assert f"{hid.node} is in use by another servolink; close that" in await _open_error("hid://")
+    assert f"{hid.node} is in use by another servolink; close that program" in await _open_error("hid://")
     await first.close()
     with hid.node.open() as other:
         fcntl.flock(other, fcntl.LOCK_EX)
@@ -197,7 +197,7 @@ async def test_a_device_that_another_servolink_has_is_busy(hid: FakeHid) -> None
 @on_loop
 async def test_missing_permission_is_told_with_the_rule_that_cures_it(hid: FakeHid) -> None:
     hid.node.chmod(0)
-    problem = f"no permission for {hid.node}; `servolink doctor --print-udev` prints the udev rule that gives it"
+    problem = f"no permission for {hid.node}; `servolink doctor --print-udev` prints the udev rule for this permission"
     with not_root():
         (candidate,) = hid_devices.candidates()
         text = await _open_error("hid://")

@@ -57,7 +57,7 @@ async def test_the_kernels_driver_gets_its_interface_back(board: FakeUsb) -> Non
 async def test_the_kernels_driver_gets_it_back_when_the_opening_fails(board: FakeUsb) -> None:
     board.driver = True
     board.claim_failure = failure(errno.EBUSY)
-    assert "it is in use; close the program that has it" in await _open_error("usb://1209:0001")
+    assert "the device is in use; close the program that has it" in await _open_error("usb://1209:0001")
     assert board.driver is True
 
 
@@ -87,10 +87,10 @@ async def test_an_alternate_setting_is_set_if_it_has_the_endpoints(board: FakeUs
             failure(errno.EACCES),
             "no permission for the USB device; `servolink doctor --print-udev` prints the udev rule",
         ),
-        (failure(errno.ENODEV), "it has just vanished; plug the board in again"),
-        (failure(errno.EBUSY), "it is in use; close the program that has it"),
+        (failure(errno.ENODEV), "the device was unplugged just now; plug the board in again"),
+        (failure(errno.EBUSY), "the device is in use; close the program that has it"),
         (failure(errno.ENOMEM, "Out of memory"), "cannot open it: [Errno 12] Out of memory; plug the board in again"),
-        (NotImplementedError("no driver"), "give it WinUSB, with the program Zadig"),
+        (NotImplementedError("no driver"), "install WinUSB for the device, with the program Zadig"),
     ],
 )
 @on_loop
@@ -104,7 +104,7 @@ async def test_a_failed_opening_says_what_to_do(board: FakeUsb, error: Exception
 async def test_an_interface_is_not_opened_twice(board: FakeUsb) -> None:
     first = create("usb://")
     await first.open(Ear())
-    assert "it is in use" in await _open_error("usb://")
+    assert "the device is in use" in await _open_error("usb://")
     await first.close()
 
 
@@ -114,7 +114,7 @@ async def test_interface_and_endpoints_can_be_given(board: FakeUsb, monkeypatch:
     second.endpoints += [endpoint(0x83), endpoint(0x03)]
     board.interfaces = [bulk_pair(0), second]
     assert await _open_error("usb://") == (
-        f"usb://: 2 devices can be the board; choose one: {SERIAL_URL}?interface=0, {SERIAL_URL}?interface=3"
+        f"usb://: 2 devices can be the board; choose among: {SERIAL_URL}?interface=0, {SERIAL_URL}?interface=3"
     )
     assert "no such endpoints; it has 0x82, 0x02, 0x83, 0x03" in await _open_error("usb://?interface=3&in=0x84")
     transport, addresses = create("usb://?interface=3&in=0x83&out=3"), set[int]()
@@ -180,7 +180,7 @@ def test_an_interface_with_a_driver_is_somebody_elses(board: FakeUsb, tmp_path: 
 def test_an_interface_that_a_program_has_is_listed_with_the_reason(board: FakeUsb, tmp_path: Path) -> None:
     describe(tmp_path, driver="usbfs")
     (candidate,) = usb_devices.candidates()
-    assert candidate.problem == "it is in use by another program; close that"
+    assert candidate.problem == "the interface is in use by another program; close that program"
 
 
 def test_a_forbidden_device_is_listed_with_the_reason(board: FakeUsb, monkeypatch: pytest.MonkeyPatch) -> None:
