@@ -79,7 +79,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "fleet": {"riddles": 8, "pronouns": 9, "short": 11},
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 156},
     "profiles": {"pronouns": 9.5},
-    "recorder": {"riddles": 3, "pronouns": 8.5, "lines": 128, "short": 22},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 159},
     "studio/web": {"riddles": 7, "pronouns": 11, "lines": 80},

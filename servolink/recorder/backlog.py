@@ -1,4 +1,4 @@
-"""Backlog: what was not written yet, in bounded memory."""
+"""Backlog: messages not yet written, in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,49 +10,49 @@ from servolink.files import MIB
 from servolink.recorder.channels import TOPICS, Message, ProblemFound, ServosRead, Wire
 
 TELEMETRY_BYTES = 4 * MIB
-"""While so much waits, readings of servos are dropped: they come again."""
+"""Bound in bytes at which readings of servos are dropped: new readings follow anyway."""
 MOST_BYTES = 32 * MIB
-"""While so much waits, everything is dropped, wire bytes too."""
+"""Bound in bytes at which all messages are dropped, wire bytes too."""
 
-_OVERHEAD = 200  # bytes of a message in memory, about
+_OVERHEAD = 200  # approximate bytes of a message in memory
 
 
 class Timed(NamedTuple):
-    """A message, and when it was: seconds on the monotonic clock."""
+    """Message with its time: seconds on the monotonic clock."""
 
     seconds: float
     message: Message
 
 
 class Backlog:
-    """A queue from the thread that listens to the one that writes; neither ever waits for the other.
+    """Queue from the listening thread to the writing thread, without any waiting on either side.
 
-    Each counter is changed by one of them only, and a deque needs no lock.
+    Each counter is changed by a single thread only, and a deque needs no lock.
     """
 
     def __init__(
         self, telemetry_bytes: int = TELEMETRY_BYTES, most_bytes: int = MOST_BYTES, *, why: str = "the disk is too slow"
     ) -> None:
-        """Start empty. The bounds are on the sum of the sizes of messages; `why` some are missing then."""
+        """Start empty. The bounds are on the sum of message sizes; `why` is the reason given for missing messages."""
         self._why = why
         self._telemetry_bytes = telemetry_bytes
         self._most_bytes = most_bytes
         self._waiting: deque[tuple[float, Message, int]] = deque()
         self._put = self._taken = 0  # bytes so far
         self._is_late = self._is_full = False  # dropping telemetry, or everything, until half of the bound is left
-        self._dropped: Counter[str] = Counter()  # by topic, since it was last told
+        self._dropped: Counter[str] = Counter()  # counts by topic since the last report
         self.dropped = 0
-        """Messages dropped so far."""
+        """Number of messages dropped so far."""
 
     @property
     def size(self) -> int:
-        """About how many bytes wait."""
+        """Approximate bytes of all waiting messages."""
         return self._put - self._taken
 
     def put(self, seconds: float, message: Message) -> None:
-        """Append a message, or drop it."""
+        """Append a message, or drop the message if the backlog is full."""
         if self._put - self._taken < self._telemetry_bytes and not self._is_late and not self._dropped:
-            # Nearly always, for each piece of bytes: few steps, as this is time of the program that is recorded.
+            # Most calls, for each piece of bytes: few steps, because the recorded program pays for the time.
             size = _OVERHEAD + len(message.data) if type(message) is Wire else size_of(message)
             self._put += size
             self._waiting.append((seconds, message, size))
@@ -72,7 +72,7 @@ class Backlog:
         self._append(seconds, message)
 
     def take(self) -> Timed | None:
-        """Remove the oldest message and return it; None if there is none."""
+        """Remove and return the oldest message; None for an empty backlog."""
         if not self._waiting:
             return None
         seconds, message, size = self._waiting.popleft()
@@ -80,7 +80,7 @@ class Backlog:
         return Timed(seconds, message)
 
     def take_some(self, most: int) -> Iterator[tuple[float, Message]]:
-        """Remove the oldest messages, at most so many, and yield them with their seconds."""
+        """Remove up to `most` of the oldest messages, and yield each with its time in seconds."""
         waiting, taken = self._waiting, 0
         for _ in range(min(most, len(waiting))):
             seconds, message, size = waiting.popleft()
@@ -89,7 +89,7 @@ class Backlog:
         self._taken += taken
 
     def tell_dropped(self, seconds: float) -> None:
-        """Append how many messages are missing, if some are."""
+        """Append the number of missing messages, if any."""
         dropped, self._dropped = self._dropped, Counter()
         for topic, count in dropped.items():
             text = f"{_MISSING.get(topic, 'messages')} are missing here: {self._why}"
@@ -105,7 +105,7 @@ _MISSING = {"/wire": "bytes of the line, and the packets in them,", "/servos": "
 
 
 def size_of(message: Message) -> int:
-    """Return about how many bytes a message takes in memory."""
+    """Return the approximate bytes of a message in memory."""
     if isinstance(message, Wire):
         return _OVERHEAD + len(message.data)
     if isinstance(message, ServosRead):

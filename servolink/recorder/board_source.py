@@ -1,4 +1,4 @@
-"""What happens on a board that this program has connected: bytes, commands, readings of servos, loss and return."""
+"""Events of a board connected by the present program: bytes, commands, readings of servos, loss and return."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from servolink.recorder.readings import ReadingsFeed, Take
 if TYPE_CHECKING:
     from servolink.client.board import Board
 
-_PAUSE = 1.0  # seconds until a board that does not report its servos is asked again
+_PAUSE = 1.0  # seconds until a board without a reading is asked again
 
 
 class WireTap(Tap):
-    """Turns the bytes that pass into messages."""
+    """Tap that turns the passing bytes into messages."""
 
     def __init__(self, take: Take) -> None:
         """Pass messages on to `take`."""
@@ -40,10 +40,10 @@ class WireTap(Tap):
 
 
 class BoardTap(WireTap):
-    """Turns bytes and the outcome of requests into messages."""
+    """Tap that turns bytes and the outcome of requests into messages."""
 
     def ended(self, packet: Packet, outcome: object, seconds: float) -> None:
-        """Pass on what became of a request."""
+        """Pass on the outcome of a request."""
         self._take(self._now(), command_done(packet, outcome, seconds))
 
 
@@ -51,7 +51,7 @@ class BoardTap(WireTap):
 async def following(board: Board, take: Take, readings: ReadingsFeed) -> AsyncIterator[None]:
     """Pass on, in this context, states of the connection and readings of the servos.
 
-    Readings are shared with whoever watches the servos in this program.
+    Readings are shared with all watchers of the servos in this program.
     """
     follow = [_follow_states(board, take)]
     if readings.hz:
@@ -72,7 +72,7 @@ async def _follow_states(board: Board, take: Take) -> None:
 
 
 async def follow_servos(board: Board, readings: ReadingsFeed) -> None:
-    """Pass on readings; a board that does not answer is asked again."""
+    """Pass on readings; after a missing answer, ask the board again."""
     while True:
         try:
             async with board.watch(readings.hz) as watch:

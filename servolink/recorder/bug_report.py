@@ -1,8 +1,8 @@
-"""The file for a bug report: a zip with what was found, and a blanked recording. It is read as a stranger's file.
+"""File for a bug report: a zip of findings and a blanked recording. Reports are read as files of strangers.
 
-Captions, names, paths and serial numbers are blanked; sizes, times and numbers stay. Bytes on the wire keep their
-length and their pieces, and each frame gets the right checksum, so that the blanked recording can be read and replayed
-as the original. What is in no intact frame may be a piece of a caption, and is blanked whole.
+Captions, names, paths and serial numbers are blanked; sizes, times and numbers stay. Bytes on the wire keep length
+and pieces, and each frame gets the right checksum, so that the blanked recording can be read and replayed like the
+original. Bytes outside of intact frames may be part of a caption, and are all blanked.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from servolink.recorder.private_text import PrivateText
 from servolink.recorder.reading import Entry, Recording, Selection
 
 FACTS, RECORDING, PROJECT = "report.json", "recording.mcap", "project.servolink.json"
-"""The files in a report."""
+"""Names of the files in a report."""
 LAST_SECONDS = 300.0
-"""How much of a recording goes into a report, from its end."""
+"""Length of the recording in a report, in seconds up to the end."""
 _MOST_MESSAGES = 200_000
 _CHUNK = 256 * 1024
 _LARGEST = {FACTS: MIB, RECORDING: 64 * MIB, PROJECT: 16 * MIB}
@@ -55,8 +55,8 @@ _LARGEST_ZIP = 80 * MIB
 _DATE = (1980, 1, 1, 0, 0, 0)
 _BLANK = "x"
 _NOISE = b"?"
-_BYTE_FOR_BYTE = "latin-1"  # reads every caption, and writes it in as many bytes
-_DEEPEST = 6  # fields in fields
+_BYTE_FOR_BYTE = "latin-1"  # reads every caption, and writes the same number of bytes
+_DEEPEST = 6  # levels of fields within fields
 
 
 def blanked(entries: Iterable[Entry], private: PrivateText, byte_order: ByteOrder) -> list[tuple[int, Message]]:
@@ -81,7 +81,7 @@ def blanked(entries: Iterable[Entry], private: PrivateText, byte_order: ByteOrde
 
 
 def blank_message(message: Message, private: PrivateText) -> Message:
-    """Return a message that is not bytes, blanked."""
+    """Return a message other than bytes, blanked."""
     match message:
         case PacketSeen():
             name = message.packet if message.packet in PACKETS_BY_NAME else ""
@@ -113,7 +113,7 @@ def blank_message(message: Message, private: PrivateText) -> Message:
             return msgspec.structs.replace(
                 message, text=private.blank(message.text), channel=private.blank_name(message.channel)
             )
-    raise TypeError(f"{type(message).__name__} is blanked with the stream that it is part of")
+    raise TypeError(f"{type(message).__name__} is blanked as part of a stream")
 
 
 def blank_packet(packet: Packet) -> Packet:
@@ -133,7 +133,7 @@ def _blank(value: Any) -> Any:
 
 
 def _fields(value: Any, depth: int = 0) -> Any:
-    """Return the fields of a packet in a message: the numbers, with names that the protocol knows."""
+    """Return the fields of a packet in a message: only numbers, with names known to the protocol."""
     if isinstance(value, dict):
         if depth > _DEEPEST:
             return {}
@@ -146,7 +146,7 @@ def _fields(value: Any, depth: int = 0) -> Any:
 
 
 def _names(declared: type[Struct]) -> Iterator[str]:
-    """Yield the names of the fields of a packet and of the records in it."""
+    """Yield the names of the fields of a packet and of the records inside."""
     hints = get_type_hints(declared)
     for name in declared.__struct_fields__:
         yield name
@@ -160,14 +160,14 @@ _KNOWN = {name for declared in PACKETS.values() for name in _names(declared)}
 
 @dataclass
 class _BlankWire:
-    """The bytes of one direction, in their pieces."""
+    """Bytes of a direction, in pieces as passed."""
 
     byte_order: ByteOrder
     _data: bytearray = field(default_factory=bytearray)
     _ends: list[tuple[int, int]] = field(default_factory=list)
 
     def take(self, number: int, data: bytes) -> None:
-        """Take the next piece, which has a number."""
+        """Take the next piece, with the number of the message."""
         self._data += data
         self._ends.append((number, len(self._data)))
 
@@ -181,7 +181,7 @@ class _BlankWire:
 
 
 def blank_stream(data: bytes, byte_order: ByteOrder) -> bytes:
-    """Return a stream of frames and noise with everything blanked that may be text, in the same length."""
+    """Return a stream of frames and noise with all possible text blanked, in the same length."""
     codec = Codec(byte_order, _BYTE_FOR_BYTE)
     parts: list[bytes] = []
     at = 0
@@ -198,7 +198,7 @@ def blank_stream(data: bytes, byte_order: ByteOrder) -> bytes:
 
 
 def _frame(data: bytes, at: int, codec: Codec) -> bytes:
-    """Return the blanked frame that begins at `at`, or only the magic if the frame is not intact."""
+    """Return the blanked frame at `at`, or only the magic if the frame is not intact."""
     head = data[at : at + HEADER_SIZE]
     if len(head) < HEADER_SIZE:
         return MAGIC[: len(head)]
@@ -220,7 +220,7 @@ def _frame(data: bytes, at: int, codec: Codec) -> bytes:
 
 
 def blank_recording(path: Path, private: PrivateText) -> bytes:
-    """Return the last minutes of a recording as a file, blanked; `private` learns what is private in it.
+    """Return the last minutes of a recording as a file, blanked; `private` learns private texts of the recording.
 
     Raise RecordingError if the recording cannot be read.
     """
@@ -259,7 +259,7 @@ def _blank_about(about: Recorded | None, private: PrivateText) -> Recorded:
 
 
 def pack(files: Mapping[str, bytes]) -> bytes:
-    """Return a zip of files; their times and owners are not in it."""
+    """Return a zip of files, without times and owners."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
@@ -281,7 +281,7 @@ def facts_text(facts: Mapping[str, Any]) -> bytes:
 
 
 def is_zip(path: Path) -> bool:
-    """Return whether a file begins as a zip does; False if it cannot be read."""
+    """Return whether a file begins as a zip; False for an unreadable file."""
     try:
         with open_file(path) as file:
             return file.read(4) == b"PK\x03\x04"
@@ -290,7 +290,7 @@ def is_zip(path: Path) -> bool:
 
 
 def read_report(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return the facts and the files of a report. Raise RecordingError if it is not a report, or too large."""
+    """Return the facts and the files of a report. Raise RecordingError if not a report, or too large."""
     files: dict[str, bytes] = {}
     try:
         with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST_ZIP))) as archive:
@@ -299,7 +299,7 @@ def read_report(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
                     files[name] = _member(archive, name, largest)
         facts = read_json(files[FACTS])
     except KeyError as error:
-        raise RecordingError(f"{path} is not a report: it has no {FACTS}; `servolink report` writes one") from error
+        raise RecordingError(f"{path} is not a report: {FACTS} is missing; `servolink report` writes one") from error
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
         raise RecordingError(f"{path} cannot be read as a report: {reason(error)}") from error
     if not isinstance(facts, dict):
@@ -308,9 +308,9 @@ def read_report(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
 
 
 def _member(archive: zipfile.ZipFile, name: str, largest: int) -> bytes:
-    """Return a file; the size that the zip names may be a lie, so that only so much is unpacked."""
+    """Return a file; the size stated in the zip may be a lie, so the unpacked size is limited."""
     if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{name} is compressed in a way that reports are not")
+        raise ValueError(f"{name} is compressed in a way not used in reports")
     with archive.open(name) as file:
         content = file.read(largest + 1)
     if len(content) > largest:

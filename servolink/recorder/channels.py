@@ -1,7 +1,7 @@
-"""The channels of a recording: what a message says, and its JSON Schema.
+"""Channels of a recording: the types of messages, with their JSON Schemas.
 
-Foxglove and PlotJuggler read these schemas. They know neither `null` nor references between types, so a value that is
-missing is left out, and each schema is written out in full.
+Foxglove and PlotJuggler read these schemas. Neither `null` nor references between types are known to both, so a
+missing value is left out, and each schema is written out in full.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from servolink.escaping import escape
 MESSAGE_ENCODING: Final = "json"
 SCHEMA_ENCODING: Final = "jsonschema"
 METADATA: Final = "servolink"
-"""The name of the metadata record, which holds `Recorded` as text by text."""
+"""Name of the metadata record with the fields of `Recorded` as texts."""
 
 Direction: TypeAlias = Literal["sent", "received"]
-"""As the program sees it that is connected to the board: `sent` goes to the board."""
+"""Direction as seen by the program connected to the board: `sent` goes to the board."""
 Outcome: TypeAlias = Literal["answered", "rejected", "sent", "refused", "unanswered", "unknown", "failed"]
-"""What became of a request.
+"""Outcome of a request.
 
-answered: the board did, rejected: it did with the result 0, sent: boards do not answer it, or it is a stop, which waits
-for nothing, refused: it was not sent, unanswered: it is a query, so nothing was changed, unknown: it was sent, and may
-have been carried out or not, failed: the connection was lost, perhaps before it was sent.
+answered: the board responded. rejected: the board responded with the result 0. sent: the packet has no response, or is
+a stop, sent without waiting. refused: not sent. unanswered: a query without a response, so nothing was changed.
+unknown: sent, and perhaps carried out. failed: the connection was lost, perhaps before sending.
 """
 
 
@@ -37,78 +37,78 @@ def _about(description: str) -> Meta:
 
 
 class Wire(Struct, frozen=True, omit_defaults=True):
-    """Bytes as they passed, in whatever pieces."""
+    """Bytes on the line, in pieces as they passed."""
 
     direction: Direction
     data: bytes
-    monotonic: Annotated[float, _about("seconds on a clock that is never set; only differences have a meaning")]
+    monotonic: Annotated[float, _about("seconds on a clock never set; only differences have a meaning")]
 
 
 class PacketSeen(Struct, frozen=True, omit_defaults=True):
-    """A frame on the line, decoded; or bytes that are part of none."""
+    """Decoded frame on the line, or bytes outside of frames."""
 
     direction: Direction
-    packet_id: Annotated[int, _about("0 for bytes that are part of no frame")] = 0
-    packet: Annotated[str, _about("name in the document; empty if no packet has this id")] = ""
+    packet_id: Annotated[int, _about("0 for bytes outside of frames")] = 0
+    packet: Annotated[str, _about("name in the document; empty for an unknown id")] = ""
     fields: Annotated[dict[str, Any], _about("raw values; captions as text, other bytes in hex")] = {}
     size: Annotated[int, _about("bytes of the whole frame")] = 0
     error: Annotated[str, _about("why an intact frame cannot be decoded")] = ""
-    noise: Annotated[int, _about("how many bytes are part of no frame")] = 0
-    data: Annotated[bytes, _about("content of such a frame, or the first of such bytes")] = b""
+    noise: Annotated[int, _about("number of bytes outside of frames")] = 0
+    data: Annotated[bytes, _about("content of a frame with an error, or the first bytes outside of frames")] = b""
 
 
 class ServoState(Struct, frozen=True, omit_defaults=True):
-    """A servo as it reports itself."""
+    """State of a servo as reported by the board."""
 
     servo_id: int
     angle: float
-    angle_unit: Annotated[Literal["", "degree", "adc"], _about("empty if it is unknown")]
+    angle_unit: Annotated[Literal["", "degree", "adc"], _about("empty if unknown")]
     current_raw: int
     temperature_raw: int
     servo_type: int
-    is_start: Annotated[bool, _about("whether it may move; a stopped servo ignores movements")]
-    is_hold: Annotated[bool, _about("whether it holds its angle; a released servo is limp")]
-    caption: Annotated[str, _about("left out if it is unknown")] = ""
+    is_start: Annotated[bool, _about("whether the servo may move; a stopped servo ignores movements")]
+    is_hold: Annotated[bool, _about("whether the servo holds an angle; a released servo is limp")]
+    caption: Annotated[str, _about("left out if unknown")] = ""
 
 
 class ServosRead(Struct, frozen=True, omit_defaults=True):
-    """Reading of all servos."""
+    """Reading of all servos at a time."""
 
     servos: tuple[ServoState, ...]
-    missed: Annotated[int, _about("readings left out directly before this one")] = 0
+    missed: Annotated[int, _about("readings left out directly before")] = 0
 
 
 class Event(Struct, frozen=True, omit_defaults=True):
-    """Something happened that nobody asked the board for."""
+    """Event without a request to the board."""
 
     kind: Literal["button", "connection", "lease", "hold", "program", "mark", "alarm", "recorder"]
     what: Annotated[str, _about("such as press, lost, connected, taken, joined, or the words of a mark")]
-    who: Annotated[str, _about("the program or the person concerned")] = ""
+    who: Annotated[str, _about("program or person concerned")] = ""
     session: Annotated[str, _about("the program's session with the hub")] = ""
     button_id: int = 0
-    text: Annotated[str, _about("more, for people")] = ""
+    text: Annotated[str, _about("details for people")] = ""
 
 
 class CommandDone(Struct, frozen=True, omit_defaults=True):
-    """A request that changes something or moves a servo, or a query that failed, when it was over."""
+    """Ended request: a change of the board, a movement, or a failed query."""
 
     packet: str
     fields: Annotated[dict[str, Any], _about("as in /packets")]
     outcome: Outcome
-    seconds: Annotated[float, _about("from the request to its outcome")] = 0.0
-    who: Annotated[str, _about("the program that asked; empty if there is no hub")] = ""
-    session: Annotated[str, _about("its session with the hub")] = ""
-    lease: Annotated[str, _about("who had the motion lease then; empty if it was free")] = ""
-    reason: Annotated[str, _about("why it was refused, or failed")] = ""
+    seconds: Annotated[float, _about("from the request to the outcome")] = 0.0
+    who: Annotated[str, _about("requesting program; empty without a hub")] = ""
+    session: Annotated[str, _about("session of the program with the hub")] = ""
+    lease: Annotated[str, _about("program with the motion lease at that time; empty without a lease")] = ""
+    reason: Annotated[str, _about("reason of a refusal or failure")] = ""
 
 
 class ProblemFound(Struct, frozen=True, omit_defaults=True):
-    """Something is wrong, on the line or with the recording itself."""
+    """Problem on the line or with the recording itself."""
 
     kind: Literal["dropped", "disk", "line", "hub", "servos", "recorder"]
     text: str
-    channel: Annotated[str, _about("the channel in which messages are missing")] = ""
-    count: Annotated[int, _about("how many messages are missing")] = 0
+    channel: Annotated[str, _about("channel with missing messages")] = ""
+    count: Annotated[int, _about("number of missing messages")] = 0
 
 
 Message: TypeAlias = Wire | PacketSeen | ServosRead | Event | CommandDone | ProblemFound
@@ -121,7 +121,7 @@ CHANNELS: Final[dict[str, type[Message]]] = {
     "/commands": CommandDone,
     "/problems": ProblemFound,
 }
-"""The type of the messages of each channel, by topic."""
+"""Type of the messages in each channel, by topic."""
 TOPICS: Final = {declared: topic for topic, declared in CHANNELS.items()}
 SCHEMA_NAMES: Final = {topic: f"servolink.{declared.__name__}" for topic, declared in CHANNELS.items()}
 
@@ -130,25 +130,25 @@ _decoders = {topic: msgspec.json.Decoder(declared) for topic, declared in CHANNE
 
 
 class Recorded(Struct, frozen=True):
-    """The metadata of a recording: what was recorded, and how to read it."""
+    """Metadata of a recording: the recorded board, and the settings needed to read the packets."""
 
     version: str
-    """Of the library."""
+    """Version of the servolink library."""
     started: str
-    """ISO 8601, UTC."""
+    """Start in ISO 8601 format, UTC."""
     board: str
-    """Name or address."""
+    """Name or address of the board."""
     through: Literal["board", "hub", "spy"]
-    """Recorded alone at the board, beside other programs of a hub, or between a program and a board."""
+    """Recorded at a board used exclusively, beside other programs of a hub, or between a program and a board."""
     byte_order: str = "little"
     caption_encoding: str = "utf-8"
     hz: str = "0"
-    """Readings of the servos a second, that the recorder itself asked for."""
+    """Readings of the servos per second, requested by the recorder itself."""
     channels: str = "all"
 
 
 def encode(message: Message) -> bytes:
-    """Return the JSON of a message. Bytes of a caption that are not text become question marks."""
+    """Return the JSON of a message. Bytes of a caption outside the encoding become question marks."""
     try:
         return _encoder.encode(message)
     except UnicodeEncodeError:
@@ -156,7 +156,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(topic: str, data: bytes) -> Message:
-    """Return the message in `data`. Raise DecodeError, which keeps the data, if it is not one of this channel."""
+    """Return the message in `data`. Raise DecodeError, with the data, for anything else than a message of `topic`."""
     decoder = _decoders.get(topic)
     if decoder is None:
         raise DecodeError(f"a recording has no channel {escape(topic)[:100]}", data)
@@ -174,7 +174,7 @@ def schema(topic: str) -> bytes:
 
 
 def _written_out(found: Any, definitions: dict[str, Any]) -> Any:
-    """Return a part of a schema with the types that it refers to in it."""
+    """Return a part of a schema with all referenced types written out."""
     if isinstance(found, list):
         return [_written_out(each, definitions) for each in found]
     if not isinstance(found, dict):

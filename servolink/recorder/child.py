@@ -1,10 +1,10 @@
-"""Recording in a process of its own: `python -m servolink.recorder.child` writes what a ChildWriter sends.
+"""Recording in a separate process: `python -m servolink.recorder.child` writes the messages of a ChildWriter.
 
-Decoding packets takes longer than sending them. In a thread of the program that is recorded, it would take that time
-from the program; here it does not, and a program that crashes leaves a file with a proper end.
+Decoding packets takes longer than sending them. A thread of the recorded program would take the time from the program;
+a separate process does not, and gives the file a proper end even if the program crashes.
 
-Standard input has an `Order`, then batches of messages, each with its length in front; standard output has a status
-as a line of JSON now and then, the last one when the input has ended and the file is written.
+Standard input has an `Order`, then batches of messages, each after its length; standard output has a status as a line
+of JSON now and then, and a last status when the input has ended and the file is written.
 """
 
 from __future__ import annotations
@@ -33,35 +33,35 @@ Batch = list[tuple[float, str, bytes]]
 """Seconds, topic, and the JSON of each message; for bytes of the line `sent` or `received`, and the bytes."""
 _DIRECTIONS = {"sent", "received"}
 _STATUS_EVERY = 0.25  # seconds
-_MOST_AT_ONCE = 1000  # messages in a batch: the program waits while they are packed
-_PATIENCE = 30.0  # seconds for the process to write what is left
-_GONE = "the process that writes it has ended; was it killed?"
-_NICE = 5  # the program that is recorded goes first
+_MOST_AT_ONCE = 1000  # messages in a batch: the program waits during the packing
+_PATIENCE = 30.0  # seconds for the process to write the rest
+_GONE = "the writing process has ended; was the process killed?"
+_NICE = 5  # lower priority than the recorded program
 
 
 class Order(Struct):
-    """What to write."""
+    """Settings of a recording for the writing process."""
 
     path: str
     about: Recorded
     monotonic: float
-    """When the recording began, on the clock of the messages."""
+    """Start of the recording, on the clock of the messages."""
     wall: int
-    """The same in nanoseconds since 1970."""
+    """Start of the recording, in nanoseconds since 1970."""
     with_packets: bool
 
 
 class ChildReport(Struct):
-    """A line of standard output."""
+    """Status of the process, a line of standard output."""
 
     status: RecorderStatus
     error: str = ""
-    """Why the recording has failed; empty if it has not."""
+    """Reason of a failed recording; empty without a failure."""
 
 
 def main() -> None:
-    """Write one recording."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program, whose end ends this
+    """Write a single recording from standard input."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the program; the end of the program ends this process
     if hasattr(os, "nice"):
         os.nice(_NICE)
     source = sys.stdin.buffer
@@ -92,7 +92,7 @@ def main() -> None:
 
 
 def _read(source: BinaryIO) -> bytes | None:
-    """Return the next batch; None at the end, also in the middle of one: the program has crashed."""
+    """Return the next batch; None at the end of the input, even within a batch: the program has crashed."""
     head = source.read(LENGTH.size)
     if len(head) < LENGTH.size:
         return None
@@ -119,25 +119,25 @@ def _tell(writer: RecordingWriter, ended: threading.Event) -> None:
 
 def _report(report: ChildReport) -> None:
     try:
-        # Unbuffered: Python would try again at the end to write what nobody reads any more, and say that it cannot.
+        # Unbuffered: at exit, Python would try again to write the buffered rest, and report an error.
         os.write(sys.stdout.fileno(), msgspec.json.encode(report) + b"\n")
     except OSError:
         return  # the program has crashed
 
 
 class ChildWriter:
-    """Passes a recording on to a process of its own; two threads wait for its pipes."""
+    """Passes a recording to a separate process; two threads wait for the pipes."""
 
     def __init__(
         self, path: Path, about: Recorded, clock: Clock, *, with_packets: bool = True, backlog: Backlog | None = None
     ) -> None:
-        """Start the process, and wait until it has created the file. Raise RecordingError, which says what to do."""
+        """Start the process, and wait for the new file. Raise RecordingError naming the remedy."""
         self._path = path
         self._clock = clock
-        self._backlog = backlog or Backlog(why="the process that writes the recording is too slow")
+        self._backlog = backlog or Backlog(why="the recording process is too slow")
         command = (sys.executable, "-m", "servolink.recorder.child")
         try:
-            # In a session of its own: Ctrl-C and a closed terminal are for the program, not for what it has recorded.
+            # In a session of its own: Ctrl-C and a closed terminal must end the program, not the recording.
             process = subprocess.Popen(  # noqa: S603 - our own program
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
@@ -163,7 +163,7 @@ class ChildWriter:
         self._backlog.put(seconds, message)
 
     def status(self) -> RecorderStatus:
-        """Return the state of the recording."""
+        """Return the present state of the recording."""
         known, now = self._report.status, self._clock.now()
         return RecorderStatus(
             str(self._path),
@@ -211,7 +211,7 @@ class ChildWriter:
         ]
 
     def _send(self, sink: IO[bytes], data: bytes) -> bool:
-        """Send a block; False if the process is gone."""
+        """Send a block. Return False if the process has ended."""
         try:
             sink.write(LENGTH.pack(len(data)) + data)
             sink.flush()

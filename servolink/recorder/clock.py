@@ -1,4 +1,4 @@
-"""Clock: from the monotonic clock of an event loop to wall time that never goes back."""
+"""Conversion of an event loop's monotonic clock to wall time without steps back."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ BILLION = 1_000_000_000
 
 
 class Clock:
-    """Wall time as it was at the start of a recording, and the monotonic time since."""
+    """Wall time at the start of a recording, plus the monotonic time since."""
 
     def __init__(
         self,
@@ -19,11 +19,11 @@ class Clock:
         wall: int | None = None,
         monotonic: float | None = None,
     ) -> None:
-        """Start now, or as another clock that was started at `monotonic` seconds, `wall` nanoseconds since 1970."""
+        """Start now, or as another clock started at `monotonic` seconds, `wall` nanoseconds since 1970."""
         self.now = now
-        """Returns the monotonic time in seconds."""
+        """Function that returns the monotonic time in seconds."""
         self.monotonic = now() if monotonic is None else monotonic
-        """When it was started."""
+        """Monotonic time of the start, in seconds."""
         self._wall = time.time_ns() if wall is None else wall
 
     def wall(self, seconds: float) -> int:
@@ -36,5 +36,5 @@ class Clock:
 
     @property
     def started(self) -> str:
-        """When it was started: ISO 8601, UTC."""
+        """Start in ISO 8601 format, UTC."""
         return self.iso(self.monotonic)

@@ -1,4 +1,4 @@
-"""The conversation in a recording: each frame that was sent, with what the board answered to it, and when."""
+"""Conversation in a recording: each frame sent, with the response of the board, and the times."""
 
 from __future__ import annotations
 
@@ -16,64 +16,64 @@ from servolink.protocol.settings import TransmissionModeSettingRequest
 from servolink.recorder.channels import Wire
 from servolink.recorder.reading import Entry, Recording, Selection
 
-_PATIENCE = 3.0  # seconds; a later response belongs to nothing
+_PATIENCE = 3.0  # seconds; a later response belongs to no request
 _MOST_FRAMES = 1_000_000
 
 SETUP = (Query, SetAngleUnitRequest, TransmissionModeSettingRequest)
-"""Requests that a program may send more or less often than in the recording, as each connection begins with some."""
+"""Requests allowed more or less often than in the recording, as each connection begins with some."""
 
 
 @dataclass(slots=True)
 class Asked:
-    """A frame that was sent."""
+    """Frame sent to the board, with the response."""
 
     number: int
-    """Among all frames that were sent, from 0."""
+    """Number among all sent frames, from 0."""
     seconds: float
     frame: Frame
     packet: Packet | None
     """Decoded frame; None if decoding fails."""
     answer: Said | None = None
-    """None if the board did not answer."""
+    """Response of the board; None without a response."""
 
     @property
     def is_command(self) -> bool:
-        """Whether a replay must send this packet again, unchanged and in its turn."""
+        """Whether a replay must send this packet again, unchanged and in order."""
         return not isinstance(self.packet, SETUP)
 
 
 @dataclass(slots=True)
 class Said:
-    """A frame that came, together with the noise before it, or the last noise."""
+    """Received frame together with the noise before, or the last noise."""
 
     seconds: float
-    """Since the recording began."""
+    """Seconds since the recording began."""
     data: bytes
 
 
 @dataclass(slots=True)
 class Conversation:
-    """All that passed."""
+    """All frames of a recording, requested and unrequested."""
 
     codec: Codec
     asked: list[Asked] = field(default_factory=list)
     unasked: list[tuple[int, Said]] = field(default_factory=list)
-    """What nobody asked for, such as button events, each after so many commands."""
+    """Frames without a request, such as button events, each with the number of commands before."""
 
 
 def read_conversation(recording: Recording) -> Conversation:
-    """Return the conversation in a recording. Raise RecordingError if there is none in it."""
+    """Return the conversation in a recording. Raise RecordingError for a recording without one."""
     reader = _Reader(recording.codec)
     for entry in recording.entries(Selection(topics=frozenset({"/wire"}))):
         reader.take(entry)
     reader.finish()
     if not reader.found.asked:
-        raise RecordingError(f"{recording.path} holds nothing that was sent to a board, so it cannot be replayed")
+        raise RecordingError(f"{recording.path} cannot be replayed: no sent packets are recorded")
     return reader.found
 
 
 class _Reader:
-    """Puts the two directions of a line together."""
+    """Combines the two directions of a line."""
 
     def __init__(self, codec: Codec) -> None:
         self.found = Conversation(codec)
@@ -133,7 +133,7 @@ class _Reader:
         self._noise = b""
 
     def _asked_for(self, frame: Frame) -> Asked | None:
-        """Return the oldest request to which a frame can be the response."""
+        """Return the oldest request possibly answered by a frame."""
         waiting = self._waiting.get(frame[0], deque())
         response = decoded(self._codec, frame)
         while waiting and waiting[0].seconds < self._seconds - _PATIENCE:
@@ -147,7 +147,7 @@ class _Reader:
 
 
 def decoded(codec: Codec, frame: Frame) -> Packet | None:
-    """Return the packet in a frame; None if it is damaged."""
+    """Return the packet in a frame; None for a damaged frame."""
     try:
         return codec.decode(*frame)
     except DecodeError:
@@ -155,5 +155,5 @@ def decoded(codec: Codec, frame: Frame) -> Packet | None:
 
 
 def commands(conversation: Conversation) -> Iterator[Asked]:
-    """Yield what was sent and is not a query."""
+    """Yield all sent packets except queries."""
     return (asked for asked in conversation.asked if not isinstance(asked.packet, Query))

@@ -1,4 +1,4 @@
-"""What passes through a hub, for a recorder that is a process of its own: killing it harms nobody."""
+"""Messages from a hub, for a recorder in a separate process: killing the recorder harms no other program."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from servolink.recorder.channels import Event, ProblemFound, decode
 from servolink.recorder.readings import ReadingsFeed, Take
 
 _LIMIT = 5.0  # seconds for the hub to answer
-_LAST_LIMIT = 10.0  # the same at the end, when it may have much to say yet
+_LAST_LIMIT = 10.0  # the limit at the end, when the hub may still have much to send
 _logger = logging.getLogger(__name__)
 
 
@@ -38,25 +38,25 @@ class _Frame(TapFrame, frozen=True):
 
 
 class HubSource:
-    """The tap of a hub, as the recorder hears it."""
+    """Tap of a hub, as received by the recorder."""
 
     def __init__(self, channel: RpcChannel, welcome: Welcome, tapped: Tapping) -> None:
-        """Use `tapping`."""
+        """Use `tapping` to create a source."""
         self.welcome = welcome
         self.tapped = tapped
         self.ended = asyncio.Event()
-        """Set when the hub is gone."""
+        """Set when the hub has ended."""
         self._channel = channel
         self._now = asyncio.get_running_loop().time
         self._take: Take | None = None
         self._readings: ReadingsFeed | None = None
-        self._early: list[tuple[str, Raw]] = []  # what came before `begin`
-        self._shift = self._now() - tapped.seconds  # its clock is most likely the same as ours
+        self._early: list[tuple[str, Raw]] = []  # notifications received before `begin`
+        self._shift = self._now() - tapped.seconds  # both clocks are most likely the same
         channel.on_notification = self._hear
         channel.on_end = self._end
 
     async def begin(self, take: Take, readings: ReadingsFeed) -> None:
-        """Pass messages on to `take` from now on, those first that came since the tap was opened."""
+        """Pass messages on to `take` from now on, beginning with the messages since the tap was opened."""
         self._take, self._readings = take, readings
         take(self._now(), Event("connection", self.tapped.state))
         early, self._early = self._early, []
@@ -65,7 +65,7 @@ class HubSource:
         if readings.hz:
             try:
                 await self._channel.call("servos.watch", timeout=_LIMIT, hz=readings.hz)
-            except ServolinkError as error:  # the hub asks again by itself
+            except ServolinkError as error:  # the hub repeats the query without a new request
                 readings.failed(error)
 
     async def end(self) -> None:
@@ -74,7 +74,7 @@ class HubSource:
             await self._channel.call("tap.stop", timeout=_LAST_LIMIT)
         except RequestTimeout:
             if self._take is not None:
-                text = "the end is missing: this machine was too busy to record what the hub had heard"
+                text = "the end is missing: this computer was too busy to record all messages of the hub"
                 self._take(self._now(), ProblemFound("recorder", text))
         except ServolinkError:
             pass  # the hub is gone
@@ -100,7 +100,7 @@ class HubSource:
 
     def _end(self) -> None:
         if self._take is not None:
-            text = "the hub has ended, or has disconnected the recorder"
+            text = "the hub has ended or disconnected the recorder"
             self._take(self._now(), Event("connection", "lost", text=text))
         self.ended.set()
 

@@ -1,8 +1,8 @@
-"""Read MCAP records from a file that anybody may have written: in order, in bounded memory, and cut anywhere.
+"""Reader of MCAP records in files from any source: in order, in bounded memory, even when cut.
 
-The file is read from the beginning to the end and no offset in it is followed, so that no loop is possible. Indexes,
-attachments and whatever else is not needed is skipped without being read. Behind a damaged record the next one is
-searched for.
+The file is read from the beginning to the end without following any offset, so that no loop is possible. Indexes,
+attachments and other unneeded records are skipped unread. After a damaged record, the reader searches for the next
+record.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from servolink.escaping import quote
 from servolink.files import MIB, open_file, reason
 
 MAGIC = b"\x89MCAP0\r\n"
-"""The first and the last bytes of a file."""
+"""First and last bytes of a file."""
 LARGEST = 16 * MIB
-"""The largest record, and the largest content of a chunk, that is read; a recorder's chunks have 256 KiB."""
+"""Largest record, and largest content of a chunk, accepted for reading; a recorder's chunks have 256 KiB."""
 
 FOOTER, CHANNEL, MESSAGE, CHUNK, STATISTICS, METADATA = 0x02, 0x04, 0x05, 0x06, 0x0B, 0x0C
 _IN_CHUNKS = {CHANNEL, MESSAGE}
@@ -39,40 +39,40 @@ _LONG, _SHORT, _ID = Struct("<Q"), Struct("<I"), Struct("<H")
 _LONGEST_NAME, _LONGEST_TEXT = 256, 0x10000
 _MOST_METADATA = 100  # entries
 _DAMAGED = "damaged chunks were left out"
-_NO_RECORDS = "bytes that belong to no record were left out"
+_NO_RECORDS = "bytes outside of records were left out"
 
 
 class Message(NamedTuple):
-    """One message, as it stands in the file."""
+    """Message as stored in the file."""
 
     topic: str
     encoding: str
     time: int
-    """Nanoseconds since 1970."""
+    """Time in nanoseconds since 1970."""
     data: bytes
 
 
 class Metadata(NamedTuple):
-    """Names and texts that somebody has written into the file."""
+    """Names and texts written into the file by any program."""
 
     name: str
     texts: dict[str, str]
 
 
 class McapReader:
-    """The messages and metadata of one file, in the order of the file."""
+    """Messages and metadata of a file, in the order of the file."""
 
     def __init__(self, path: Path) -> None:
-        """Open the file at `path`. Raise RecordingError if it cannot be read or is not an MCAP file."""
+        """Open the file at `path`. Raise RecordingError if unreadable or not an MCAP file."""
         self.path = path
         self.remarks: Counter[str] = Counter()
-        """What was left out, and how often; complete after the last record."""
+        """Number of omissions by kind; complete after the last record."""
         self.is_cut = False
-        """Whether the file ends too early: its writer was killed, or the disk was full."""
+        """Whether the file ends too early: the writer was killed, or the disk was full."""
         self._channels: dict[int, tuple[str, str]] = {}
-        self._messages = 0  # read so far
-        self._counted: int | None = None  # how many there are, as the file says
-        self._sure = len(MAGIC)  # where the search begins if no record is where one should be
+        self._messages = 0  # number of messages read so far
+        self._counted: int | None = None  # number of messages stated in the file
+        self._sure = len(MAGIC)  # start of the search if no record is at the expected place
         self._read_again = 0  # bytes
         try:
             self._file = open_file(path)
@@ -83,17 +83,17 @@ class McapReader:
             raise RecordingError(f"{path} is not an MCAP file; `servolink record` writes one")
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file of the recording."""
         self._file.close()
 
     def records(self) -> Iterator[Message | Metadata]:
-        """Yield everything that can be read, once, and close the file. Raise RecordingError for a broken disk."""
+        """Yield all readable records, once, and close the file. Raise RecordingError for a broken disk."""
         with self._file:
             while (record := self._next()) is not None:
                 yield from self._understood(*record)
 
     def _next(self) -> tuple[int, bytes] | None:
-        """Return kind and content of the next record that is needed; None at the end of the file."""
+        """Return kind and content of the next needed record; None at the end of the file."""
         while True:
             start = self._file.tell()
             head = self._take(_HEAD.size)
@@ -116,10 +116,10 @@ class McapReader:
                 return None
 
     def _go_on(self, start: int) -> bool:
-        """Go to the next record, if there is none at `start`. Return whether there is one.
+        """Go to the next record, if there is none at `start`. Return whether a record was found.
 
-        The length of the record before may be what is wrong, so the search begins in it. Only so often that everything
-        is read twice: a hostile file must not have the same bytes read again and again.
+        The length of the previous record may be wrong, so the search begins inside. All such searches together read at
+        most the whole file again: a hostile file must not have the same bytes read again and again.
         """
         self._read_again += start - self._sure
         end = self._end()
@@ -135,7 +135,7 @@ class McapReader:
         return True
 
     def _compare(self) -> None:
-        """Note what is behind the end of the file, and messages that the file counts and that were not read."""
+        """Add remarks on bytes behind the end of the file, and on messages counted in the file but not read."""
         self.remarks += Counter({"bytes behind the end of the recording were left out": self._left()})
         missing = 0 if self._counted is None else self._counted - self._messages
         self.remarks += Counter({"messages are missing, by the count at the end of the file": missing})
@@ -151,7 +151,7 @@ class McapReader:
         try:
             parts = bytearray()
             while len(parts) < size and (part := self._file.read(min(size - len(parts), MIB))):
-                parts += part  # a length that lies costs no memory: only what is there is read
+                parts += part  # a false length costs no memory: only bytes present are read
             return bytes(parts)
         except OSError as error:
             raise RecordingError(f"cannot read the recording {self.path}: {reason(error)}") from error
@@ -193,7 +193,7 @@ class McapReader:
         except KeyError:
             self.remarks["messages of unknown channels were left out"] += 1
         except (struct.error, ValueError):
-            self.remarks["records that contradict themselves were left out"] += 1
+            self.remarks["records with contradictions were left out"] += 1
 
     def _keep_channel(self, fields: _Fields) -> None:
         number, _ = fields.take(_ID), fields.take(_ID)
@@ -201,19 +201,19 @@ class McapReader:
         self._channels[number] = topic, encoding
 
     def _decompressed(self, content: bytes) -> bytes:
-        """Return the records in a chunk. Raise _Unusable, struct.error or ValueError for a damaged one."""
+        """Return the records in a chunk. Raise _Unusable, struct.error or ValueError for a damaged chunk."""
         _, _, size, crc = _CHUNK.unpack_from(content)
         fields = _Fields(memoryview(content), _CHUNK.size)
         compression = fields.text(_LONGEST_NAME)
         packed = fields.raw(fields.take(_LONG))
-        self._sure += _HEAD.size - 1 + fields.at  # its own lengths agree, so the next record can only be behind it
+        self._sure += _HEAD.size - 1 + fields.at  # the inner lengths agree, so the next record is behind the chunk
         if size > LARGEST:
             raise _Unusable(f"chunks larger than {LARGEST // MIB} MiB were left out")
         try:
             data = _decompress(compression, packed, size)
         except ImportError as error:
             raise RecordingError(
-                f"{self.path} is compressed with {compression}, and the library for it is missing; "
+                f"{self.path} is compressed with {compression}, and the library for {compression} is missing; "
                 f"{install_extra('record')}"
             ) from error
         if len(data) != size or (crc and zlib.crc32(data) != crc):
@@ -222,11 +222,11 @@ class McapReader:
 
 
 class _Unusable(Exception):
-    """A chunk cannot be used; the text is the remark."""
+    """Unusable chunk; the text of the error is the remark."""
 
 
 class _Fields:
-    """Reads the fields of a record one after the other. Raise ValueError or struct.error past its end."""
+    """Reads consecutive fields of a record. Raise ValueError or struct.error past the end."""
 
     def __init__(self, content: memoryview, at: int = 0) -> None:
         self.at = at
@@ -239,7 +239,7 @@ class _Fields:
 
     def raw(self, size: int) -> bytes:
         if size > len(self._content) - self.at:
-            raise ValueError("a field ends behind its record")
+            raise ValueError("a field ends behind the record")
         self.at += size
         return bytes(self._content[self.at - size : self.at])
 
@@ -260,7 +260,7 @@ def _metadata(fields: _Fields) -> Metadata:
 
 
 def _decompress(compression: str, packed: bytes, size: int) -> bytes:
-    """Return at most `size` + 1 bytes. Raise _Unusable for what is not compressed in this way."""
+    """Return at most `size` + 1 bytes. Raise _Unusable for data not compressed in this way."""
     if compression == "zstd":
         return _zstd(packed, size)
     if compression == "lz4":
@@ -293,22 +293,22 @@ def _lz4(packed: bytes, size: int) -> bytes:
 
 # --- behind a damaged record, whose length cannot be trusted ----------------------------------------------------------
 
-_CHUNK_FIXED = 40  # bytes in a chunk besides the name of its compression and its records
+_CHUNK_FIXED = 40  # bytes in a chunk besides the name of the compression and the records
 _CHUNK_BYTES = re.compile(
     rb"\x06(?P<size>...[\x00\x01]\x00{4}).{28}(?P<compression>\x04\x00{3}zstd|\x03\x00{3}lz4|\x00{4})(?P<packed>.{8})",
     re.DOTALL,
 )
 _CHANNEL_BYTES = re.compile(rb"\x04(?P<size>..\x00{6}).{4}[^\x00]\x00{3}/[a-z]{1,32}\x04\x00{3}json", re.DOTALL)
 _LONGEST: Final = 64
-"""Bytes that the longest match can have."""
-_FIRST, _MOST = 512, MIB  # bytes looked at together: few at first, as the next record is mostly near
+"""Maximum length of a match in bytes."""
+_FIRST, _MOST = 512, MIB  # bytes read for each look: few at first, as the next record is mostly near
 
 
 def find_record(read: Callable[[int], bytes], start: int, end: int) -> int | None:
-    """Return where the next chunk or channel begins, None if there is none.
+    """Return the position of the next chunk or channel, None without any.
 
-    `read` returns up to so many of the next bytes; the first of them is at `start`, and the file ends at `end`. What is
-    found has lengths that agree with each other and with the end of the file: noise and compressed data have not.
+    `read` returns up to so many of the next bytes, starting at `start`; the file ends at `end`. The lengths of a found
+    record agree with each other and with the end of the file, unlike in noise and compressed data.
     """
     window, amount = b"", _FIRST
     while part := read(amount):
@@ -325,7 +325,7 @@ def find_record(read: Callable[[int], bytes], start: int, end: int) -> int | Non
 
 
 def _first(kind: re.Pattern[bytes], window: bytes, left: int) -> int | None:
-    """Return the place of the first record of a kind in `window`, behind whose beginning are `left` bytes."""
+    """Return the place of the first record of a kind in `window`, with `left` bytes behind its beginning."""
     found = kind.search(window)
     while found is not None:
         size = int.from_bytes(found["size"], "little")

@@ -1,7 +1,7 @@
-"""Make an MCAP file as bytes, chunk by chunk.
+"""Conversion of messages to the bytes of an MCAP file, chunk by chunk.
 
-The records are those of the library `mcap`. Only the messages inside a chunk are packed here: its writer takes three
-times as long for each, and that time is taken from the program that is recorded.
+The records are built by the library `mcap`. Only the messages inside a chunk are packed here: the library's writer
+takes three times as long for each, and the time is taken from the recorded program.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ _OPCODE = 5
 _FOOTER = struct.Struct("<BQQQ")
 _FOOTER_OPCODE = 0x02
 _SCHEMAS, _CHANNELS, _STATISTICS, _CHUNK_INDEXES, _METADATA_INDEXES = 0x03, 0x04, 0x0B, 0x08, 0x0D
-_HEAD = _MESSAGE.size - 9  # bytes of a message before its data; the opcode and the length are not counted
+_HEAD = _MESSAGE.size - 9  # bytes of a message before the data, without opcode and length
 
 
 class McapStream:
-    """The bytes of one recording; whoever uses it writes them."""
+    """Bytes of a recording, to be written by the caller."""
 
     def __init__(self, about: Recorded) -> None:
-        """Raise RecordingError, which says what to install, if the library is missing."""
+        """Begin a file. Raise RecordingError naming the package to install if the library is missing."""
         try:
             import zstandard
             from mcap import data_stream, records
         except ImportError as error:
             raise RecordingError(f"a recording needs the extra record; {install_extra('record')} ({error})") from None
         self.messages = 0
-        """How many were added so far."""
+        """Number of messages added so far."""
         self._records: Any = records
         self._build: Any = data_stream.RecordBuilder
         self._compress = zstandard.ZstdCompressor(level=3).compress
         self._about = about
-        self._size = 0  # bytes made so far
+        self._size = 0  # number of bytes made so far
         self._chunk = bytearray()
         self._index: dict[str, list[tuple[int, int]]] = {}
         self._times = (0, 0)
@@ -63,11 +63,11 @@ class McapStream:
 
     @property
     def waiting(self) -> int:
-        """How many bytes of messages are in no chunk yet."""
+        """Bytes of all messages not yet in a chunk."""
         return len(self._chunk)
 
     def head(self) -> bytes:
-        """Return the beginning of the file: what it is of, and its channels."""
+        """Return the beginning of the file: metadata and channels."""
         records, builder = self._records, self._build()
         records.Header("", f"servolink {version('servolink')}").write(builder)
         start = len(MAGIC) + builder.count
@@ -77,7 +77,7 @@ class McapStream:
         return self._made(MAGIC + builder.end())
 
     def add(self, topic: str, time: int, data: bytes) -> None:
-        """Add a message; `time` is in nanoseconds since 1970, and taken as not before that of the one before."""
+        """Add a message; `time` is in nanoseconds since 1970, raised to the previous time if earlier."""
         self._latest = time = max(time, self._latest)
         start = len(self._chunk)
         if not start:
@@ -92,7 +92,7 @@ class McapStream:
         self.messages += 1
 
     def chunk(self) -> bytes:
-        """Return the messages added since the chunk before; empty if there are none."""
+        """Return the messages added since the previous chunk; empty without messages."""
         if not self._chunk:
             return b""
         records, builder = self._records, self._build()
@@ -120,7 +120,7 @@ class McapStream:
         return self._made(builder.end())
 
     def end(self) -> bytes:
-        """Return the end of the file, an index by which tools find any time in it. Nothing can be added after it."""
+        """Return the end of the file, with an index for tools to find any time. No message can be added afterwards."""
         records, builder = self._records, self._build()
         records.DataEnd(0).write(builder)
         start, end, offsets = self._size + builder.count, builder.end(), list[Any]()

@@ -12,11 +12,11 @@ from servolink.files import atomic_file, reason
 
 
 def check_free(path: Path, *, replace: bool) -> None:
-    """Raise RecordingError if no file can be written at `path`, or if it would replace one without `replace`."""
+    """Raise RecordingError if no file can be written at `path`, or a file exists there and `replace` is not set."""
     with naming(path):
         if path.exists():
             if not path.is_file():
-                raise RecordingError(f"{path} is not a regular file, and is left alone; choose another name")
+                raise RecordingError(f"{path} is not a regular file, and stays unchanged; choose another name")
             if not replace:
                 raise RecordingError(f"{path} exists already; --force replaces it")
         if not path.parent.is_dir():
@@ -25,10 +25,10 @@ def check_free(path: Path, *, replace: bool) -> None:
 
 @contextmanager
 def new_file(path: Path, *, replace: bool, private: bool = False) -> Iterator[BinaryIO]:
-    """Yield a file that is at `path` when the context ends; after any failure, what was there before still is.
+    """Yield a file that appears at `path` when the context ends; after any failure, `path` stays unchanged.
 
-    If `private`, only its owner can read a new file. Raise RecordingError if a file exists and `replace` is not set, or
-    if it cannot be written.
+    With `private`, only the owner can read a new file. Raise RecordingError if a file exists and `replace` is not set,
+    and for an error of the system.
     """
     check_free(path, replace=replace)
     with naming(path), atomic_file(path, private=private) as file:
@@ -37,7 +37,7 @@ def new_file(path: Path, *, replace: bool, private: bool = False) -> Iterator[Bi
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Raise RecordingError, which names the file, if it cannot be written in this context."""
+    """Raise RecordingError, with the name of the file, for an error of writing in this context."""
     try:
         yield
     except RecordingError:

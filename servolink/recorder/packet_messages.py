@@ -1,4 +1,4 @@
-"""Messages about packets: those found in the bytes that passed, and commands with their outcome."""
+"""Messages about packets: packets found in the passing bytes, and commands with their outcome."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LONGEST_REASON = 300  # characters
 
 
 class PacketStream:
-    """What the bytes of both directions say."""
+    """Decoder for the bytes of both directions."""
 
     def __init__(self, codec: Codec) -> None:
         """Start between two frames."""
@@ -31,12 +31,12 @@ class PacketStream:
         self.start_over()
 
     def start_over(self) -> None:
-        """Forget what is incomplete: bytes are missing."""
+        """Forget incomplete frames, because bytes are missing."""
         for direction in ("sent", "received"):
             self._parsers[direction] = FrameParser(self._codec.byte_order, keep_skipped=True)
 
     def feed(self, wire: Wire) -> list[PacketSeen | Event]:
-        """Return the packets that are complete with these bytes, the noise before them, and button events."""
+        """Return the packets completed by these bytes, the noise before, and button events."""
         direction, parser = wire.direction, self._parsers[wire.direction]
         frames = list[Frame]()
         found = list[PacketSeen | Event]()
@@ -66,17 +66,17 @@ class PacketStream:
 
 
 def fields_of(packet: Packet) -> Any:
-    """Return what is encoded as the fields of a packet: the packet itself, as that costs nothing now, if it can be."""
+    """Return the fields of a packet for encoding: the packet itself if possible, as that costs nothing now."""
     return packet if "data" not in packet.__struct_fields__ else packet_to_json(packet)["fields"]
 
 
 def command_done(
     packet: Packet, outcome: object, seconds: float, *, who: str = "", session: str = "", lease: str = ""
 ) -> CommandDone:
-    """Return the message about a request that is over.
+    """Return the message about an ended request.
 
-    `outcome` is its response, True if it was sent and boards do not answer it, False if it was not sent, a text that
-    says why not, or an error.
+    `outcome` is the response, True for a sent packet without a response, False for an unsent packet, a text with the
+    reason for not sending, or an error.
     """
     word = outcome_of(packet, outcome)
     reason = str(outcome)[:_LONGEST_REASON] if isinstance(outcome, Exception | str) else ""
@@ -93,7 +93,7 @@ def command_done(
 
 
 def outcome_of(packet: Packet, outcome: object) -> Outcome:
-    """Return in a word what became of a request."""
+    """Return the outcome of a request as a word."""
     match outcome:
         case Result():
             return "answered" if outcome.result else "rejected"

@@ -1,7 +1,7 @@
 """The wire of a recording as a capture for Wireshark: pcapng with a packet for each frame.
 
-A frame gets a packet of its own, whatever the chunks in which it passed, because Wireshark shows a line, a time and a
-response time for each packet. The chunks stay in the recording. Bytes that belong to no frame are captured as well.
+A frame becomes a packet, however it was cut into chunks, because Wireshark shows a line, a time and a response time
+for each packet. The chunks stay in the recording. Bytes outside of frames are captured as well.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from servolink.recorder.channels import Direction, Recorded, Wire
 from servolink.recorder.new_file import new_file
 
 LINKTYPE_USER0: Final = 147
-"""The link type of captures without a registered one; the dissector of `servolink wireshark` reads it."""
+"""Link type of captures without a registered type; the dissector of `servolink wireshark` reads such captures."""
 
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6  # types of blocks
 _COMMENT, _APPLICATION, _NAME, _RESOLUTION, _FLAGS = 1, 4, 2, 9, 2  # options of blocks
 _NANOSECONDS = b"\x09"
-_IN, _OUT = 1, 2  # as the host sees it
+_IN, _OUT = 1, 2  # direction as seen by the host
 _BLOCK, _OPTION, _PACKET_HEAD = Struct("<II"), Struct("<HH"), Struct("<IIIII")
 _SECTION_HEAD, _INTERFACE_HEAD = Struct("<IHHq"), Struct("<HHI")
-_MOST_TEXT = 400  # bytes of a board's name, which comes from the recording
+_MOST_TEXT = 400  # bytes of a board's name, taken from the recording
 _MOST_NOISE = 0x10000
 _PAUSE = 100_000_000  # nanoseconds after which noise is not continued
 
 
 class Captured(NamedTuple):
-    """One packet of a capture: a frame, or bytes between frames."""
+    """Packet of a capture: a frame, or bytes between frames."""
 
     nanoseconds: int
-    """When its last byte passed, since 1970."""
+    """Time of the last byte, in nanoseconds since 1970."""
     direction: Direction
     data: bytes
 
@@ -50,9 +50,9 @@ def write_pcapng(file: BinaryIO, wire: Iterable[tuple[int, Wire]], recorded: Rec
 
 
 def save_pcapng(path: Path, wire: Iterable[tuple[int, Wire]], recorded: Recorded, *, replace: bool = False) -> int:
-    """Write a capture to a file, as `write_pcapng` does.
+    """Write a capture to a file, as by `write_pcapng`.
 
-    Raise RecordingError if it exists and `replace` is not set, or cannot be written; then nothing is changed.
+    Raise RecordingError, without any change, if the file exists and `replace` is not set, or cannot be written.
     """
     with new_file(path, replace=replace) as file:
         return write_pcapng(file, wire, recorded)
@@ -69,7 +69,7 @@ def write_packets(file: BinaryIO, packets: Iterable[Captured], *, comment: str, 
 
 
 def captured(wire: Iterable[tuple[int, Wire]], byte_order: ByteOrder) -> Iterator[Captured]:
-    """Yield the frames of both directions, and the bytes between them, in the order in which they ended."""
+    """Yield the frames of both directions, and the bytes between, in the order of their ends."""
     sent, received = _Cutter("sent", byte_order), _Cutter("received", byte_order)
     for nanoseconds, chunk in wire:
         own, other = (sent, received) if chunk.direction == "sent" else (received, sent)
@@ -80,13 +80,13 @@ def captured(wire: Iterable[tuple[int, Wire]], byte_order: ByteOrder) -> Iterato
 
 
 class _Cutter:
-    """Cuts one direction into frames and noise."""
+    """Cuts a direction into frames and noise."""
 
     def __init__(self, direction: Direction, byte_order: ByteOrder) -> None:
         self._direction: Direction = direction
         self._byte_order: ByteOrder = byte_order
         self._parser = FrameParser(byte_order, keep_skipped=True)
-        self._now = 0  # when the last chunk passed
+        self._now = 0  # time of the last chunk
         self._noise = b""  # not captured yet, as more noise may follow
         self._noise_at = 0
 
@@ -106,7 +106,7 @@ class _Cutter:
             yield Captured(self._noise_at, self._direction, noise[at : at + _MOST_NOISE])
 
     def _cut(self, frames: list[Frame]) -> Iterator[Captured]:
-        """Yield `frames`, and the bytes that were skipped before each."""
+        """Yield `frames`, and the bytes skipped before each."""
         skipped = self._parser.take_skipped()
         for at, (packet_id, content) in enumerate(frames):
             while skipped and skipped[0][0] <= at:

@@ -1,6 +1,6 @@
-"""Texts without what is private in them: names of people, programs, boards and files, and serial numbers.
+"""Texts without private parts: names of people, programs, boards and files, and serial numbers.
 
-More is blanked than needs to be: a text of a report says what kind of thing went wrong, and its numbers.
+More is blanked than necessary: a text of a report only needs the kind of fault, and the numbers.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _LONGEST = 400
 
 
 class PrivateText:
-    """Private texts, and the placeholder of each."""
+    """Private texts, with a placeholder for each."""
 
     def __init__(self, secrets: Iterable[str] = ()) -> None:
-        """Start with `secrets`, and with the names of this user and this machine."""
+        """Start with `secrets`, and with the names of the user and the computer."""
         self._secrets: set[str] = set()
         self._people: dict[str, str] = {}
         self._sessions: dict[str, str] = {}
@@ -54,7 +54,7 @@ class PrivateText:
                 self.hide(message.lease)
 
     def blank(self, text: str) -> str:
-        """Return `text` without what is private."""
+        """Return `text` with private parts blanked."""
         if not text:
             return ""
         text = self._hidden().sub(_HIDDEN, text[:_LONGEST])
@@ -63,7 +63,7 @@ class PrivateText:
         return text
 
     def blank_all(self, value: Any) -> Any:
-        """Return a JSON value with all texts in it blanked, those of names of fields too."""
+        """Return a JSON value with all inner texts blanked, names of fields included."""
         if isinstance(value, str):
             return self.blank(value)
         if isinstance(value, dict):
@@ -73,15 +73,15 @@ class PrivateText:
         return value
 
     def blank_name(self, channel: str) -> str:
-        """Return the name of a channel of ours, and of no other."""
+        """Return the name of a channel of a recorder; empty for any other name."""
         return channel if channel in CHANNELS else ""
 
     def person(self, name: str) -> str:
-        """Return what stands for a program or a person, always the same."""
+        """Return the placeholder of a program or a person, always the same."""
         return self._people.setdefault(name, f"program {len(self._people) + 1}") if name else ""
 
     def session(self, name: str) -> str:
-        """Return what stands for a session, always the same."""
+        """Return the placeholder of a session, always the same."""
         return self._sessions.setdefault(name, f"session {len(self._sessions) + 1}") if name else ""
 
     def _add_texts(self, value: Any, depth: int = 0) -> None:
@@ -92,7 +92,7 @@ class PrivateText:
                 self._add_texts(one, depth + 1)
 
     def hide(self, secret: str) -> None:
-        """Add a secret."""
+        """Add a secret to blank from now on."""
         secret = secret.strip()
         if secret and not secret.isdigit() and len(self._secrets) < _MOST_SECRETS:
             self._secrets.add(secret)
@@ -109,7 +109,7 @@ class PrivateText:
 
 
 def _of_this_machine() -> list[str]:
-    """Return the names of this user and this machine."""
+    """Return the names of the user and the computer."""
     found = [socket.gethostname(), socket.gethostname().partition(".")[0], login_name()]
     with suppress(RuntimeError):
         found.append(str(Path.home()))

@@ -1,4 +1,4 @@
-"""Read a recording: what it is of, its messages in order, and what is wrong with the file."""
+"""Reading of a recording: metadata, messages in order, and faults of the file."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from servolink.recorder.round_trips import RoundTrips
 
 ALL_SERVOS = 255
 GOOD = {"answered", "sent"}
-"""Outcomes of commands that are no problem."""
+"""Outcomes of commands without a problem."""
 
 
 class Entry(NamedTuple):
-    """One message of a recording."""
+    """Message of a recording, with the time."""
 
     seconds: float
-    """Since the first message."""
+    """Seconds since the first message."""
     time: int
-    """Nanoseconds since 1970."""
+    """Time in nanoseconds since 1970."""
     topic: str
     message: Message
 
@@ -51,14 +51,14 @@ class Selection(msgspec.Struct, frozen=True):
     """Seconds since the first message."""
     until: float | None = None
     topics: frozenset[str] = frozenset()
-    """Empty for all."""
+    """Topics to select; empty for all."""
     packet: str = ""
     """Name of a packet, with or without Request or Response; empty for all messages."""
     servo_id: int | None = None
     only_problems: bool = False
 
     def takes(self, entry: Entry) -> bool:
-        """Return whether the message is wanted."""
+        """Return whether the filter selects the message."""
         return (
             (self.since is None or entry.seconds >= self.since)
             and (self.until is None or entry.seconds <= self.until)
@@ -70,29 +70,29 @@ class Selection(msgspec.Struct, frozen=True):
 
 
 class Recording:
-    """A recording in a file; use it in `with`. Its messages can be read once."""
+    """Recording in a file; use in `with`. The messages can be read once."""
 
     def __init__(self, path: str | Path) -> None:
-        """Open the file at `path`. Raise RecordingError if it cannot be read or is not an MCAP file."""
+        """Open the file at `path`. Raise RecordingError if unreadable or not an MCAP file."""
         self.path = Path(path)
         self.about: Recorded | None = None
         """Metadata of the recording; None if the file has none."""
         self._reader = McapReader(self.path)
         self._unreadable: Counter[str] = Counter()
         self._all = self._read()
-        self._first = next(self._all, None)  # by then `about` is known, which stands in front
+        self._first = next(self._all, None)  # reading the first message also reads the metadata in front
 
     def __enter__(self) -> Self:
         """Return the recording."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the file."""
+        """Close the file of the recording."""
         self._all.close()
         self._reader.close()
 
     def entries(self, selection: Selection | None = None) -> Iterator[Entry]:
-        """Yield the messages, without those that cannot be read. Raise RecordingError if the disk fails."""
+        """Yield all readable messages. Raise RecordingError for a fault of the disk."""
         wanted, trips = selection or Selection(), RoundTrips()
         for entry in chain((self._first,) if self._first else (), self._all):
             if wanted.takes(_request_of(entry, trips)):
@@ -100,22 +100,22 @@ class Recording:
 
     @property
     def started(self) -> int:
-        """The time of the first message, in nanoseconds since 1970; 0 if there is none."""
+        """Time of the first message, in nanoseconds since 1970; 0 without messages."""
         return self._first.time if self._first else 0
 
     @property
     def codec(self) -> Codec:
-        """Byte order and caption encoding of the recorded board; the usual ones if the file does not say."""
+        """Byte order and caption encoding of the recorded board; the defaults for a file without metadata."""
         about = self.about
         try:
-            # Codec checks what the file says.
+            # Codec checks the values of the file.
             return Codec(about.byte_order, about.caption_encoding) if about else Codec()  # type: ignore[arg-type]
         except ValueError:
             return Codec()
 
     @property
     def remarks(self) -> list[str]:
-        """What is wrong with the file, for people; complete after the last message."""
+        """Faults of the file, for people; complete after the last message."""
         found = [f"{text} ({count})" for text, count in (self._reader.remarks + self._unreadable).items()]
         if self._reader.is_cut:
             found.append(f"the file is cut, and its end is missing: `servolink record --repair {self.path}` mends it")
@@ -127,7 +127,7 @@ class Recording:
             if isinstance(record, Metadata):
                 self._take_about(record)
             elif record.topic not in CHANNELS or record.encoding != MESSAGE_ENCODING:
-                self._unreadable["messages of channels that are not ours were left out"] += 1
+                self._unreadable["messages of foreign channels were left out"] += 1
             else:
                 start = record.time if start is None else start
                 try:
@@ -151,7 +151,7 @@ def base_name(packet: str) -> str:
 
 
 def is_problem(message: Message) -> bool:
-    """Return whether a message says that something went wrong."""
+    """Return whether a message reports a problem."""
     if isinstance(message, CommandDone):
         return message.outcome not in GOOD
     if isinstance(message, PacketSeen):
@@ -162,7 +162,7 @@ def is_problem(message: Message) -> bool:
 
 
 def _request_of(entry: Entry, trips: RoundTrips) -> Entry:
-    """Return the request that `entry` is the response to; `entry` itself if it is not one."""
+    """Return the request answered by `entry`; `entry` itself if not a response."""
     message = entry.message
     if not isinstance(message, PacketSeen) or message.noise or message.error:
         return entry
@@ -179,7 +179,7 @@ def _is_about(message: Message, servo_id: int) -> bool:
 
 
 def _names(fields: Any, servo_id: int) -> bool:
-    """Return whether fields of a packet name this servo, at any depth; 255 is all servos."""
+    """Return whether fields of a packet name this servo, at any depth; 255 stands for all servos."""
     waiting = [fields]
     while waiting:
         value = waiting.pop()

@@ -1,4 +1,4 @@
-"""Readings of servos as messages, and the alarms that they raise."""
+"""Readings of servos as messages, and the resulting alarms."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from servolink.motion.angles import Angle, AngleUnit
 from servolink.recorder.channels import Event, Message, ProblemFound, ServosRead, ServoState
 
 Take: TypeAlias = Callable[[float, Message], None]
-"""Takes a message, and when it was: seconds on the clock of the event loop. Neither waits nor raises."""
+"""Takes a message with its time: seconds on the clock of the event loop. Neither waits nor raises."""
 
 
 class ReadingsFeed:
-    """Passes on what the servos report."""
+    """Passes on readings and alarms of the servos."""
 
     def __init__(self, take: Take, hz: float, alarms: Iterable[Alarm] = ()) -> None:
-        """Pass messages on to `take`. Raise TypeError for an alarm that is something else."""
+        """Pass messages on to `take`. Raise TypeError for anything but an alarm in `alarms`."""
         self.hz = hz
-        """How many readings a second are wanted; 0: none are asked for."""
+        """Readings to request per second; 0 requests none."""
         self._take = take
         self._alarms = AlarmWatch(alarms)
         self._told = ""
 
     def read(self, seconds: float, servos: Sequence[Servo], missed: int = 0) -> None:
-        """Pass on a reading, and the alarms that it raises."""
+        """Pass on a reading, and the resulting alarms."""
         self._take(seconds, ServosRead(tuple(map(_state, servos)), missed))
         for raised in self._alarms.check(servos, seconds):
             self._take(seconds, Event("alarm", str(raised)))
 
     def failed(self, error: Exception) -> None:
-        """Pass on why there are no readings, once for each reason."""
+        """Pass on the reason for missing readings, once for each reason."""
         if str(error) != self._told:
             self._told = str(error)
             text = f"the servos cannot be read: {self._told}"[:500]

@@ -1,4 +1,4 @@
-"""`record`: everything that passes between programs and a board, to a file."""
+"""`record`: everything that passes between programs and a board, written to a file."""
 
 from __future__ import annotations
 
@@ -34,25 +34,25 @@ from servolink.recorder.writer import RecorderStatus, RecordingWriter
 from servolink.transports.address import Address
 
 HZ = 20.0
-"""Readings of the servos a second, unless told otherwise."""
+"""Default number of servo readings per second."""
 _SHARED = "share://"
 _LONGEST_MARK = 200  # characters
 
 
 class Wanted(Struct, frozen=True):
-    """What to record. Raise TypeError or ValueError for an option that is wrong."""
+    """Settings of a recording. Raise TypeError or ValueError for a wrong option."""
 
     path: Path
     hz: float = HZ
-    """Readings of the servos that the recorder asks for, a second; 0: none."""
+    """Servo readings requested by the recorder, per second; 0: none."""
     wire_only: bool = False
     """Record bytes only, and ask the board for nothing."""
     alarms: tuple[Alarm, ...] = ()
     ring: float | None = None
-    """Keep only the last so many seconds, in memory, and write them when something fails; None: write everything."""
+    """Seconds to keep in memory, written to a file after a failure; None: write everything."""
 
     def __post_init__(self) -> None:
-        """Check the rate."""
+        """Check the rate of servo readings."""
         force_setattr(self, "hz", as_number(self.hz))
         if not is_number(self.hz):
             raise TypeError(f"hz must be a number of readings per second, not {quote(self.hz)}")
@@ -61,26 +61,26 @@ class Wanted(Struct, frozen=True):
 
     @property
     def rate(self) -> float:
-        """How many readings are asked for, a second."""
+        """Number of readings requested per second."""
         return 0.0 if self.wire_only else self.hz
 
 
 class Recorder:
-    """A recording under way."""
+    """A recording that is under way."""
 
     def __init__(self, wanted: Wanted) -> None:
-        """Collect messages; `begin` writes them."""
+        """Collect messages until `begin` starts the writing."""
         self.wanted = wanted
         self.clock = Clock(asyncio.get_running_loop().time)
         self.backlog = Backlog()
         self.take: Take = self._take_wire if wanted.wire_only else self.backlog.put
         """Records a message, and never waits."""
         self.over = asyncio.Event()
-        """Set when the hub is gone, so that no message can follow."""
+        """Set when the hub has ended, so that no message can follow."""
         self._writer: RecordingWriter | ChildWriter | RingWriter | None = None
 
     def _take_wire(self, seconds: float, message: Message) -> None:
-        """Record bytes and problems; anything else may still say that a ring should be written."""
+        """Record bytes and problems; any other message may only trigger the ring."""
         if isinstance(message, Wire | ProblemFound):
             self.backlog.put(seconds, message)
         elif isinstance(self._writer, RingWriter) and (reason := trigger(message)):
@@ -91,9 +91,9 @@ class Recorder:
         self.take(self.clock.now(), Event("mark", text[:_LONGEST_MARK], who=who))
 
     def begin(self, about: Recorded, *, by_child: bool = False) -> None:
-        """Write to a new file from now on, what was collected first. Raise RecordingError.
+        """Write to a new file from now on, collected messages first. Raise RecordingError.
 
-        A thread writes it, or a process: that takes 0.2 s to start, and takes no time from this one.
+        The writer is a thread, or a process: the process takes 0.2 s to start, but no time from the program.
         """
         wanted, with_packets = self.wanted, not self.wanted.wire_only
         if wanted.ring is None:
@@ -105,23 +105,23 @@ class Recorder:
             )
 
     def save(self, reason: str) -> None:
-        """Write what a ring has kept, soon; nothing for a recording without one."""
+        """Write the messages kept by a ring soon; no effect for a recording without a ring."""
         if isinstance(self._writer, RingWriter):
             self._writer.save(reason)
 
     @property
     def status(self) -> RecorderStatus:
-        """The state of the recording: size, messages, and what is missing or wrong."""
+        """State of the recording: size, messages, omissions and faults."""
         assert self._writer is not None  # noqa: S101 - it has begun
         return self._writer.status()
 
     async def end(self) -> None:
-        """Write what is left, and the end of the file. Raise RecordingError if that is impossible."""
+        """Write the rest and the end of the file. Raise RecordingError if impossible."""
         if self._writer is not None:
             await asyncio.to_thread(self._writer.close)
 
     def about(self, board: str, through: str, byte_order: str, caption_encoding: str) -> Recorded:
-        """Return the metadata of this recording."""
+        """Return the metadata of the recording."""
         return Recorded(
             version=version("servolink"),
             started=self.clock.started,
@@ -140,12 +140,12 @@ async def record(
 ) -> AsyncIterator[Recorder]:
     """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
 
-    Of a board that a hub shares, this is what all its programs do. The servos are read `hz` times a second (0..1000; 0:
-    never, then nothing is added to what programs send), in common with whoever watches them. With `wire_only` only
-    bytes are recorded. The file is written by a process of its own, and nothing here waits for it: what a slow disk
-    cannot take is dropped, counted, and noted in the file. If this program crashes, the file is complete up to then.
+    At a hub, the commands of all programs are recorded. The servos are read `hz` times per second (0 to 1000; 0: never,
+    so that no packet is added to those of the programs), shared with all watchers of the servos. With `wire_only`, only
+    bytes are recorded. A separate process writes the file, and the program never waits: messages too many for a slow
+    disk are dropped, counted, and reported in the file. If the program crashes, the file is complete up to the crash.
 
-    Raise RecordingError, which says what to do, if the file exists or cannot be written.
+    Raise RecordingError, naming the remedy, if the file exists or cannot be written.
     """
     if not isinstance(board, Board):
         raise TypeError(
@@ -168,12 +168,12 @@ async def record(
 
 @asynccontextmanager
 async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[Recorder]:
-    """Record the board at an address: beside other programs if a hub shares it, else alone and from the first byte on.
+    """Record the board at an address: beside other programs at a hub, else exclusively and from the first byte on.
 
-    `options` are those of `connect`. Raise OpenError, and RecordingError, which say what to do.
+    `options` are the options of `connect`. Raise OpenError, and RecordingError, naming the remedy.
     """
     if wanted.ring is None and wanted.path.exists():  # or a board would be opened for nothing
-        raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
+        raise RecordingError(f"{wanted.path} exists already; remove it or record to another")
     address, _ = await resolve_board(url)
     hub = None if address.startswith(_SHARED) else await asyncio.to_thread(hub_of, address)
     shared = address if hub is None else hub.url
@@ -190,7 +190,7 @@ async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[R
 
 @asynccontextmanager
 async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
-    """Write what a tap on `board` hears, in this context."""
+    """Write the messages of a tap on `board` in this context."""
     name = board.profile.name if board.profile is not None else None
     wanted, codec = recorder.wanted, board.codec
     about = recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding)
@@ -204,7 +204,7 @@ async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) 
 
 @asynccontextmanager
 async def _recording_hub(name: str, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
-    """Write what the hub `name` hears, in this context."""
+    """Write the messages of the hub `name` in this context."""
     wanted = recorder.wanted
     async with tapping(name, wire_only=wanted.wire_only) as source:
         tapped = source.tapped

@@ -1,4 +1,4 @@
-"""A recording in a few figures: what was asked how often, how long it took, and what went wrong."""
+"""Summary of a recording in figures: numbers of requests, durations, and problems."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ _REPORTS = {
 
 
 class Requests:
-    """The requests with one packet."""
+    """Figures of all requests with the same packet."""
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without any requests."""
         self.sent = 0
         self.unanswered = 0
         self.times = Times()
 
 
 class ServoRange:
-    """What one servo reported."""
+    """Ranges of the values reported by a servo."""
 
     def __init__(self, state: ServoState) -> None:
         """Start with the first report."""
@@ -50,7 +50,7 @@ class ServoRange:
         self.most_temperature = state.temperature_raw
 
     def take(self, state: ServoState) -> None:
-        """Take another report."""
+        """Take another report of the servo."""
         self.caption = state.caption or self.caption
         self.angles = [min(self.angles[0], state.angle), max(self.angles[1], state.angle)]
         self.most_current = max(self.most_current, state.current_raw)
@@ -58,34 +58,34 @@ class ServoRange:
 
 
 class Summary:
-    """The figures of the entries that passed it."""
+    """Figures of all entries passed through `over`."""
 
     def __init__(self) -> None:
-        """Start with nothing."""
+        """Start without any entries."""
         self.seconds = 0.0
         self.messages: Counter[str] = Counter()
         self.requests: dict[str, Requests] = {}
         self.outcomes: Counter[str] = Counter()
-        """Of commands."""
+        """Numbers of commands by outcome."""
         self.programs: Counter[str] = Counter()
         """Commands by the name of the program."""
         self.problems: Counter[str] = Counter()
         self.noise = 0
-        """Bytes that are part of no frame."""
+        """Number of bytes outside of frames."""
         self.missed = 0
         """Readings of servos missing in the recording."""
         self.servos: dict[int, ServoRange] = {}
         self._trips = RoundTrips()
 
     def over(self, entries: Iterable[Entry]) -> Iterator[Entry]:
-        """Yield `entries` unchanged, and count them."""
+        """Yield `entries` unchanged, and count each."""
         for entry in entries:
             self.take(entry)
             yield entry
         self.finish()
 
     def take(self, entry: Entry) -> None:
-        """Count one entry."""
+        """Count a single entry of the recording."""
         self.seconds = max(self.seconds, entry.seconds)
         self.messages[entry.topic] += 1
         message = entry.message
@@ -104,7 +104,7 @@ class Summary:
             self.problems["alarms" if message.kind == "alarm" else "losses of the connection"] += 1
 
     def finish(self) -> None:
-        """Count what was never answered."""
+        """Count requests never answered."""
         for trip in self._trips.finish():
             self._trip(trip)
 
@@ -142,7 +142,7 @@ class Summary:
 
     def _trip(self, trip: RoundTrip) -> None:
         if not trip.packet or (trip.packet not in self.requests and len(self.requests) >= _MOST_NAMES):
-            return  # button events, and what nobody asked for
+            return  # button events, and other packets without a request
         requests = self.requests.setdefault(trip.packet, Requests())
         requests.sent += 1
         if trip.took is not None:

@@ -1,4 +1,4 @@
-"""Repair: whole chunks of a recording that was cut, in a file with a proper end."""
+"""Repair of a cut recording: a file of all whole chunks, with a proper end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from servolink.recorder.recording_file import RecordingFile, is_being_written
 from servolink.recorder.writer import CHUNK_BYTES
 
 _UNKNOWN = Recorded("", "", "", "board")
-_FOREIGN = "messages of channels that are not ours were left out"
+_FOREIGN = "messages of foreign channels were left out"
 _NEW, _OLD = ".repairing", ".cut"
 
 
@@ -28,18 +28,18 @@ class Repaired(Struct, frozen=True):
     """Result of a repair."""
 
     messages: int
-    """How many were recovered."""
+    """Number of recovered messages."""
     original: str
     """Path of the damaged original; empty if nothing needed repair."""
     remarks: tuple[str, ...] = ()
-    """What could not be recovered, and how often, for people."""
+    """Omissions and their numbers, for people."""
 
 
 def repair(path: Path) -> Repaired:
-    """Replace a recording that was cut by one of its whole chunks, and keep it under another name.
+    """Replace a cut recording by a file of the whole chunks, and keep the original under another name.
 
-    Raise RecordingError, and leave everything as it was, if it is still being recorded, if nothing in it is from a
-    recorder of ours, or if the new file cannot be written.
+    Raise RecordingError, without any change, if the recording is still under way, if nothing is from a recorder of
+    servolink, or if the new file cannot be written.
     """
     with closing(McapReader(path)) as reader:
         try:
@@ -52,7 +52,7 @@ def _repair(path: Path, mending: Mending) -> Repaired:
     if is_being_written(path):
         raise RecordingError(f"{path} is still being recorded; end the recorder first, or repair a copy of the file")
     new, old = Path(f"{path}{_NEW}"), Path(f"{path}{_OLD}")
-    with suppress(FileNotFoundError):  # left behind by a repair that was killed
+    with suppress(FileNotFoundError):  # left behind by a killed repair
         if is_being_written(new):
             raise RecordingError(f"{path} is being repaired already, to {new}; wait for the end")
         new.unlink()
@@ -65,9 +65,9 @@ def _repair(path: Path, mending: Mending) -> Repaired:
         if mending.was_whole:
             return Repaired(mending.messages, "")
         if not mending.is_ours:
-            raise RecordingError(f"nothing of a recording is left in {path}, and it was not changed")
+            raise RecordingError(f"nothing of a recording is left in {path}; the file was not changed")
         if old.exists():
-            raise RecordingError(f"{old} exists already, and would be lost; remove or rename it")
+            raise RecordingError(f"{old} exists already, and would be lost; remove or rename the file")
         path.rename(old)
         new.rename(path)
     finally:
@@ -77,25 +77,25 @@ def _repair(path: Path, mending: Mending) -> Repaired:
 
 
 class Mending:
-    """Writes the readable messages of a damaged file to a sound one."""
+    """Writes the readable messages of a damaged file to a sound file."""
 
     def __init__(self, reader: McapReader) -> None:
-        """Read with `reader`."""
+        """Read messages with `reader`."""
         self.messages = 0
-        """How many were recovered; complete after the last block."""
+        """Number of recovered messages; complete after the last block."""
         self.is_ours = False
-        """Whether a recorder of servolink wrote something of it; complete after the last block."""
+        """Whether a part is from a recorder of servolink; complete after the last block."""
         self._reader = reader
         self._foreign = 0
 
     @property
     def was_whole(self) -> bool:
-        """Whether everything could be read."""
+        """Whether everything in the file was readable."""
         return not self._reader.is_cut and not self._reader.remarks
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was left out, and how often; complete after the last block."""
+        """Omissions and their numbers; complete after the last block."""
         found = self._reader.remarks + Counter({_FOREIGN: self._foreign})
         return tuple(f"{text} ({count})" for text, count in found.items())
 
@@ -121,7 +121,7 @@ class Mending:
 
 
 def _description(record: Message | Metadata | None) -> Recorded | None:
-    """Return what was recorded, if the first record of a file says it."""
+    """Return the metadata in the first record of a file; None for any other record."""
     if isinstance(record, Metadata) and record.name == METADATA:
         with suppress(msgspec.ValidationError):
             return msgspec.convert(record.texts, Recorded)

@@ -1,8 +1,8 @@
-"""A board that answers from a recording: `replay://out.mcap`, for regression tests and to look into a mistake again.
+"""Board with responses from a recording, `replay://out.mcap`: for regression tests, and to examine a fault again.
 
 A recording begins and ends anywhere in a session, and two runs of a program never ask for the state of the board
-equally often. So the program must send the same commands in the same order, while its queries get the responses that
-were recorded at that point.
+equally often. So the program must send the same commands in the same order, while queries get the responses recorded
+at the same point.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class RecordedBoardTransport(BaseTransport):
     is_recorded = True
 
     def __init__(self, path: str | Path, *, speed: float = 1.0, url: str = "") -> None:
-        """Play the recording at `path`, so many times as fast; 0 answers at once."""
+        """Play the recording at `path`, with times divided by `speed`; 0 answers at once."""
         super().__init__(url or f"replay://{path}")
         self._path = Path(path)
         self._speed = speed
@@ -53,7 +53,7 @@ class RecordedBoardTransport(BaseTransport):
         self._parser = FrameParser()
         self._answers: dict[Frame, _Answers] = {}
         self._commands: list[Asked] = []
-        self._done = 0  # commands that were sent again
+        self._done = 0  # number of commands sent again
         self._unasked: deque[tuple[int, Said]] = deque()
         self._coming: deque[tuple[float, bytes]] = deque()
         self._timer: asyncio.Handle | None = None
@@ -64,7 +64,7 @@ class RecordedBoardTransport(BaseTransport):
         return self._done == len(self._commands)
 
     async def _open(self) -> None:
-        """Read the recording. Raise OpenError if it cannot be replayed."""
+        """Read the recording. Raise OpenError for a recording impossible to replay."""
         try:
             with Recording(self._path) as recording:
                 self._found = found = read_conversation(recording)
@@ -80,7 +80,7 @@ class RecordedBoardTransport(BaseTransport):
         self._play_unasked(0.0)
 
     def _send(self, data: bytes) -> None:
-        """Answer what the program asks. Raise ConnectionLost if it sends other commands than in the recording."""
+        """Answer packets of the program. Raise ConnectionLost for commands different from the recording."""
         assert self._found is not None  # noqa: S101 - it is open
         for frame in self._parser.feed(data):
             packet = decoded(self._found.codec, frame)
@@ -96,10 +96,10 @@ class RecordedBoardTransport(BaseTransport):
         if self._timer is not None:
             self._timer.cancel()
 
-    # --- what the program sends ----------------------------------------------------------------------------------
+    # --- packets of the program ----------------------------------------------------------------------------------
 
     def _answer(self, frame: Frame, packet: Packet) -> None:
-        """Send the recorded response to this query: the one at this point of the recording, or the nearest."""
+        """Send the recorded response to a query: the response at this point of the recording, or the nearest."""
         assert self._found is not None  # noqa: S101 - it is open
         if known := self._answers.get(frame):
             after = self._commands[self._done - 1].number if self._done else -1
@@ -112,7 +112,7 @@ class RecordedBoardTransport(BaseTransport):
             self._differ(f"the recording has no response to {_words(packet)}")
 
     def _obey(self, frame: Frame, packet: Packet | None) -> None:
-        """Take the next command, which must be that of the recording. Either program may have repeated the latest."""
+        """Take the next command, equal to the recorded command. Either program may have repeated the latest command."""
         latest = self._commands[self._done - 1] if self._done else None
         if latest is not None and getattr(latest.packet, "repeatable", False):
             if frame == latest.frame and self._next_frame != frame:
@@ -134,18 +134,18 @@ class RecordedBoardTransport(BaseTransport):
         return None if self.is_finished else self._commands[self._done].frame
 
     def _differ(self, how: str) -> NoReturn:
-        error = ConnectionLost(f"{self.url}: the program went another way: {how}")
+        error = ConnectionLost(f"{self.url}: the program differs from the recording: {how}")
         self._lose(error)
         raise error
 
-    # --- what the board says -------------------------------------------------------------------------------------
+    # --- packets of the board ------------------------------------------------------------------------------------
 
     def _respond(self, asked: Asked) -> None:
         if asked.answer is not None:
             self._say(asked.answer.data, asked.answer.seconds - asked.seconds)
 
     def _play_unasked(self, since: float) -> None:
-        """Say what came by itself until the next command, as much later than the latest command as then."""
+        """Send packets without a request up to the next command, with the recorded delays after the latest command."""
         while self._unasked and self._unasked[0][0] <= self._done:
             _, said = self._unasked.popleft()
             self._say(said.data, said.seconds - since)
@@ -169,7 +169,7 @@ class RecordedBoardTransport(BaseTransport):
 
 
 class _Answers:
-    """Responses to one query, in order."""
+    """Responses to a query, in order."""
 
     def __init__(self) -> None:
         self._all: list[Asked] = []
@@ -179,7 +179,7 @@ class _Answers:
         self._all.append(asked)
 
     def next(self, after: int) -> Asked:
-        """Return the next one that was asked behind the frame `after`, or the last one that was answered."""
+        """Return the next query after the frame `after`, or else the last query with a response."""
         while self._at < len(self._all) and self._all[self._at].number < after:
             self._at += 1
         if self._at < len(self._all):
@@ -190,7 +190,7 @@ class _Answers:
 
 
 def _usual(packet: Packet) -> Response | None:
-    """Return a response to what connections begin with, for a recording that began later."""
+    """Return a response to a usual first query of a connection, for a recording begun later."""
     match packet:
         case QueryProjectIDRequest():
             return QueryProjectIDResponse(0)
@@ -209,7 +209,7 @@ def _usual(packet: Packet) -> Response | None:
 
 def _words(packet: Packet | None) -> str:
     if packet is None:
-        return "a packet that cannot be read"
+        return "an unreadable packet"
     described = packet_to_json(packet)
     return in_words(described["packet"], described["fields"])
 

@@ -1,4 +1,4 @@
-"""RingWriter: the last seconds in bounded memory, written when something fails or somebody asks for it."""
+"""RingWriter: the last seconds in bounded memory, written after a failure or on request."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from servolink.recorder.recording_file import Disk, RecordingFile
 from servolink.recorder.writer import CHUNK_BYTES, CHUNK_SECONDS, LOOK_EVERY, MessageEncoder, RecorderStatus, Saved
 
 MOST_BYTES = 64 * MIB
-"""Bytes of compressed messages that are kept, however long the time asked for."""
+"""Limit of compressed messages in bytes, for any duration."""
 
 
 class _Segment(NamedTuple):
-    """Some messages, compressed."""
+    """Compressed messages with their times."""
 
     first: float
     last: float
@@ -36,19 +36,19 @@ class _Segment(NamedTuple):
 
 
 class Segments:
-    """The latest messages, as many as fit into a time and a number of bytes."""
+    """Latest messages, limited in time and in bytes."""
 
     def __init__(self, seconds: float, most_bytes: int = MOST_BYTES) -> None:
-        """Start empty."""
+        """Start without any messages."""
         self._seconds = seconds
         self._most_bytes = most_bytes
         self._closed: deque[_Segment] = deque()
         self._open: list[tuple[float, str, bytes]] = []
         self._open_bytes = 0
         self.size = 0
-        """Bytes of the closed segments."""
+        """Total bytes of the closed segments."""
         self.count = 0
-        """Messages in all."""
+        """Number of all messages."""
 
     @property
     def first(self) -> float | None:
@@ -56,7 +56,7 @@ class Segments:
         return self._closed[0].first if self._closed else self._open[0][0] if self._open else None
 
     def add(self, timed: Timed) -> None:
-        """Add a message, and drop what is too old, or too much."""
+        """Add a message, and drop messages too old or too many."""
         data = encode(timed.message)
         self._open.append((timed.seconds, TOPICS[type(timed.message)], data))
         self._open_bytes += len(data)
@@ -66,13 +66,13 @@ class Segments:
         self._trim(timed.seconds)
 
     def messages(self) -> Iterator[tuple[float, str, bytes]]:
-        """Yield all messages, with their topics; one segment at a time is not compressed."""
+        """Yield all messages, with their topics; a single segment is unpacked at a time."""
         for segment in self._closed:
             yield from msgspec.msgpack.decode(zlib.decompress(segment.data), type=list[tuple[float, str, bytes]])
         yield from self._open
 
     def clear(self) -> None:
-        """Drop everything."""
+        """Drop all messages in memory."""
         while self._closed:
             self._drop()
         self._open, self._open_bytes, self.count = [], 0, 0
@@ -94,13 +94,13 @@ class Segments:
 
 
 AFTER = 2.0
-"""Seconds that are recorded after a failure before it is written, and in which further ones count as the same."""
-_AGAIN = 1.0  # seconds until a disk that took nothing is tried again
+"""Seconds recorded after a failure before the writing; further failures meanwhile count as the same."""
+_AGAIN = 1.0  # seconds until the next attempt on a disk that refuses data
 _STOP = {"servo_id": 255, "is_start": 0, "is_hold": 1}
 
 
 def trigger(message: Message) -> str:
-    """Return why the ring should be written because of a message; empty if it should not."""
+    """Return the reason to write the ring after a message; empty without a reason."""
     match message:
         case Event(kind="connection", what="lost"):
             return message.text or "the connection was lost"
@@ -119,7 +119,7 @@ def _fields(fields: Any) -> Any:
 
 
 class RingWriter:
-    """Keeps what was recorded last, and writes files of it; on a thread of its own."""
+    """Keeps the latest messages, and writes files after failures; on a separate thread."""
 
     def __init__(
         self,
@@ -132,7 +132,7 @@ class RingWriter:
         backlog: Backlog | None = None,
         disk: Disk = os,
     ) -> None:
-        """Keep the last `seconds`, and name files as `path`, with the time. Raise RecordingError if that cannot be."""
+        """Keep the last `seconds`; file names are `path` with the time added. Raise RecordingError if impossible."""
         MessageEncoder(about, clock)  # raises the error for a missing library
         if not path.parent.is_dir():
             raise RecordingError(f"cannot record to {path}: the folder {path.parent} does not exist; create it first")
@@ -157,12 +157,12 @@ class RingWriter:
         self._asked.append(reason)
 
     def fail(self, reason: str) -> None:
-        """Write what is there, some seconds later, as for a message that says that something has failed."""
+        """Write the kept messages some seconds later, as after a message about a failure."""
         if not self._reason:
             self._reason, self._due = reason, self._clock.now() + AFTER
 
     def status(self) -> RecorderStatus:
-        """Return the state of the recording; the size is that in memory."""
+        """Return the state of the recording; the size is the size in memory."""
         segments, now = self._segments, self._clock.now()
         first = segments.first
         seconds = 0.0 if first is None else now - first
@@ -172,7 +172,7 @@ class RingWriter:
         )
 
     def close(self) -> None:
-        """End. What has failed in the last seconds is written before. Raise RecordingError if it cannot be."""
+        """End, after writing failures of the last seconds. Raise RecordingError if the writing fails."""
         self._closing.set()
         self._thread.join()
         if self._problem:
@@ -205,7 +205,7 @@ class RingWriter:
                 self.fail(reason)
 
     def _save(self, reason: str) -> None:
-        """Write all that is kept to a new file, and forget it; if the disk is full, try again later."""
+        """Write all kept messages to a new file, and drop the messages; if the disk is full, try again later."""
         path = self._free_path()
         try:
             size = self._write(path, reason)
@@ -238,7 +238,7 @@ class RingWriter:
             file.close()
 
     def _free_path(self) -> Path:
-        """Return the path of a file that does not exist yet."""
+        """Return the path of a new file."""
         now = datetime.fromtimestamp(self._clock.wall(self._clock.now()) // BILLION, UTC)
         stem = f"{self._path.stem}-{now:%Y%m%d-%H%M%S}"
         suffix, number = self._path.suffix or ".mcap", 1

@@ -1,4 +1,4 @@
-"""Which response belongs to which request, as far as a recording shows it, and how long it took."""
+"""Matching of responses with requests, as far as a recording allows, and the response times."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from typing import Any, NamedTuple
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.recorder.channels import PacketSeen
 
-_PATIENCE = 3.0  # seconds; a response that takes longer is taken for that to a later request
-_MOST = 1024  # requests of a kind that may wait
+_PATIENCE = 3.0  # seconds; a later response is matched with a later request
+_MOST = 1024  # waiting requests of a kind
 _STEP = 0.01  # of the logarithm: times are counted to 1 %
 _SHORTEST = 1e-6  # seconds
 
 
 class RoundTrip(NamedTuple):
-    """A request, its response or both."""
+    """Request, response, or both together."""
 
     seconds: float
     """Time of the request, or of a response without a request."""
     packet: str
-    """Empty if nobody asked."""
+    """Name of the request; empty without a request."""
     fields: dict[str, Any]
     response: str | None = None
-    """None if none came."""
+    """Name of the response; None without a response."""
     answer: Mapping[str, Any] = MappingProxyType({})
     took: float | None = None
 
 
 class RoundTrips:
-    """Matches packets in their order. Boards answer in order, so the oldest request is the one that is answered."""
+    """Matches packets in order. Boards answer in order, so a response belongs to the oldest request."""
 
     def __init__(self) -> None:
         """Start without requests under way."""
-        self._waiting: dict[str, deque[tuple[float, PacketSeen]]] = {}  # by the response
+        self._waiting: dict[str, deque[tuple[float, PacketSeen]]] = {}  # by the name of the response
 
     def take(self, seconds: float, message: PacketSeen) -> Iterator[RoundTrip]:
-        """Take the next packet; yield what is over by now."""
+        """Take the next packet, and yield all exchanges completed by now."""
         if message.direction == "sent":
             response = response_name(message.packet)
             if response is None:
@@ -62,14 +62,14 @@ class RoundTrips:
         yield RoundTrip(seconds, "", {}, message.packet, message.fields)
 
     def finish(self) -> list[RoundTrip]:
-        """Return what was never answered, in order."""
+        """Return all unanswered requests, in order."""
         left = sorted((each for waiting in self._waiting.values() for each in waiting), key=lambda each: each[0])
         self._waiting.clear()
         return [_unanswered(*each) for each in left]
 
 
 def response_name(packet: str) -> str | None:
-    """Return the name of the response to a packet; None if boards do not answer it, or it is unknown."""
+    """Return the name of the response to a packet; None for a packet without a response, or an unknown packet."""
     name = f"{packet.removesuffix('Request')}Response"
     return name if packet.endswith("Request") and name in PACKETS_BY_NAME else None
 
@@ -79,22 +79,22 @@ def _unanswered(seconds: float, request: PacketSeen) -> RoundTrip:
 
 
 class Times:
-    """How long something took, each time: percentiles to 1 %, in bounded memory."""
+    """Durations counted in bounded memory, with percentiles to 1 %."""
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without any durations."""
         self.count = 0
         self.longest = 0.0
         self._counts: Counter[int] = Counter()
 
     def add(self, seconds: float) -> None:
-        """Add one time."""
+        """Add a duration in seconds."""
         self.count += 1
         self.longest = max(self.longest, seconds)
         self._counts[round(log(max(seconds, _SHORTEST)) / _STEP)] += 1
 
     def percentile(self, percent: float) -> float | None:
-        """Return a percentile in seconds; None without any time."""
+        """Return a percentile in seconds; None without durations."""
         left = self.count * percent / 100
         for place in sorted(self._counts):
             left -= self._counts[place]

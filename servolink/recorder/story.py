@@ -1,4 +1,4 @@
-"""The story of a recording, line by line: who asked for what, what came of it, and what went wrong."""
+"""Story of a recording, line by line: commands with their senders and outcomes, and problems."""
 
 from __future__ import annotations
 
@@ -11,43 +11,43 @@ from servolink.recorder.reading import GOOD, Entry, is_problem
 from servolink.recorder.round_trips import RoundTrip, RoundTrips, response_name
 
 LONGEST_TEXT = 400
-"""Characters of the longest line; what is left out stands in the file."""
-_MOST_VALUES = 16  # of a list, in a line
-_SILENCE = 1.0  # seconds without a response that are worth a line
-_MISSED = 5  # readings of the servos missing in a row, the same
+"""Characters of the longest line; the omitted rest is in the file."""
+_MOST_VALUES = 16  # values of a list shown in a line
+_SILENCE = 1.0  # seconds without a response worth a line
+_MISSED = 5  # consecutive missing readings of the servos worth a line
 
 
 class StoryRow(NamedTuple):
-    """One line of the story; its texts are not escaped yet."""
+    """Line of the story, with unescaped texts."""
 
     seconds: float
     who: str
     text: str
     is_problem: bool = False
     key: object = None
-    """Lines in a row with the same key are told as one; None for a line that stands for itself."""
+    """Consecutive lines with the same key are told as a single line; None for a separate line."""
 
 
 class Story:
-    """Tells entries in their order."""
+    """Tells entries in order as lines."""
 
     def __init__(self, *, hz: float = 0.0, packets: bool = False, silences: bool = True) -> None:
-        """Report gaps in readings of the servos, of which there should be `hz` a second.
+        """Report gaps in readings of the servos, expected `hz` times per second.
 
-        `packets` tells every request with its response, not only the commands. `silences` tells when the board was
-        silent, which only the packets of all kinds and servos show.
+        `packets` tells every request with the response, not only commands. `silences` tells times without any packet of
+        the board, visible only if packets of all kinds and servos are included.
         """
         self.silences: Counter[str] = Counter()
-        """How often the board was silent, or its servos were not read."""
+        """Number of silences of the board and of gaps in the readings."""
         self._longest_gap = max(_SILENCE, _MISSED / hz) if hz > 0 else 0.0
         self._packets = packets
         self._silences = silences
         self._trips = RoundTrips()
         self._read_at: float | None = None
-        self._waiting_since: float | None = None  # for any response
+        self._waiting_since: float | None = None  # time of the oldest request without a response
 
     def tell(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
-        """Yield the lines, those in a row that say the same as one."""
+        """Yield the lines; consecutive lines with equal keys become a single line."""
         return _in_short(self._lines(entries))
 
     def _lines(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
@@ -77,7 +77,7 @@ class Story:
             yield from map(_trip_line, self._trips.take(seconds, message))
 
     def _silence(self, seconds: float) -> Iterator[StoryRow]:
-        """Yield a line if the board has not said anything for long, until now."""
+        """Yield a line after a long silence of the board up to now."""
         since, self._waiting_since = self._waiting_since, None
         if since is not None and seconds - since > _SILENCE:
             self.silences["silences of the board"] += 1
@@ -92,7 +92,7 @@ class Story:
 
 
 def duration(seconds: float) -> str:
-    """Return a time as people write it."""
+    """Return a duration in a notation for people."""
     if seconds >= 1:
         return f"{seconds:.1f} s"
     return f"{seconds * 1000:.0f} ms" if seconds >= 0.01 else f"{seconds * 1000:.1f} ms"
@@ -106,7 +106,7 @@ def _line(seconds: float, message: Message) -> StoryRow | None:
     if isinstance(message, ProblemFound):
         count = f" ({message.count} messages of {message.channel} are missing)" if message.count else ""
         return StoryRow(seconds, "recorder", f"{message.kind}: {_cut(message.text)}{count}", is_problem=True)
-    return None  # bytes: the packets tell what they mean
+    return None  # bytes: the packets tell the meaning
 
 
 _OUTCOMES = {
@@ -154,7 +154,7 @@ def _trip_line(trip: RoundTrip) -> StoryRow:
         is_bad = response_name(trip.packet) is not None
         return StoryRow(trip.seconds, "line", f"{request}, {'NOT ANSWERED' if is_bad else 'sent'}", is_problem=is_bad)
     if not trip.packet:
-        return StoryRow(trip.seconds, "line", f"{asked(trip.response, trip.answer)}, which nobody asked for")
+        return StoryRow(trip.seconds, "line", f"{asked(trip.response, trip.answer)}, without a request")
     answer = asked(trip.response, trip.answer).partition(" ")[2]
     took = duration(trip.took or 0.0)
     text = f"{request}, answered in {took}{': ' if answer else ''}{answer}"
@@ -180,7 +180,7 @@ def _field(name: str, value: Any) -> str:
 
 
 def _steps(steps: Sequence[Any]) -> str:
-    """Return the parts of a movement, with the time once if all take the same; empty if they are not such."""
+    """Return the steps of a movement, with a common time given once; empty for any other list."""
     try:
         parts = [(f"{int(step['servo_id'])}={int(step['degree'])}", int(step["interval"]) / 100) for step in steps]
     except (TypeError, KeyError, ValueError):
@@ -202,7 +202,7 @@ def _cut(text: str) -> str:
 
 
 def _in_short(lines: Iterable[StoryRow]) -> Iterator[StoryRow]:
-    """Yield `lines`; of more than two in a row with the same key only the first, and how many follow it."""
+    """Yield `lines`; of three or more consecutive lines with the same key, only the first and a count of the rest."""
     row: list[StoryRow] = []
     count = 0
     for line in lines:

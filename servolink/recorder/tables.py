@@ -1,4 +1,4 @@
-"""The channels of a recording as tables for spreadsheets, a row for each message, or for each servo in it."""
+"""Tables of the channels of a recording, for spreadsheets: a row for each message, or for each servo of a message."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ def columns(topic: str) -> tuple[str, ...]:
 
 
 def rows(entry: Entry) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of one message; their values are safe in a spreadsheet."""
+    """Yield the rows of a message, with values safe in a spreadsheet."""
     first = f"{entry.seconds:.6f}", entry.time
     for values in _values(entry.message):
         yield (*first, *map(_cell, values))
 
 
 def write_tables(entries: Iterable[Entry], path_of: Callable[[str], Path], *, replace: bool = False) -> dict[Path, int]:
-    """Write a CSV file for each channel of `entries`, where `path_of` its name says; return their rows.
+    """Write a CSV file for each channel of `entries`, at the path from `path_of`; return the numbers of rows.
 
     Raise RecordingError if a file exists and `replace` is not set, or cannot be written; then no file is changed,
-    unless the fault is in the last step, in which they are replaced one after the other.
+    except for a fault in the last step, where the files are replaced in turn.
     """
     tables: dict[str, _ChannelTable] = {}
     with ExitStack() as files:
@@ -51,31 +51,31 @@ def write_tables(entries: Iterable[Entry], path_of: Callable[[str], Path], *, re
                     path, files.enter_context(new_file(path, replace=replace)), entry.topic
                 )
             tables[entry.topic].add(entry)
-        for table in tables.values():  # the disk may be full: before the first of them replaces anything
+        for table in tables.values():  # the disk may be full: before the first replacement
             table.flush()
     return {table.path: table.count for table in tables.values()}
 
 
 class _ChannelTable:
-    """The table of one channel, as it is written."""
+    """Table of a channel during the writing."""
 
     def __init__(self, path: Path, file: BinaryIO, topic: str) -> None:
         self.path = path
         self.count = 0
-        """The rows so far."""
+        """Number of rows so far."""
         self._file = file
         self._writer = csv.writer(_UTF_8(file), lineterminator="\n")
         self._writer.writerow(columns(topic))
 
     def add(self, entry: Entry) -> None:
-        """Write the rows of a message. Raise RecordingError, which names the file, if that fails."""
+        """Write the rows of a message. Raise RecordingError, with the name of the file, for a fault of the disk."""
         with naming(self.path):
             for row in rows(entry):
                 self._writer.writerow(row)
                 self.count += 1
 
     def flush(self) -> None:
-        """Pass everything on to the system. Raise RecordingError, which names the file, if that fails."""
+        """Pass all rows on to the system. Raise RecordingError, with the name of the file, for a fault of the disk."""
         with naming(self.path):
             self._file.flush()
 
@@ -96,6 +96,6 @@ def _cell(value: Any) -> Any:
     if isinstance(value, dict):
         return json.dumps(value)
     if isinstance(value, str):
-        text = escape(value)  # what begins like a formula would be run as one
+        text = escape(value)  # texts with the beginning of a formula would be run as a formula
         return f"'{text}" if text.startswith(_FORMULA) else text
     return value

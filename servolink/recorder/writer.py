@@ -1,4 +1,4 @@
-"""RecordingWriter: messages to a file, on a thread of its own."""
+"""RecordingWriter: messages to a file, on a separate thread."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from servolink.recorder.packet_messages import PacketStream
 from servolink.recorder.recording_file import Disk, RecordingFile
 
 CHUNK_SECONDS = 1.0
-"""After so long what was recorded is on the disk: it is all that a crash can cost."""
+"""Seconds after which messages are on the disk: the most that a crash can lose."""
 CHUNK_BYTES = 256 * 1024
-"""Or after so many bytes, before they are compressed."""
+"""Limit of a chunk in bytes, before the compression."""
 LOOK_EVERY = 0.1
 """Seconds: waking the thread for each message would cost the program more than the message."""
 _WITH_PACKETS = {"/wire", "/problems"}
-_PATIENCE = 1.0  # seconds that closing waits for a disk that takes nothing
+_PATIENCE = 1.0  # seconds of waiting, when closing, for a disk that refuses data
 
 
 class Saved(Struct, frozen=True):
-    """A file that was written of a ring."""
+    """File written from a ring, with the reason."""
 
     path: str
     reason: str
@@ -36,34 +36,34 @@ class Saved(Struct, frozen=True):
 
 
 class RecorderStatus(Struct, frozen=True):
-    """The state of a recording."""
+    """State of a recording under way."""
 
     path: str
     seconds: float
-    """Since it began; of a ring, how far back it goes."""
+    """Seconds since the start; for a ring, since the oldest kept message."""
     size: int
-    """Bytes on the disk; of a ring, in memory."""
+    """Bytes on the disk; for a ring, in memory."""
     messages: int
     dropped: int
-    """Messages that are missing, because the disk was too slow or full."""
+    """Number of messages missing, because the disk was too slow or full."""
     problem: str
     """Present fault of the disk; empty without a fault."""
     saved: tuple[Saved, ...] = ()
-    """The files written of a ring."""
+    """Files written from a ring so far."""
 
 
 class MessageEncoder:
     """Turns messages into the bytes of an MCAP file; packets are derived from the wire bytes here."""
 
     def __init__(self, about: Recorded, clock: Clock, *, with_packets: bool = True) -> None:
-        """Raise RecordingError, which says what to install, if a library is missing."""
+        """Begin a file. Raise RecordingError, with the remedy, if a library is missing."""
         self.stream = McapStream(about)
         self._clock = clock
         codec = Codec(about.byte_order, about.caption_encoding)  # type: ignore[arg-type]  # Codec checks it
         self._packets = PacketStream(codec) if with_packets else None
 
     def add(self, timed: Timed) -> None:
-        """Add a message, and the packets in it."""
+        """Add a message, and the packets inside."""
         message = timed.message
         time = self._clock.wall(timed.seconds)
         self.stream.add(TOPICS[type(message)], time, encode(message))
@@ -71,7 +71,7 @@ class MessageEncoder:
             self._add_packets(self._packets, time, message)
 
     def add_encoded(self, seconds: float, topic: str, data: bytes) -> None:
-        """Add a message that is encoded already, and the packets in it."""
+        """Add an already encoded message, and the packets inside."""
         time = self._clock.wall(seconds)
         self.stream.add(topic, time, data)
         if self._packets is not None and topic in _WITH_PACKETS:
@@ -86,7 +86,7 @@ class MessageEncoder:
 
 
 class RecordingWriter:
-    """Writes a recording; whoever takes part in the conversation with the board never waits for it."""
+    """Writes a recording; the conversation with the board never waits for the writer."""
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class RecordingWriter:
         backlog: Backlog | None = None,
         disk: Disk = os,
     ) -> None:
-        """Create the file and begin. Raise RecordingError, which says what to do."""
+        """Create the file and begin. Raise RecordingError, with the remedy."""
         self._clock = clock
         self._backlog = backlog or Backlog()
         self._encoder = MessageEncoder(about, clock, with_packets=with_packets)
@@ -124,9 +124,9 @@ class RecordingWriter:
         )
 
     def close(self) -> None:
-        """Write what is left and the end of the file; waits for the disk.
+        """Write the rest and the end of the file, waiting for the disk.
 
-        Raise RecordingError if that is impossible: whole chunks that were written before stay readable.
+        Raise RecordingError if impossible: whole chunks written before stay readable.
         """
         self._closing.set()
         self._thread.join()
@@ -134,7 +134,7 @@ class RecordingWriter:
             raise RecordingError(f"{self._file.path}: the recording has failed: {self._failure}") from self._failure
         if self._file.problem:
             raise RecordingError(
-                f"{self._file.path} is not complete: {self._file.problem}; what was written before can be read"
+                f"{self._file.path} is not complete: {self._file.problem}; earlier chunks are readable"
             )
 
     # --- on the thread ------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ class RecordingWriter:
             self._file.close()
 
     def _drain(self) -> None:
-        """Take what waits, and write chunks that are full."""
+        """Take waiting messages, and write full chunks."""
         stream = self._encoder.stream
         while (timed := self._backlog.take()) is not None:
             self._encoder.add(timed)

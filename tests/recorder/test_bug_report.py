@@ -256,12 +256,12 @@ def zipped(name: str, content: bytes, kind: int = zipfile.ZIP_DEFLATED) -> bytes
     ("content", "message"),
     [
         (b"PK\x03\x04nonsense", "cannot be read as a report"),
-        (zipped("x.json", b"{}"), "is not a report: it has no report.json"),
+        (zipped("x.json", b"{}"), "is not a report: report.json is missing"),
         (zipped(FACTS, b"[]"), "holds no object"),
         (zipped(FACTS, b"{"), "cannot be read as a report"),
         (zipped(FACTS, b"[" * 99_999), "cannot be read as a report"),
         (zipped(FACTS, bytes(30_000_000)), "report.json is larger than 1 MiB"),
-        (zipped(FACTS, b"{}", zipfile.ZIP_LZMA), "compressed in a way that reports are not"),
+        (zipped(FACTS, b"{}", zipfile.ZIP_LZMA), "compressed in a way not used in reports"),
         (zipped(FACTS, b"{}").replace(FACTS.encode(), b"report.jsom", 1), "cannot be read as a report"),
     ],
 )

@@ -43,9 +43,9 @@ def test_a_process_that_is_killed_ends_the_recording_alone(tmp_path: Path) -> No
     writer._process.kill()
     writer._process.wait()
     writer.take(0.0, Event("mark", "lost"))
-    with pytest.raises(RecordingError, match="has ended; was it killed"):
+    with pytest.raises(RecordingError, match="has ended; was the process killed"):
         writer.close()
-    assert "was it killed" in writer.status().problem
+    assert "was the process killed" in writer.status().problem
 
 
 def test_a_file_that_cannot_be_made(tmp_path: Path) -> None:

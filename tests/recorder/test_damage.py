@@ -98,7 +98,7 @@ def test_bytes_between_records_are_counted(tmp_path: Path) -> None:
     path.write_bytes(b"".join((*made[:3], noise, *made[3:])))
     messages, (said,) = read(path)
     assert len(messages) == CHUNKS * EACH
-    count = int(said.removeprefix("bytes that belong to no record were left out (").removesuffix(")"))
+    count = int(said.removeprefix("bytes outside of records were left out (").removesuffix(")"))
     assert len(noise) <= count < len(noise) + len(made[2])
 
 

@@ -133,7 +133,7 @@ def test_it_says_what_of_another_program_was_left_out(tmp_path: Path, capsys: py
     path.write_bytes(b"".join(blocks()[:3]) + other_program()[len(MAGIC) :])
     said = call(capsys, "record", "--repair", str(path))
     assert said.out.startswith(f"repaired {path}: 24 messages;")
-    assert said.err == f"servolink: {path}: messages of channels that are not ours were left out (3)\n"
+    assert said.err == f"servolink: {path}: messages of foreign channels were left out (3)\n"
 
 
 def test_what_is_no_recording_is_left_alone(tmp_path: Path) -> None:

@@ -84,7 +84,7 @@ LIMP, LIMP_DONE = SetServoParameterRequest(1, 0, 0), SetServoParameterResponse(1
     ],
 )
 def test_program_that_goes_another_way(act: Callable[[Board], Awaitable[object]], message: str) -> None:
-    with pytest.raises(ConnectionLost, match=f"the program went another way: .*{message}"):
+    with pytest.raises(ConnectionLost, match=f"the program differs from the recording: .*{message}"):
         replayed(WAVE, act)
 
 
@@ -150,7 +150,7 @@ def test_noise_is_replayed_before_what_followed_it(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("messages", [[], [(0.0, Event("mark", "mark"))], passed((0.0, "<", LIMP_DONE))])
 def test_recording_without_a_conversation(messages: list[tuple[float, Message]], tmp_path: Path) -> None:
-    with pytest.raises(OpenError, match="holds nothing that was sent to a board"):
+    with pytest.raises(OpenError, match="cannot be replayed: no sent packets are recorded"):
         replayed(write(tmp_path / "x.mcap", messages), lambda board: board.servos())
 
 

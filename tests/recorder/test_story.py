@@ -92,7 +92,7 @@ def test_packets_are_told_with_their_responses() -> None:
     lines = told((0.0, ASK), (0.004, ANSWER), (1.0, ASK), (1.1, press), (1.2, move), packets=True)
     assert [line.text for line in lines] == [
         "QueryServo servo_id=3, answered in 4.0 ms: servos: 1",
-        "ButtonEvent button_id=1 event=0, which nobody asked for",
+        "ButtonEvent button_id=1 event=0, without a request",
         "ExecuteAction steps=none, sent",
         "QueryServo servo_id=3, NOT ANSWERED",
     ]

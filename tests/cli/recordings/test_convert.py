@@ -241,5 +241,5 @@ def test_a_pipe_is_left_alone(form: tuple[str, ...], recording: Path, capsys: py
     os.mkfifo(pipe)
     said = call(capsys, "convert", str(recording), *form, "-o", str(pipe), "--force")
     assert said.code == 1
-    assert said.err == f"servolink: {pipe} is not a regular file, and is left alone; choose another name\n"
+    assert said.err == f"servolink: {pipe} is not a regular file, and stays unchanged; choose another name\n"
     assert pipe.is_fifo()
