@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, TypeVar, cast
 
 from servolink.client.board_servos import Servo, ServoController
 from servolink.client.captions import Targets
-from servolink.client.raw_packets import RawPackets
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
@@ -50,6 +49,7 @@ if TYPE_CHECKING:  # imported when they are first used, which most of them are i
     from servolink.client.button_events import ButtonEvents, ButtonSubscription
     from servolink.client.playing import Playback, Playing
     from servolink.client.projects import ProjectTransfers
+    from servolink.client.raw_packets import RawPackets
     from servolink.client.servo_readings import ServoReadings, ServoWatch
     from servolink.client.stored_runs import StoredRuns
     from servolink.profiles.profile import ProfileInUse
@@ -103,7 +103,12 @@ class Board:
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._interval_unit = interval_unit
         self._ticket: Ticket | None = None  # of its motions; None if they are asked for when their methods are called
-        self._packets = RawPackets(session, self._servos, lambda: self._runs, limits)
+
+    @cached_property
+    def _packets(self) -> RawPackets:
+        from servolink.client.raw_packets import RawPackets
+
+        return RawPackets(self._session, self._servos, lambda: self._runs, self._limits)
 
     @cached_property
     def _records(self) -> RecordStore:

@@ -5,49 +5,45 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
+from msgspec import Struct, field
+from msgspec.structs import asdict
+
 from servolink.protocol.parser import PADDING, REASONS
 
 
-class Stats:
+class Stats(Struct, eq=False):
     """Counters since the connection was opened."""
 
-    bytes_sent: int
-    bytes_received: int
-    frames_sent: int
-    frames_received: int
-    skipped: dict[str, int]
+    bytes_sent: int = 0
+    bytes_received: int = 0
+    frames_sent: int = 0
+    frames_received: int = 0
+    skipped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
-    undecodable: int
+    undecodable: int = 0
     """Intact frames whose content contradicts itself."""
-    hidden: int
+    hidden: int = 0
     """Rejected frames inside another frame, such as in a caption."""
-    unsolicited: int
+    unsolicited: int = 0
     """Frames without a request."""
-    mismatched: int
+    mismatched: int = 0
     """Responses about another servo, action, macro or table than requested."""
-    late_responses: int
+    late_responses: int = 0
     """Responses after the end of their request, not mistaken for the response to a later request."""
-    timeouts: int
+    timeouts: int = 0
     """Sendings not answered in time."""
-    retries: int
+    retries: int = 0
     """Requests sent again."""
-    reopenings: int
+    reopenings: int = 0
     """Openings because of a stray response."""
-    reconnects: int
-    fences: int
+    reconnects: int = 0
+    fences: int = 0
     """Queries sent to prove the end of everything older."""
-    events_received: int
-    events_dropped: int
+    events_received: int = 0
+    events_dropped: int = 0
     """Button events lost because their reader was too slow."""
-    round_trips: deque[float]
+    round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
     """The latest 4096 times from request to response, in seconds."""
-
-    def __init__(self) -> None:
-        """Start at 0."""
-        for name in Stats.__annotations__:
-            setattr(self, name, 0)
-        self.skipped = dict.fromkeys(REASONS, 0)
-        self.round_trips = deque(maxlen=4096)
 
     @property
     def noise(self) -> int:
@@ -73,9 +69,7 @@ class Stats:
 
     def as_dict(self) -> dict[str, Any]:
         """Return all counters as plain numbers, and percentiles of the round trips in milliseconds."""
-        counters = {
-            name: getattr(self, name) for name in Stats.__annotations__ if name not in ("skipped", "round_trips")
-        }
+        counters = {name: value for name, value in asdict(self).items() if isinstance(value, int)}
         percentiles = {f"p{percent}": self.round_trip(percent) for percent in (50, 90, 99)}
         return {
             **counters,

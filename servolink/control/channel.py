@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
-from contextlib import suppress
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, Generic, TypeVar
 
 import msgspec
 from msgspec import UNSET, Raw, Struct, UnsetType
@@ -15,7 +15,6 @@ from servolink import errors
 from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ProgressNotice
-from servolink.control.pending import PendingCalls
 from servolink.control.share_address import greet
 from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
 from servolink.escaping import escape
@@ -24,12 +23,20 @@ _MOST_BYTES = 64 * 1024 * 1024  # of one message: four times the largest project
 _CLOSING_LIMIT = 1.0  # seconds
 _logger = logging.getLogger(__name__)
 
+K = TypeVar("K")
+T = TypeVar("T")
+
 
 class Reply(Struct):
     """Reply of a hub: the result of a method, or an error as in the reference; both as JSON."""
 
     result: Raw = Raw(b"")
     error: Raw | UnsetType = UNSET
+
+    @property
+    def fault(self) -> ErrorObject | None:
+        """Error of the hub; None for a result."""
+        return None if self.error is UNSET else msgspec.json.decode(self.error, type=ErrorObject)
 
 
 class _Message(Reply):
@@ -38,6 +45,36 @@ class _Message(Reply):
     id: int | None = None
     method: str | None = None
     params: Raw = Raw(b"{}")
+
+
+class PendingCalls(Generic[K, T]):
+    """Pending calls by id, until response, cancellation or the end of the connection."""
+
+    def __init__(self) -> None:
+        """Start without any."""
+        self._futures: dict[K, asyncio.Future[T]] = {}
+
+    @contextmanager
+    def expect(self, call_id: K) -> Iterator[asyncio.Future[T]]:
+        """Yield the response to await; send the request in this context."""
+        future: asyncio.Future[T] = asyncio.get_running_loop().create_future()
+        self._futures[call_id] = future
+        try:
+            yield future
+        finally:
+            self._futures.pop(call_id, None)
+
+    def settle(self, call_id: K, response: T) -> None:
+        """Wake the caller of a response, unless the call has ended."""
+        future = self._futures.get(call_id)
+        if future is not None and not future.done():
+            future.set_result(response)
+
+    def fail_all(self, error: Callable[[], Exception]) -> None:
+        """Raise a new error in each caller: the connection has ended."""
+        for future in self._futures.values():
+            if not future.done():
+                future.set_exception(error())
 
 
 class RpcChannel(asyncio.Protocol):
@@ -78,9 +115,8 @@ class RpcChannel(asyncio.Protocol):
             if isinstance(error, ServolinkError):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
-        if reply.error is not UNSET:
-            told = msgspec.json.decode(reply.error, type=ErrorObject)
-            raise error_of(told.data.kind, told.message)
+        if (fault := reply.fault) is not None:
+            raise error_of(fault.data.kind, fault.message)
         return reply.result
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:

@@ -6,7 +6,7 @@ from enum import IntEnum
 from typing import Literal
 
 from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.packet import Effect, Packet, Query, is_motion
+from servolink.protocol.packet import Effect, Packet, Query
 
 RoleName = Literal["watch", "run", "move", "edit"]
 """A role as JSON and addresses have it."""
@@ -54,13 +54,3 @@ def needed_role(packet: Packet) -> Role:
     if isinstance(packet, Query) or packet.effect is Effect.STOPS:
         return Role.WATCH
     return _ROLES.get(type(packet), Role.EDIT)
-
-
-def carries_angles(packet: Packet) -> bool:
-    """Return whether the meaning of `packet`, or of its response, depends on the angle unit of servos (3.2.4).
-
-    That is so for angles sent and reported, and for everything stored that the board applies to its servos.
-    """
-    if isinstance(packet, servos.SetServoParameterRequest):
-        return False
-    return is_motion(packet) or isinstance(packet, servos.QueryServoRequest)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
-import msgspec
-from msgspec import UNSET, Raw
+from msgspec import Raw
 
 from servolink.control.channel import Reply, RpcChannel, open_channel
 from servolink.control.error_codes import ErrorObject
@@ -74,9 +73,8 @@ class HubSession:
     async def _begin(self, channel: RpcChannel) -> None:
         if (limits := self._policy.tightening()) is not None:
             reply = await channel.ask("limits.tighten", limits)
-            if reply.error is not UNSET:  # without its limits a policy allows nothing
-                told = msgspec.json.decode(reply.error, type=ErrorObject)
-                raise ServolinkError(f"the limits for {self.name} cannot be used: {told.message}")
+            if (fault := reply.fault) is not None:  # without its limits a policy allows nothing
+                raise ServolinkError(f"the limits for {self.name} cannot be used: {fault.message}")
         self._channel = channel
         if self.on_connect is not None:
             await self.on_connect()
@@ -96,6 +94,6 @@ class HubError(ServolinkError):
 
 def result_of(reply: Reply) -> Raw:
     """Return the result in a reply. Raise HubError if it is an error."""
-    if reply.error is not UNSET:
-        raise HubError(msgspec.json.decode(reply.error, type=ErrorObject))
+    if (fault := reply.fault) is not None:
+        raise HubError(fault)
     return reply.result

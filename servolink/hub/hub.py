@@ -89,7 +89,8 @@ class Hub:
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""
-        self._hold: HoldStatus | None = None
+        self.held_by: HoldStatus | None = None
+        """Program with exclusive use of the board; None without one."""
         self._responses_to_left = 0
 
     @property
@@ -272,26 +273,21 @@ class Hub:
 
     # --- exclusive use ------------------------------------------------------------------------------------------
 
-    @property
-    def held_by(self) -> HoldStatus | None:
-        """The program that holds the board alone."""
-        return self._hold
-
     def hold(self, session_id: str, reason: str) -> bool:
         """Suspend all other programs until `release_hold`. Return False if another program has exclusive use."""
-        if self._hold is not None:
-            return self._hold.session == session_id
+        if self.held_by is not None:
+            return self.held_by.session == session_id
         program = self.programs[session_id]
-        self._hold = HoldStatus(session_id, program.who, reason)
+        self.held_by = HoldStatus(session_id, program.who, reason)
         self._upstream.waiting.holder = program.queue
-        self.tell(HoldNotice(self._hold), session_id)
+        self.tell(HoldNotice(self.held_by), session_id)
         return True
 
     def release_hold(self, session_id: str) -> None:
         """End the exclusive use of this session."""
-        if self._hold is None or self._hold.session != session_id:
+        if self.held_by is None or self.held_by.session != session_id:
             return
-        self._hold = None
+        self.held_by = None
         self._upstream.waiting.holder = None
         self._upstream.send_waiting()
         self.tell(HoldNotice(None), session_id)
@@ -299,7 +295,7 @@ class Hub:
     @contextmanager
     def _alone(self, exchange: Exchange) -> Iterator[None]:
         """Suspend other programs while a packet needs the board exclusively."""
-        session, is_held = exchange.program.session_id, self._hold is not None
+        session, is_held = exchange.program.session_id, self.held_by is not None
         if not is_held:
             self.hold(session, f"it sends {type(exchange.packet).__name__}")
         try:
@@ -359,7 +355,7 @@ class Hub:
             now - self._began_at,
             tuple(program.status() for program in self.programs.values()),
             self.lease,
-            self._hold,
+            self.held_by,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             self.board.stats.noise,
             self.doors,

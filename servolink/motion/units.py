@@ -1,4 +1,4 @@
-"""ServoUnits: units in which the angles of each servo are sent and reported (3.2.4)."""
+"""Units in which the angles of each servo are sent and reported (3.2.4), and the packets that depend on them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from collections.abc import Set as AbstractSet
 from msgspec import Struct, field
 
 from servolink.motion.angles import AngleUnit
-from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
+from servolink.protocol.packet import Packet, is_motion
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    ExecuteActionRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    SetServoParameterRequest,
+)
 
 
 class ServoUnits(Struct):
@@ -78,6 +86,29 @@ def unit_request(servo_id: int, unit: AngleUnit) -> SetAngleUnitRequest:
 def is_accepted(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> bool:
     """Return whether the board has set the unit in `request`."""
     return (response.servo_id, response.unit_type) == (request.servo_id, request.unit_type)
+
+
+def carries_angles(packet: Packet) -> bool:
+    """Return whether the meaning of `packet`, or of its response, depends on the angle unit of servos (3.2.4).
+
+    That is so for angles sent and reported, and for everything stored that the board applies to its servos.
+    """
+    if isinstance(packet, SetServoParameterRequest):
+        return False
+    return is_motion(packet) or isinstance(packet, QueryServoRequest)
+
+
+def servos_concerned(packet: Packet) -> AbstractSet[int] | None:
+    """Return the servos whose units matter for `packet` or its response; None for all servos."""
+    if not carries_angles(packet):
+        return set()
+    if isinstance(packet, ExecuteActionRequest):
+        named = {step.servo_id for step in packet.steps}
+    elif isinstance(packet, QueryServoRequest):
+        named = {packet.servo_id}
+    else:  # a stored record, whose servos are unknown
+        return None
+    return None if ALL_SERVOS in named else named
 
 
 def _unit_in(request: SetAngleUnitRequest) -> AngleUnit:

@@ -195,7 +195,8 @@ def _check_version(value: Any) -> None:
         raise EncodeError(
             f"{version} is newer than {SCHEMA}, the newest this servolink reads; update servolink", "schema"
         )
-    try:
-        refuse_newer(value.get("figure"))
-    except EncodeError as error:
-        raise EncodeError(error.text, f"figure.{error.path}") from None
+    if "figure" in value:
+        try:
+            refuse_newer(value["figure"])
+        except EncodeError as error:
+            raise EncodeError(error.text, f"figure.{error.path}") from None

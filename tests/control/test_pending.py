@@ -1,10 +1,10 @@
-"""`servolink.control.pending`: calls that wait for their response."""
+"""`servolink.control.channel`: calls that wait for their response."""
 
 from __future__ import annotations
 
 import asyncio
 
-from servolink.control.pending import PendingCalls
+from servolink.control.channel import PendingCalls
 from servolink.errors import ConnectionLost
 from tests.virtual_time import run
 

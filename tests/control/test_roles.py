@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import fields
 
-from servolink.control.roles import Role, carries_angles, needed_role
+from servolink.control.roles import Role, needed_role
+from servolink.motion.units import carries_angles
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Effect, Packet, is_motion

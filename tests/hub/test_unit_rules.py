@@ -8,9 +8,9 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
-from servolink.hub.rules.unit_rules import UnitReservation, servos_concerned
+from servolink.hub.rules.unit_rules import UnitReservation
 from servolink.motion.angles import AngleUnit
-from servolink.motion.units import ServoUnits, is_accepted, unit_request
+from servolink.motion.units import ServoUnits, is_accepted, servos_concerned, unit_request
 from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Step

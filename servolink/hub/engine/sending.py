@@ -11,7 +11,6 @@ from typing import Any
 
 from servolink.client.board import Board
 from servolink.connection.connection import Connection
-from servolink.control.roles import carries_angles
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
@@ -21,6 +20,7 @@ from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import refuse_role, refuse_ticket
 from servolink.motion.ticket import StopCounter, Ticket
+from servolink.motion.units import carries_angles
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 from servolink.client.board import Board
 from servolink.errors import Rejected, RequestError
-from servolink.hub.rules.unit_rules import UnitReservation, servos_concerned
-from servolink.motion.units import ServoUnits, is_accepted
+from servolink.hub.rules.unit_rules import UnitReservation
+from servolink.motion.units import ServoUnits, is_accepted, servos_concerned
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
 

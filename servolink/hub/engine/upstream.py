@@ -10,12 +10,12 @@ from typing import Literal, TypeAlias
 
 from servolink.client.board import Board
 from servolink.connection.scheduler import MOST_ASIDE
-from servolink.control.roles import carries_angles
 from servolink.errors import ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
 from servolink.hub.rules.hub_gates import MotionOver
+from servolink.motion.units import carries_angles
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.tasks import Tasks

@@ -18,7 +18,7 @@ from servolink.control.error_codes import Code, RpcError
 from servolink.control.greeting import Greeting
 from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role
-from servolink.control.status import HoldStatus, LeaseStatus
+from servolink.control.status import HoldStatus
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.engine.stop_order import MotionsCancelled
@@ -201,9 +201,7 @@ class Control:
 
     # --- lease and hold -----------------------------------------------------------------------------------------
 
-    def take_lease(
-        self, *, force: bool = False, dead_man: float | None = None, is_beat: bool = False
-    ) -> LeaseStatus | None:
+    def take_lease(self, *, force: bool = False, dead_man: float | None = None, is_beat: bool = False) -> None:
         """Take the lease. Raise LeaseRefused with the name of the holder.
 
         `dead_man` is that of the greeting unless it is given.
@@ -212,7 +210,6 @@ class Control:
         dead_man = self._dead_man if dead_man is None else dead_man
         if not self.hub.leases.take(self.session, force=force, dead_man=dead_man, is_beat=is_beat):
             raise LeaseRefused(f"nothing was moved: {self.hub.leases.reason(self.session)}")
-        return self.hub.lease
 
     @property
     def holder(self) -> HoldStatus | None:

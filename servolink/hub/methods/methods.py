@@ -100,7 +100,8 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
     `lease.beat` more often than that, or the hub stops the board. This counts as a beat, a motion does not: it may have
     waited long after its program fell silent.
     """
-    return LeaseNow(caller.control.take_lease(force=params.force, dead_man=params.dead_man, is_beat=True))
+    caller.control.take_lease(force=params.force, dead_man=params.dead_man, is_beat=True)
+    return LeaseNow(caller.control.hub.lease)
 
 
 @METHODS.add("lease.give", Role.WATCH)

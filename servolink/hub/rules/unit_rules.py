@@ -1,27 +1,11 @@
-"""Packets that depend on angle units, and units that must stay while a macro runs (3.2.4)."""
+"""UnitReservation: angle units that must stay while a macro runs (3.2.4)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Set as AbstractSet
 
-from servolink.control.roles import carries_angles
 from servolink.motion.units import ServoUnits
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, QueryServoRequest, SetAngleUnitRequest
-
-
-def servos_concerned(packet: Packet) -> AbstractSet[int] | None:
-    """Return the servos whose units matter for `packet` or its response; None for all servos."""
-    if not carries_angles(packet):
-        return set()
-    if isinstance(packet, ExecuteActionRequest):
-        named = {step.servo_id for step in packet.steps}
-    elif isinstance(packet, QueryServoRequest):
-        named = {packet.servo_id}
-    else:  # a stored record, whose servos are unknown
-        return None
-    return None if ALL_SERVOS in named else named
+from servolink.protocol.servos import SetAngleUnitRequest
 
 
 class UnitReservation:

@@ -21,7 +21,7 @@ from servolink.escaping import escape
 from servolink.files import read_file, reason, user_folder, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
-from servolink.project.transfer.journal import Journal, journal_of
+from servolink.project.transfer.journal import Journal
 
 _SUFFIX = ".servolink.json"
 _LARGEST = 1024 * 1024
@@ -187,8 +187,9 @@ def is_import_unfinished(store: BackupStore, project_id: int, url: str) -> bool:
         journals = store.journals(project_id)
     except ProjectError:
         return False
-    return journal_of(journals, project_id, url) is not None or any(
-        journal.may_be_of(project_id, url) and not journal.has_written_all for journal in journals
+    return any(
+        journal.is_of(project_id, url) or (journal.may_be_of(project_id, url) and not journal.has_written_all)
+        for journal in journals
     )
 
 
