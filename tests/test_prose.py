@@ -81,7 +81,7 @@ BACKLOG: dict[str, dict[str, float]] = {
     "profiles": {"pronouns": 9.5},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 159},
-    "studio/web": {"riddles": 7, "pronouns": 11, "lines": 80},
+    "studio/web": {"pronouns": 8, "lines": 80},
     "usbip": {"pronouns": 8.5},
     "virtual": {"riddles": 4, "pronouns": 9.5, "lines": 164, "short": 19},
 }

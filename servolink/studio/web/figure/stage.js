@@ -13,7 +13,7 @@ import { Renderer } from "./webgl.js";
 /** @typedef {import("./figure.js").View} View */
 /** @typedef {import("./webgl.js").Tint} Tint */
 /**
- * What a stage shows, asked for at each drawing, and whom it tells what.
+ * Scene of a stage: functions that are called at each drawing, and handlers of what a person does.
  * @typedef {object} Scene
  * @property {() => Pose} pose
  * @property {() => Pose} [dragPose] the pose that a drag changes, if it is not the one shown
@@ -45,7 +45,7 @@ function sharedRenderer() {
   return renderer;
 }
 
-/** Do without WebGL2 from now on, as where it is missing. */
+/** Draw without WebGL2 from now on, as in browsers that lack it. */
 export function drawFlatOnly() {
   renderer = null;
 }
@@ -95,7 +95,7 @@ export class Stage {
     this._ends.abort();
   }
 
-  /** Let go of the limb that is held, if any. */
+  /** Release the limb that is held, if any. */
   release() {
     const servoId = this._grip?.servoId ?? null;
     this._grip = null;

@@ -136,7 +136,7 @@ export class Renderer {
   }
 
   /**
-   * Draw a pose that lets what is behind it shine through, but not its own far side.
+   * Draw a translucent pose: the background shows through, the far side of the pose does not.
    * @param {Figure} figure
    * @param {Layer} layer
    */

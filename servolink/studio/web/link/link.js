@@ -65,7 +65,7 @@ export class Link {
   }
 
   /**
-   * Change what the people at other pages read of this one, now and whenever it connects again.
+   * Change the name of this page for people at other pages, now and with each new connection.
    * @param {string} who
    */
   rename(who) {

@@ -1,4 +1,4 @@
-// A note: what happened in bold, what it means or what to do in plain, and what can be done at once.
+// A note: the event in bold, its meaning or remedy in plain text, and buttons for remedies.
 
 import { html } from "../html.js";
 import { Icon } from "./icon.js";

@@ -1,4 +1,5 @@
-// A field for a number with its unit: it takes `0.5`, `0,5 s`, `−20°`; arrows change it; Enter or leaving it ends it.
+// Field for a number with its unit: accepts `0.5`, `0,5 s`, `−20°`; arrows change the number; Enter or a click elsewhere
+// ends the input.
 
 import { html, useRef } from "../html.js";
 import { useTyping } from "./typing.js";

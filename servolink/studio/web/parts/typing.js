@@ -1,4 +1,4 @@
-// What is being typed into a field stays there, whatever else changes on the page meanwhile.
+// Text that is being typed into a field stays there, whatever else changes on the page meanwhile.
 
 import { html, useState } from "../html.js";
 
@@ -16,7 +16,7 @@ export function useTyping(text) {
 }
 
 /**
- * The name of what the screen shows, as a field. `onChange` is called with another name, and returns what became of it.
+ * The name of what the screen shows, as a field. `onChange` is called with another name, and returns the name that was kept.
  * @param {{ name: string, placeholder: string, label: string, onChange: (name: string) => string }} props
  */
 export function NameField({ name, placeholder, label, onChange }) {

@@ -68,7 +68,7 @@ function Toasts() {
   </div>`;
 }
 
-// The line that says that nothing real moves; it cannot be closed.
+// Banner of a virtual board: nothing real moves. Nobody can close it.
 
 function Banner() {
   if (!welcome.value?.is_virtual) return null;

@@ -1,4 +1,4 @@
-// Who moves the robot: this page, another program, or nobody.
+// Control of the robot: this page has the lease, another program has it, or nobody.
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";

@@ -10,7 +10,7 @@ import { t } from "../texts/text.js";
 
 /** @typedef {import("../state/undo.js").Label} Label */
 
-const LASTS = 20_000; // milliseconds in which people can keep what they wanted
+const LASTS = 20_000; // milliseconds in which people can keep their own edit
 
 export function Edits() {
   if (draft.value === null) return null;
@@ -47,13 +47,13 @@ conflict.subscribe((found) => {
   });
 });
 
-/** Undo the latest edit, and say what it was. */
+/** Undo the latest edit, and show a message about it. */
 export function undoEdit() {
   const label = undo();
   if (label) toast({ name: "edit", icon: "undo", title: t("edit.undone"), detail: t(...label) });
 }
 
-/** Do again what was undone last, and say what it was. */
+/** Redo the edit that was undone last, and show a message about it. */
 export function redoEdit() {
   const label = redo();
   if (label) toast({ name: "edit", icon: "redo", title: t("edit.redone"), detail: t(...label) });

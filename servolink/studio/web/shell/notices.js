@@ -1,4 +1,4 @@
-// What everybody must know before they read on: the board is gone, somebody else moves it, this page may only watch.
+// Notices above every screen: the board is gone, somebody else moves the robot, or this page may only watch.
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";

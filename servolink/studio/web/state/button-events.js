@@ -1,4 +1,4 @@
-// What the board says of the buttons of its remote control.
+// Events of the buttons of the remote control, as the board reports them.
 
 import { batch, signal } from "../html.js";
 
@@ -11,10 +11,10 @@ const MOST = 100;
 export const down = signal(/** @type {ReadonlySet<number>} */ (new Set()));
 /** The latest events, the newest first. */
 export const heard = signal(/** @type {ButtonEvent[]} */ ([]));
-/** How many events came, and how many must have been lost: those without which the others make no sense. */
+/** Number of events, and of lost events: a second press without a release between them means a lost one. */
 export const counts = signal({ heard: 0, lost: 0 });
 
-/** The buttons of which at least one event came: of the others it is not known whether they are down. */
+/** Buttons with at least one event: no other button is known to be up or down. */
 const known = /** @type {Set<number>} */ (new Set());
 
 /** Forget which buttons are down: the connection is new, and events may have been missed. */

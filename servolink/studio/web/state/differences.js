@@ -1,4 +1,4 @@
-// What differs between two projects, record by record.
+// Differences between two projects, record by record.
 
 import { idOf, KINDS, NUMBERS } from "./records.js";
 

@@ -1,5 +1,5 @@
-// Keeps edits in the studio, record by record: they survive a reload and a crash, and other pages see them. What the
-// studio has not confirmed yet is kept in this browser.
+// Edits kept in the studio, record by record: they survive a reload and a crash, and other pages see them. Edits that
+// the studio has not confirmed yet are kept in this browser.
 
 import { LinkLost } from "../link/link.js";
 
@@ -30,7 +30,7 @@ export class Drafts {
     this._differences = differences;
     this._onTheirs = onTheirs;
     this._onKept = onKept;
-    /** What the studio keeps, as far as this page knows. @type {Map<string, Kept>} */
+    /** Records that the studio keeps, as far as this page knows. @type {Map<string, Kept>} */
     this._kept = new Map();
     /** @type {Map<string, number>} */
     this._revisions = new Map();
@@ -43,14 +43,14 @@ export class Drafts {
   }
 
   /**
-   * Return the edits to begin with: those that the studio keeps, then those of this browser that it does not have.
+   * Return the edits with which a draft begins: edits that the studio keeps, then unsaved edits of this browser.
    * @returns {Promise<(Kept | Edit)[]>}
    */
   async load() {
     const records = await this._ask();
     for (const one of records) this._note(one);
     const unsaved = this._read();
-    for (const edit of unsaved) this._revisions.set(keyOf(edit), edit.known); // so that newer ones are not overwritten
+    for (const edit of unsaved) this._revisions.set(keyOf(edit), edit.known); // so that newer edits are not overwritten
     return [...records.filter((one) => !one.is_discarded), ...unsaved.filter((edit) => !edit.is_discarded)];
   }
 
@@ -60,7 +60,7 @@ export class Drafts {
     this.saveSoon();
   }
 
-  /** Save what was edited, in a moment. */
+  /** Save all edits in a moment. */
   saveSoon(pause = PAUSE) {
     clearTimeout(this._timer);
     this._timer = setTimeout(() => this._save(), pause);
@@ -124,7 +124,7 @@ export class Drafts {
 
   /** @param {Kept[]} records */
   _heard(records) {
-    const mine = new Set(this._unsaved().map(keyOf)); // these meet theirs when they are saved
+    const mine = new Set(this._unsaved().map(keyOf)); // conflicts of these appear when they are saved
     const isNew = (/** @type {Kept} */ one) => one.revision > (this._revisions.get(keyOf(one)) ?? 0);
     const theirs = records.filter((one) => isNew(one) && !mine.has(keyOf(one)));
     for (const one of theirs) this._take(one, !one.is_discarded && this._own.has(keyOf(one)));

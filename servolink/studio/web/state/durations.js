@@ -1,4 +1,4 @@
-// How long the commands of macros take, as `servolink/project/record_lookup.py` computes it.
+// Durations of the commands of macros, as `servolink/project/record_lookup.py` computes it.
 
 /** @typedef {import("./records.js").Project} Project */
 /** @typedef {import("./records.js").Macro} Macro */
@@ -7,7 +7,7 @@
 const MOST = 0x7fff_ffff; // milliseconds
 
 /**
- * Return the macros by id, each after those that it runs. Macros that run themselves, and their callers, are left out.
+ * Return the macros by id, each after the macros that it calls. Macros that call themselves are left out with their callers.
  * @param {readonly Macro[]} macros
  * @returns {Map<number, Macro>}
  */
@@ -68,8 +68,8 @@ function durationOf({ type, action_id = 0, macro_id = 0, delay_ms = 0, loop, rat
 }
 
 /**
- * Return `after` with the durations that its commands state brought up to date. One that stated another duration on
- * purpose keeps it, unless the command itself was changed.
+ * Return `after` with the stated durations of its commands brought up to date. A command that stated another duration
+ * on purpose keeps it, unless that command was changed.
  * @param {Project} before
  * @param {Project} after
  * @returns {Project}
@@ -93,7 +93,7 @@ export function withDurations(before, after) {
 }
 
 /**
- * Return how long each command takes by itself.
+ * Return the duration of each command by itself.
  * @param {Project} project
  */
 function toldOf(project) {

@@ -59,7 +59,7 @@ export const withMoved = (macro, from, to) => ({
 });
 
 /**
- * Return the macros that this one can run, without running itself by that.
+ * Return the macros that a macro can call without calling itself through them.
  * @param {Project} project
  * @param {Macro} macro
  */

@@ -1,4 +1,4 @@
-// Which figure stands for the robot, and what its servos are called.
+// Figure that stands for the robot, and names of its servos and limbs.
 
 import { computed, effect, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
@@ -12,7 +12,7 @@ import { captions, servoIds, welcome } from "./robot.js";
 const TEMPLATES = ["humanoid-16", "arm-6", "quadruped-12", "hexapod-18"];
 
 export const templates = signal(/** @type {Figure[]} */ ([]));
-/** The figure that was fitted to this robot, or came with a project file; null if there is none. */
+/** Figure fitted to this robot or loaded with a project file; null without one. */
 export const ownFigure = signal(/** @type {FigureData | null} */ (null));
 
 /** The figure of the robot: its own, or the template with its servos; null if there is none. */
@@ -23,7 +23,7 @@ export const figure = computed(() => {
 });
 
 /**
- * Follow which figure this robot has, on all pages, from now on.
+ * Follow changes of the figure of this robot, by any page, from now on.
  * @param {Link} link
  */
 export function followFigure(link) {
@@ -67,20 +67,20 @@ export async function loadTemplates() {
 }
 
 /**
- * Return what a servo is called.
+ * Return the name of a servo.
  * @param {number} id
  */
 export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.servo", { id });
 
 /**
- * Return what a limb is called.
+ * Return the name of a limb.
  * @param {string} limb
  */
 export const limbName = (limb) =>
   safeText(figure.value?.data.groups?.[limb]?.[language.value] ?? "") || t("live.others");
 
 /**
- * Return the limb of a servo, which decides on its colour.
+ * Return the limb of a servo; each limb has its colour.
  * @param {number} id
  */
 export const limbOf = (id) => figure.value?.byServo.get(id)?.group ?? "";

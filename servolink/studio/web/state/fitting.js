@@ -1,4 +1,4 @@
-// A figure while it is fitted to a robot: the part that each servo turns, its direction and its zero.
+// Fit of a figure to a robot: the part that each servo turns, with direction and zero.
 
 import { signal } from "../html.js";
 import { figure, ownFigure, templates } from "./figure.js";
@@ -12,9 +12,9 @@ import { servoIds } from "./robot.js";
 
 /** The figure that is being fitted, null for none. */
 export const fit = signal(/** @type {Fit | null} */ (null));
-/** The servo that is asked about. */
+/** Servo of the current question. */
 export const asked = signal(0);
-/** The template with which the fit began, by its index; -1 for the figure as it was. */
+/** Index of the template with which the fit began; -1 for the figure as it was. */
 export const origin = signal(0);
 
 /** Begin with the figure as it is, or with a template if there is none. */
@@ -74,7 +74,7 @@ export function begin(data, servoIds) {
 export const jointOf = (fit, servo) => fit.data.joints.find((joint) => joint.servo === servo) ?? null;
 
 /**
- * Make a servo turn a joint, or none. A servo that turned it before gets the joint that this one leaves.
+ * Assign a joint to a servo, null for none. The servo that had the joint gets the old joint of this servo.
  * @param {Fit} fit
  * @param {number} servo
  * @param {string | null} id of the joint
@@ -104,8 +104,8 @@ export const changed = (fit, id, change) => ({
 });
 
 /**
- * Return the figure as it is drawn while it is fitted: its parts can be picked, also those without a servo. They have
- * the numbers of their joints in place of servos.
+ * Return the figure for drawing during a fit: parts without a servo can be picked too, because the number of each joint
+ * stands in place of a servo.
  * @param {Fit} fit
  * @returns {FigureData}
  */
@@ -139,7 +139,7 @@ function without(joint) {
 }
 
 /**
- * Return the joints of a figure, in which those that follow another one still follow it, whatever servo it has now.
+ * Return the joints of a figure. Joints that follow another joint still do, whatever servo turns that one now.
  * @param {FigureData} data
  * @param {FigureData} before
  * @returns {JointData[]}

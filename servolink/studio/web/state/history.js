@@ -10,7 +10,7 @@ export const LENGTH = 3000;
 export class History {
   constructor() {
     this.times = new Float64Array(LENGTH).fill(NaN);
-    /** How many readings were added; the latest is at `(count - 1) % LENGTH`. */
+    /** Number of readings that were added; the latest is at `(count - 1) % LENGTH`. */
     this.count = 0;
     /** @type {Map<number, Record<Quantity, Float32Array>>} */
     this._rings = new Map();

@@ -4,7 +4,7 @@
 
 const PERIOD = 40; // milliseconds from one pose to the next, at least
 
-/** Sends the latest pose that is wanted: poses that were not sent before the next one came are skipped. */
+/** Sends the latest pose. A pose that was not sent when the next pose came is skipped. */
 export class LatestPose {
   /** @type {(pose: Pose) => Promise<void>} */
   #send;

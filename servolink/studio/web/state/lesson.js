@@ -1,5 +1,5 @@
-// The poses that were taken, with the times between them, and the records that are made of them. The rules are those of
-// `servolink/project/teaching.py`.
+// Film of poses taken by hand, with the times between them, and the records that become of a film. The rules are those
+// of `servolink/project/teaching.py`.
 
 import { commandOf } from "./edit-macro.js";
 import { fitCaption, freeId, withRecord } from "./records.js";

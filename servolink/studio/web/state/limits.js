@@ -1,4 +1,4 @@
-// How fast and how far servos may turn, and how long the board takes, as far as the profile of the board says.
+// Limits of servos from the profile of the board: highest speeds, angles, and the unit of intervals.
 
 import { computed } from "../html.js";
 import { limitsOf } from "./figure.js";
@@ -11,7 +11,7 @@ const UNIT = 0.01; // seconds, of an interval of 1 in the document
 
 const limits = computed(() => /** @type {Limits} */ (welcome.value?.profile?.limits ?? {}));
 
-/** How many times longer than stored a movement takes on this board. */
+/** Factor by which movements on this board take longer than stored. */
 export const slowness = computed(() => (welcome.value?.profile?.settings?.interval_unit ?? UNIT) / UNIT);
 
 /**

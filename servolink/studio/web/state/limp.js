@@ -1,5 +1,5 @@
-// Servos that were released to be posed by hand. They are held again, where they are, before anything else happens: when
-// the screen or the page is left, when somebody stops the robot, and when another program gets the lease.
+// Servos released for posing by hand. Released servos are held again, where they are, before anything else happens:
+// when the screen or the page is left, when somebody stops the robot, and when another program gets the lease.
 
 import { effect, signal } from "../html.js";
 import { Beats } from "../link/beats.js";
@@ -42,7 +42,7 @@ export class Limp {
   }
 
   /**
-   * Release servos: they go limp. Rejects, with all of them held, if that fails.
+   * Release servos, so that they go limp. Rejects, with all servos held again, if that fails.
    * @param {number[]} ids
    */
   async release(ids) {
@@ -61,8 +61,8 @@ export class Limp {
   }
 
   /**
-   * Hold the released servos where they are, then start those that were started before: a servo that is started while
-   * it is limp may turn to its last target.
+   * Hold the released servos where they are, then start the servos that were started before: a servo that is started
+   * while limp may turn to its last target.
    * @param {{ start?: boolean }} [options]
    */
   async hold({ start = true } = {}) {
@@ -118,7 +118,7 @@ export class Limp {
   }
 
   _renew() {
-    this._link.call("lease.take", { dead_man: DEAD_MAN }).catch(() => {}); // a notification says who has it
+    this._link.call("lease.take", { dead_man: DEAD_MAN }).catch(() => {}); // a notification names the new owner
   }
 
   /** Hold the released servos when the page is left; before `Motion`, which then gives the lease back. */

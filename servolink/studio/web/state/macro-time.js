@@ -1,5 +1,5 @@
-// Times of the steps of a macro, as `MacroPlaying` of `servolink/protocol/records.py` plays it: all steps of an action
-// start together, and it takes as long as its longest step. A command takes its total interval, or longer if its
+// Times of the steps of a macro, as in `MacroPlaying` of `servolink/protocol/records.py`: all steps of an action start
+// together, and the action lasts as long as the longest step. A command lasts for its total interval, or longer if its
 // record does.
 
 import { inOrder } from "./durations.js";
@@ -14,7 +14,7 @@ import { inOrder } from "./durations.js";
  * `start` is undefined while the pose before is unknown; `clip` is the index of the command of the macro that leads to it.
  */
 /**
- * A command of the macro, or of one that it runs.
+ * A command of the macro, or of a macro inside.
  * @typedef {{ command: Command, index: number, depth: number, from: number, until: number, isAgain: boolean }} Clip
  */
 /** @typedef {{ clips: Clip[], turns: Turn[], seconds: number, isCut: boolean }} Course */

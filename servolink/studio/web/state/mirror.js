@@ -1,5 +1,5 @@
-// Left and right: which servo is the mirror image of which, and what angle it takes then. By the limbs of the figure, or
-// without one by the captions of the servos, as `servolink/project/mirror.py` does.
+// Mirror images of servos, left and right, with their angles: by the limbs of the figure, or without a figure by the
+// captions of the servos, as `servolink/project/mirror.py` does.
 
 /** @typedef {import("../figure/figure.js").Figure} Figure */
 /** @typedef {import("../figure/figure.js").Joint} Joint */
@@ -90,8 +90,8 @@ function byFigure(figure) {
 }
 
 /**
- * Return what a joint's angle becomes when its image takes it: a turn about the axis from side to side stays, others
- * are reversed.
+ * Return the function from the angle of a joint to that of its image: a turn about the axis from side to side stays,
+ * other turns are reversed.
  * @param {Joint} joint
  * @param {Joint} image
  */

@@ -9,7 +9,7 @@ import { isMine, linkState, problem, servos } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
-/** One movement of several, with its begin and its duration in seconds. @typedef {{ at: number, duration: number, targets: Pose }} Part */
+/** Movement of a sequence: begin and duration in seconds. @typedef {{ at: number, duration: number, targets: Pose }} Part */
 
 const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the robot
 const SHORTEST = 0.08; // seconds
@@ -48,7 +48,7 @@ export class Motion {
     effect(() => {
       if (!isMine.value || linkState.value !== "open") this.#drop(); // somebody took over, or the connection is gone
     });
-    link.on("stopped", () => this.#drop()); // nothing that was wanted before a stop is sent after it
+    link.on("stopped", () => this.#drop()); // targets from before a stop are not sent after it
     for (const [target, name] of /** @type {[EventTarget, string][]} */ ([
       [window, "blur"],
       [window, "pagehide"],
@@ -181,7 +181,7 @@ export class Motion {
     await this.#link.call("stop");
   }
 
-  /** Start all servos; they hold where they are. */
+  /** Start all servos, each at its present angle. */
   async startAll() {
     await this.#link.call("servo.set", { servo: "all", start: true, hold: true });
   }

@@ -1,5 +1,5 @@
-// The pad of the screen Buttons: its table and button that are chosen, and presses of it or of a gamepad, which start
-// macros in Robot mode as the board's own buttons do.
+// Pad of the screen Buttons: chosen table and button, and presses on the pad or on a gamepad. In Robot mode presses start
+// macros as the board's own buttons do.
 
 import { signal } from "../html.js";
 
@@ -69,7 +69,7 @@ export class Presses {
     else this._run(button.button_up_macro);
   }
 
-  /** Forget all buttons that are down, and what was to come after: nothing is started any more. */
+  /** Forget all buttons that are down, and the macro that waits: nothing is started any more. */
   drop() {
     for (const { timer } of this._held.values()) clearTimeout(timer);
     clearTimeout(this._after);
@@ -89,7 +89,7 @@ export class Presses {
   /** @param {number} macroId */
   _run(macroId) {
     if (macroId === 0) return;
-    clearTimeout(this._after); // another macro takes its place
+    clearTimeout(this._after); // another macro replaces the waiting one
     this._robot.run(macroId, this._robot.seconds(macroId));
   }
 

@@ -1,4 +1,4 @@
-// What writing the draft would change on the board, and the writing itself.
+// Plan of the changes that writing the draft makes on the board, and the writing itself.
 
 import { batch, signal } from "../html.js";
 import { draft, reread } from "./project.js";
@@ -17,12 +17,12 @@ export const NO_OUTCOME = Object.freeze({ state: "none", text: "", of: null });
 
 /** The latest plan, and the project that it is for. */
 export const plan = signal(/** @type {{ of: Project, plan: Plan, found: Found[] } | null} */ (null));
-/** Why there is no plan, empty if that is not known. */
+/** Reason why there is no plan, empty if that is not known. */
 export const planError = signal("");
 export const isPlanning = signal(false);
-/** How far the writing is, null if nothing is being written. */
+/** Progress of the writing, null if nothing is being written. */
 export const progress = signal(/** @type {Progress | null} */ (null));
-/** How the latest writing ended, and the draft at that time; null until that was read again. */
+/** Result of the latest writing, and the draft after it; null until the board was read again. */
 export const outcome = signal(
   /** @type {{ state: "none" | "written" | "rolled back" | "broken", text: string, of: Project | null }} */ (
     NO_OUTCOME
@@ -55,13 +55,13 @@ export async function makePlan(link) {
 }
 
 /**
- * Make the board hold the draft. If that was interrupted before, it goes on from there.
+ * Write the draft to the board. A write that was interrupted goes on from there.
  * @param {Link} link
  */
 export const apply = (link) => write(link, "project.apply", { project: draft.value });
 
 /**
- * Make the board hold what a backup has, null for what was there before the latest writing.
+ * Write a backup to the board; null for the project before the latest writing.
  * @param {Link} link
  * @param {number | null} number
  */

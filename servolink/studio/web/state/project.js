@@ -1,4 +1,4 @@
-// What is stored on the board, and the draft of what it is to become. A draft is only ever replaced by another one.
+// Project on the board, and the draft that will replace it. A draft is never changed: each edit makes a new one.
 
 import { batch, computed, effect, signal } from "../html.js";
 import { differencesOf, rebased } from "./differences.js";
@@ -14,24 +14,24 @@ import { UndoList } from "./undo.js";
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {{ state: "unasked" | "reading" | "ready" | "failed", done: number, total: number, item: string, error: string }} Reading */
 
-/** What the board holds, null until it was read. */
+/** Project on the board, null until the board was read. */
 export const stored = signal(/** @type {Project | null} */ (null));
-/** What it is to hold, null until it was read. */
+/** Draft of the project, null until the board was read. */
 export const draft = signal(/** @type {Project | null} */ (null));
-/** How far the board was read. */
+/** Progress of reading the board. */
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
-/** Who keeps the latest edit. */
+/** Place where the latest edit is kept. */
 export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("saved"));
-/** An edit of another page of what this page has edited too, or that deletes a record; and what there was before. */
+/** Edit by another page that meets an edit of this page or deletes a record, with the record before; null without one. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any, isDeleted: boolean } | null} */ (null));
 
 const AGAIN = 3000; // milliseconds after which reading is tried again
-const SETTLES = 500; // milliseconds after which all edits that were given up together have been told of
+const SETTLES = 500; // milliseconds in which notifications of edits that were discarded together arrive
 
 /** @type {Drafts | null} */
 let drafts = null;
 let rereading = 0;
-/** With which connection the board was read. */
+/** Connection with which the board was read. */
 const readBy = signal(/** @type {import("../link/link.js").Welcome | null} */ (null));
 const steps = /** @type {UndoList<Project>} */ (new UndoList());
 export const { undoLabel, redoLabel } = steps;
@@ -50,8 +50,8 @@ effect(() => {
 });
 
 /**
- * Read what the board holds, unless that was done: it takes seconds on a slow line, so it is asked for by the first
- * screen that needs it.
+ * Read the board unless that was done. Reading takes seconds on a slow line, so only screens that need a project call
+ * this.
  * @param {Link} link
  */
 export function open(link) {
@@ -59,7 +59,7 @@ export function open(link) {
 }
 
 /**
- * Read again, with each new connection, what was read before.
+ * Read the board again with each new connection, if it was read before.
  * @param {Link} link
  */
 export function keepCurrent(link) {
@@ -74,7 +74,7 @@ export function keepCurrent(link) {
 }
 
 /**
- * Read again what the board holds. Edits are kept, records that were not edited are those of the board.
+ * Read the board again. Edits are kept; records that were not edited are replaced by those of the board.
  * @param {Link} link
  */
 export async function reread(link) {
@@ -96,7 +96,7 @@ export async function reread(link) {
 }
 
 /**
- * Begin to edit what the board holds, with the edits that were kept.
+ * Begin a draft of the project on the board, with the edits that were kept.
  * @param {Link} link
  * @param {Project} board
  */
@@ -106,7 +106,7 @@ async function begin(link, board) {
     takeTheirs(theirs, isConflict);
     if (!theirs.is_discarded) return;
     clearTimeout(rereading);
-    rereading = setTimeout(() => reread(link), SETTLES); // given up, or written: then the board holds something else
+    rereading = setTimeout(() => reread(link), SETTLES); // discarded, or written to the board
   };
   const tools = {
     differences: () => differences.value,
@@ -126,7 +126,7 @@ async function begin(link, board) {
 }
 
 /**
- * Take over what another page has edited.
+ * Take over an edit of another page.
  * @param {Kept} theirs
  * @param {boolean} isConflict
  */
@@ -137,13 +137,13 @@ function takeTheirs(theirs, isConflict) {
   const edited = differences.value.find((one) => one.kind === kind && one.id === id);
   if (!theirs.is_discarded) draft.value = withEdit(draft.value, theirs);
   else if (edited) draft.value = withEdit(draft.value, { kind, id, record: edited.before ?? null });
-  const isDeleted = mine !== null && recordOf(draft.value, theirs) === null; // told to all: somebody may look at it
+  const isDeleted = mine !== null && recordOf(draft.value, theirs) === null; // reported even without an own edit: the record may be on the screen
   if (isConflict || isDeleted) conflict.value = { theirs, mine, isDeleted };
 }
 
 /**
  * Change the draft. Return whether anything changed.
- * @param {Label} label what it does, for the undo button
+ * @param {Label} label of the undo button
  * @param {(project: Project) => Project} change
  * @param {string} [merge] the same for all parts of one drag
  */
@@ -160,14 +160,14 @@ export function edit(label, change, merge = "") {
 /** End a drag: the next edit is a step of its own. */
 export const settle = () => steps.settle();
 
-/** Undo the latest edit, on whatever screen it was made. Return what it was. */
+/** Undo the latest edit of any screen. Return its label, null if there was none. */
 export function undo() {
   const step = steps.undo();
   if (step !== null) replace(back(step.after, step.before));
   return step?.label ?? null;
 }
 
-/** Do again what was undone last. Return what it was. */
+/** Redo the edit that was undone last. Return its label, null if there was none. */
 export function redo() {
   const step = steps.redo();
   if (step !== null) replace(back(step.before, step.after));
@@ -175,7 +175,7 @@ export function redo() {
 }
 
 /**
- * Return the draft with a step done backwards; what was edited since, by other pages, stays.
+ * Return the draft with a step reversed; later edits of other pages stay.
  * @param {Project} from
  * @param {Project} to
  */

@@ -18,7 +18,7 @@ const MOST_MARKS = 200;
 
 export const status = signal(/** @type {Status | null} */ (null));
 export const marks = signal(/** @type {readonly Mark[]} */ ([]));
-/** What the plots show instead of the present; null while they move. */
+/** Readings that the frozen plots show; null while the plots move. */
 export const frozen = signal(/** @type {History | null} */ (null));
 /** The servos that are not plotted. */
 const hidden = signal(/** @type {ReadonlySet<number>} */ (new Set()));
@@ -42,7 +42,7 @@ export function plotServos(ids, isPlotted) {
   hidden.value = after;
 }
 
-/** Hold the plots still, or let them move again. */
+/** Freeze the plots, or let the plots move again. */
 export const freeze = () => (frozen.value = frozen.value === null ? history.copy() : null);
 
 /** @param {Link} link */
@@ -65,7 +65,7 @@ export async function startOrStop(link) {
 }
 
 /**
- * Mark this moment, in the recording too if there is one.
+ * Mark this moment, here and in a recording under way.
  * @param {Link} link
  */
 export async function mark(link) {

@@ -3,7 +3,7 @@
 /** @typedef {{ servo_id: number, degree: number, interval_ms: number }} Step */
 /** @typedef {{ action_id: number, action_caption: string, steps: readonly Step[] }} Action */
 /**
- * One command of a macro; which field has its id, or its delay, depends on its type.
+ * One command of a macro; the type decides which field holds the id or the delay.
  * @typedef {object} Command
  * @property {"action" | "delay" | "macro" | "other"} type
  * @property {number} [action_id]
@@ -41,7 +41,7 @@ export const ID_OF = /** @type {const} */ ({
   joystick_tables: "table_id",
 });
 
-/** What a project holds besides records. */
+/** Fields of a project besides records. */
 export const NUMBERS = /** @type {const} */ (["active_joystick_table", "project_id"]);
 /** @typedef {typeof NUMBERS[number]} ProjectNumber */
 
@@ -70,7 +70,7 @@ export function freeId(kind, project) {
 }
 
 /**
- * Return the project with a record, in place of the one with its id if there is one.
+ * Return the project with a record, which replaces a record of the same id.
  * @param {Project} project
  * @param {Kind} kind
  * @param {object} record
@@ -149,7 +149,7 @@ export const secondsOf = (action) => Math.max(0, ...action.steps.map((step) => s
 export const poseOf = (action) => Object.fromEntries(action.steps.map((step) => [step.servo_id, step.degree]));
 
 /**
- * Return as much of a text as fits a caption on the board, in UTF-8.
+ * Return the beginning of a text that fits a caption on the board, in UTF-8.
  * @param {string} text
  */
 export function fitCaption(text) {

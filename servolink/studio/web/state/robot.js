@@ -19,11 +19,11 @@ export const linkState = signal(/** @type {LinkState} */ ("connecting"));
 export const welcome = signal(/** @type {Welcome | null} */ (null));
 /** Whether the hub has the board. */
 export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
-/** Who answers in place of a board that is lost; empty if nobody does. */
+/** Name of the board that answers in place of a lost one; empty if none does. */
 export const another = signal("");
 export const lease = signal(/** @type {Lease | null} */ (null));
 export const hold = signal(/** @type {Hold | null} */ (null));
-/** What the hub found wrong last, until it is put away. */
+/** Latest problem that the hub has reported; empty after it was dismissed. */
 export const problem = signal("");
 export const programs = signal(/** @type {Program[]} */ ([]));
 /** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */
@@ -96,7 +96,7 @@ async function begin(link, first) {
 }
 
 /**
- * Read what the board says of itself, and changes seldom.
+ * Read captions and battery: they change seldom.
  * @param {Link} link
  */
 async function readStored(link) {
@@ -150,7 +150,7 @@ function take(frame) {
 export const actualPose = () =>
   Object.fromEntries([...servos.value.values()].map((servo) => [servo.servo_id, servo.angle]));
 
-/** Hide what the hub found wrong last. */
+/** Hide the latest problem that the hub has reported. */
 export function dismissProblem() {
   problem.value = "";
 }

@@ -1,4 +1,4 @@
-// What this browser remembers: language, theme, the name of this page.
+// Settings that this browser keeps: language, theme, and the name of this page.
 
 import { effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
@@ -12,7 +12,7 @@ const KEY = "servolink.settings";
 const known = read();
 
 export const theme = signal(known.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
-/** What the people at other pages read of this one. */
+/** Name of this page for people at other pages. */
 export const who = signal(known.who ?? "");
 
 language.value = known.language ?? (navigator.language.startsWith("zh") ? "zh" : "en");

@@ -14,7 +14,7 @@ import { chooseAction, chosenAction } from "./view.js";
 /** @typedef {import("./records.js").Pose} Pose */
 /** @typedef {import("./undo.js").Label} Label */
 
-/** The action that is edited; the first one if the chosen one is gone. */
+/** Chosen action; the first action if the chosen one is gone, null without actions. */
 export const action = computed(() => {
   const actions = draft.value?.actions ?? [];
   return actions.find((one) => one.action_id === chosenAction.value) ?? actions[0] ?? null;
@@ -82,7 +82,7 @@ export function actionBefore(one) {
 export const startPose = (from) => (from === null ? actualPose() : poseOf(from));
 
 /**
- * Return what an action is called.
+ * Return the name of an action, for people.
  * @param {Action} one
  */
 export const nameOfAction = (one) => safeText(one.action_caption) || t("actions.unnamed", { id: one.action_id });

@@ -1,4 +1,4 @@
-// The macro on the screen, its chosen command, what it does in time, and changes of it.
+// Macro on the screen: its chosen command, its course in time, and changes of its record.
 
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
@@ -17,7 +17,7 @@ import { chooseMacro, chosenMacro } from "./view.js";
 /** @typedef {import("./records.js").Pose} Pose */
 /** @typedef {import("./undo.js").Label} Label */
 
-/** The macro that is edited; the first one if the chosen one is gone. */
+/** Chosen macro; the first macro if the chosen one is gone, null without macros. */
 export const macro = computed(() => {
   const macros = draft.value?.macros ?? [];
   return macros.find((one) => one.macro_id === chosenMacro.value) ?? macros[0] ?? null;
@@ -28,7 +28,7 @@ export const chosenClip = signal(/** @type {number | null} */ (null));
 
 const shown = computed(() => macro.value?.macro_id);
 effect(() => {
-  if (shown.value !== undefined) chooseClip(null); // also if somebody else has deleted the macro before it
+  if (shown.value !== undefined) chooseClip(null); // also when another page deletes the macro
 });
 
 /**
@@ -48,7 +48,7 @@ export function showMacro(id) {
   chooseClip(null);
 }
 
-/** The pose from which the preview starts: where the robot was when the screen was opened. */
+/** Pose from which the preview starts: that of the robot when the screen was opened. */
 export const start = signal(/** @type {Pose} */ ({}));
 
 /** Let the preview start where the robot is now. */
@@ -56,7 +56,7 @@ export function startFromRobot() {
   start.value = actualPose();
 }
 
-/** What the macro does; null if it never ends. */
+/** Course of the macro in time; null if it never ends. */
 export const course = computed(() =>
   draft.value && macro.value ? courseOf(draft.value, macro.value.macro_id, start.value, slowness.value) : null,
 );
@@ -82,7 +82,7 @@ export function secondsOfMacro(one) {
 export const nameOfMacro = (one) => safeText(one.macro_caption) || t("macros.unnamed", { id: one.macro_id });
 
 /**
- * Return what a command does.
+ * Return the name of a command, for people.
  * @param {Command} command
  */
 export function nameOfCommand(command) {

@@ -1,11 +1,11 @@
-// The servos that are stopped: they hold where they are, and do not move until they are started again.
+// Stopped servos: a stopped servo holds its angle, and does not move until it is started again.
 
 import { effect, signal } from "../html.js";
 import { readAt, servos } from "./robot.js";
 
 const SETTLES = 400; // milliseconds: limp servos are held before they are started
 
-/** How many servos are stopped, of those that hold. */
+/** Number of stopped servos, of those that hold. */
 export const stoppedCount = signal(0);
 /** Whether all servos that hold are stopped. */
 export const isAllStopped = signal(false);

@@ -1,4 +1,4 @@
-// The timeline of a macro on the screen: its lanes, its width, and the clip that is dragged along it.
+// Timeline of a macro on the screen: lanes, width, and the clip under the pointer.
 
 import { computed, signal } from "../html.js";
 import { course } from "./shown-macro.js";
@@ -9,13 +9,13 @@ const FARTHEST = 1,
   NEAREST = 8,
   BY = 2;
 
-/** What has a lane of its own. */
+/** Kind of rows that have a lane each. */
 export const lanes = signal(/** @type {"servos" | "limbs"} */ ("servos"));
-/** How many times wider than the screen the timeline is. */
+/** Width of the timeline in widths of the screen. */
 export const zoom = signal(FARTHEST);
 export const isNearest = computed(() => zoom.value >= NEAREST);
 export const isFarthest = computed(() => zoom.value <= FARTHEST);
-/** The clip that is dragged, and its place if it is dropped now. */
+/** Clip under the pointer, and its index if it is dropped now; null without a drag. */
 export const dragged = signal(/** @type {{ index: number, to: number } | null} */ (null));
 
 /** The seconds of the timeline while a clip is stretched, so that nothing runs away from the pointer. */
@@ -55,7 +55,7 @@ export function dragClip(index, to) {
   if (dragged.value?.to !== to) dragged.value = { index, to };
 }
 
-/** End the drag; return what was dragged, null for nothing. */
+/** End the drag. Return the clip and its new place, null if none was dragged. */
 export function endDrag() {
   const last = dragged.value;
   dragged.value = null;
@@ -69,7 +69,7 @@ export function endDrag() {
 export const share = (seconds) => `${((seconds / span.value) * 100).toFixed(3)}%`;
 
 /**
- * Return place and width of what lasts from one moment to another.
+ * Return place and width of an interval on the timeline.
  * @param {{ from: number, until: number }} what
  */
 export const place = ({ from, until }) => ({

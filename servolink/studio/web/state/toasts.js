@@ -1,4 +1,4 @@
-// Short messages: what was done, and how to undo it. Each goes away by itself.
+// Short messages about what was done, with a button to undo it. A message disappears after some seconds.
 
 import { signal } from "../html.js";
 import { t } from "../texts/text.js";

@@ -1,9 +1,9 @@
-// Steps that can be undone and done again, each with a text that says what it was.
+// Undo and redo: steps of edits, each with a label that describes the edit.
 
 import { computed, signal } from "../html.js";
 
 /** @typedef {import("../texts/text.js").Key} Key */
-/** What a step did: a text and its values. @typedef {[Key, Record<string, string | number>?]} Label */
+/** Label of a step: a text and its values. @typedef {[Key, Record<string, string | number>?]} Label */
 /**
  * @template V
  * @typedef {{ label: Label, merge: string, before: V, after: V }} Change
@@ -16,9 +16,9 @@ export class UndoList {
   constructor() {
     this._past = signal(/** @type {Change<V>[]} */ ([]));
     this._future = signal(/** @type {Change<V>[]} */ ([]));
-    /** What would be undone next. */
+    /** Label of the step to undo next, null without one. */
     this.undoLabel = computed(() => this._past.value.at(-1)?.label ?? null);
-    /** What would be done again next. */
+    /** Label of the step to redo next, null without one. */
     this.redoLabel = computed(() => this._future.value.at(-1)?.label ?? null);
   }
 
@@ -38,7 +38,7 @@ export class UndoList {
     this._future.value = [];
   }
 
-  /** End a drag: what comes next is a step of its own. */
+  /** End a drag: the next edit is a step of its own. */
   settle() {
     const last = this._past.value.at(-1);
     if (last) this._past.value = [...this._past.value.slice(0, -1), { ...last, merge: "" }];

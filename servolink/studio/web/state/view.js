@@ -1,4 +1,4 @@
-// What this page shows: the screen, what is chosen on it, and the targets that were set and not sent.
+// View of this page: its screen, the chosen servo, action and macro, and targets that were set and not sent.
 
 import { signal } from "../html.js";
 

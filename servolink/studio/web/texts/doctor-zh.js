@@ -1,5 +1,5 @@
-// What the doctor finds, in Chinese: its title and what it means, by the name of the check. What was seen and what to type
-// have names and paths of this machine in them, and stay as they are.
+// Findings of the doctor in Chinese: title and meaning by the name of the check. Observations and commands contain names
+// and paths of this machine, and are shown untranslated.
 
 /** @type {Record<string, { title: string, meaning: string }>} */
 export const DOCTOR_ZH = {

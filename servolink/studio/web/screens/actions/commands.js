@@ -1,4 +1,4 @@
-// What can be done to the action on the screen as a whole.
+// Commands of the user for the action on the screen as a whole.
 
 import { withDegrees, withEnoughTime, withSteps, withTime } from "../../state/edit-action.js";
 import { capOf, within } from "../../state/limits.js";

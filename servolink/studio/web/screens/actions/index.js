@@ -57,7 +57,7 @@ const NoActions = () => html`<div class="card empty">
   </div>
 </div>`;
 
-// What changes the whole action.
+// Toolbar of changes to the whole action.
 
 function Toolbar() {
   const one = action.value,

@@ -1,4 +1,4 @@
-// One servo in an action: whether it takes part, its target, and its time as a bar.
+// Row of one servo in an action: participation, target, and time as a bar.
 
 import { html, useEffect, useRef } from "../../html.js";
 import { NumberField } from "../../parts/number-field.js";

@@ -13,7 +13,7 @@ export function Command({ text }) {
       await navigator.clipboard.writeText(text);
       toast({ kind: "ok", title: t("board.copied") });
     } catch {
-      toast({ kind: "bad", title: t("board.not_copied") }); // browsers allow it only to pages of this machine, or with TLS
+      toast({ kind: "bad", title: t("board.not_copied") }); // browsers allow copying only to pages of this machine, or with TLS
     }
   };
   return html`<div class="cmd">

@@ -1,4 +1,4 @@
-// What keeps the board from working, or from working well: seen, what it means, what to do.
+// Findings of the doctor about the board: observation, meaning and remedy of each.
 
 import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";

@@ -1,4 +1,4 @@
-// The questions about one servo: which part it turns, which way, from where, and how far.
+// Questions about one servo: the part, the direction, the zero and the limits.
 
 import { html, useEffect, useRef } from "../../html.js";
 import { HoldButton } from "../../parts/hold-button.js";
@@ -70,7 +70,7 @@ function ServoChoice({ fit, servo, onServo }) {
 
 /** @param {{ servo: number, motion: Motion }} props */
 function Wiggle({ servo, motion }) {
-  const middle = useRef(/** @type {number | null} */ (null)); // of all its movements, so that it does not wander
+  const middle = useRef(/** @type {number | null} */ (null)); // centre of every wiggle, so that the servo does not wander
   useEffect(() => () => motion.end(), []);
   const start = async () => {
     if (!(await motion.begin())) return;

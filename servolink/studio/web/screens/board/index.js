@@ -1,4 +1,4 @@
-// Board: which boards are here, what is known of this one, what is wrong with it, and who else uses it.
+// Board: list of boards, profile, figure, findings of the doctor, and other programs.
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
@@ -32,7 +32,7 @@ export function BoardScreen({ link, motion }) {
     </div>`;
 }
 
-// The boards that are here, and how to begin with another one.
+// Boards that were found, and the command that begins with another board.
 
 const PLAIN = /^[\w:/.@?=&+-]+$/;
 
@@ -76,7 +76,7 @@ function iconOf(url) {
   return { virtual: "chip", tcp: "wifi", share: "hand" }[scheme] ?? "usb";
 }
 
-// Which figure stands for the robot, and how to change it.
+// Figure that stands for the robot, and buttons to change it.
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 function FigureCard({ link }) {
@@ -110,7 +110,7 @@ function FigureCard({ link }) {
 const save = (link, data) =>
   saveFigure(link, data).catch((error) => toast({ kind: "bad", title: safeText(error.message) }));
 
-// What is known of the board: its profile, which `servolink doctor --learn` writes. It is only shown.
+// Profile of the board, which `servolink doctor --learn` writes. Nothing is changed here.
 
 /** Those that people understand, in this order; the others follow with their names in the file. @type {Record<string, Key>} */
 const TITLES = {
@@ -148,7 +148,7 @@ const isNothing = (value) =>
 /** @param {unknown} value */
 const textOf = (value) => (typeof value === "object" ? JSON.stringify(value) : String(value));
 
-// Who else uses the board, and who has control.
+// Programs that use the board, and the one that has control.
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 function People({ link }) {

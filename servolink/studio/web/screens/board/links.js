@@ -1,4 +1,4 @@
-// Links for tablets and other machines: one drives, one watches; each can be revoked.
+// Links for tablets and other machines: a link to drive and a link to watch; both can be revoked.
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";

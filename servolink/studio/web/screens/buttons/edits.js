@@ -1,4 +1,4 @@
-// What can be changed about buttons and their tables. Projects are never changed: each function returns a new one.
+// Changes of buttons and their tables. Projects are never changed: each function returns a new one.
 
 import { freeId, withRecord } from "../../state/records.js";
 
@@ -32,7 +32,7 @@ export const buttonOf = (table, id) =>
 export const isSet = (button) => SLOTS.some((slot) => button[slot] !== 0);
 
 /**
- * Return the project with other values of a button. A button without any is left out of its table.
+ * Return the project with other values of a button. A button without values is left out of its table.
  * @param {Project} project
  * @param {number} tableId
  * @param {number} id
@@ -49,7 +49,7 @@ export function withButton(project, tableId, id, values) {
 }
 
 /**
- * Return the project with one more table, and the id of that table. The first one is the active one.
+ * Return the project with a new table, and the id of the table. The first table of a project is active.
  * @param {Project} project
  * @param {string} caption
  * @returns {[Project, number]}
@@ -73,7 +73,7 @@ export function withTableName(project, id, caption) {
 }
 
 /**
- * Return the project without a table. Without the active one, the first that is left is the active one.
+ * Return the project without a table. If the active table goes, the first remaining table becomes active.
  * @param {Project} project
  * @param {number} id
  * @returns {Project}

@@ -87,7 +87,7 @@ function Content({ project, table, motion }) {
 }
 
 /**
- * Return the buttons to show: those of the table, those that were heard of, and those of a common gamepad if it may be one.
+ * Return the buttons to show: buttons of the table, of events so far, and of a common gamepad if the board may have one.
  * @param {Table} table
  * @param {number} chosen
  */
@@ -97,7 +97,7 @@ function idsOf(table, chosen) {
   return [...new Set([...usual, ...known])].sort((a, b) => a - b);
 }
 
-/** Say what runs, or else what a press does. */
+/** The macro that runs, or else a hint about presses. */
 function Hint() {
   const macro = running.value?.type === "macro" && macroName(stored.value, running.value.id);
   if (macro)
@@ -146,7 +146,7 @@ const NoTables = ({ project }) => html`<div class="card empty">
 </div>`;
 
 /**
- * Return what presses and releases a button on the robot. Leaving the screen, or Robot mode, stops what was started.
+ * Return functions that press and release a button on the robot. Leaving the screen, or Robot mode, stops what was started.
  * @param {import("../../state/motion.js").Motion} motion
  */
 function usePresses(motion) {
@@ -188,7 +188,7 @@ async function run(motion, macroId, seconds) {
 }
 
 /**
- * Say that a button does on the robot what is written on the board, if that is not what the screen shows.
+ * Show a message if the button on the board differs from the draft: the robot does what is written there.
  * @param {number} id
  */
 function sayUnwritten(id) {
@@ -221,7 +221,7 @@ function startedBy(id, kind) {
 }
 
 /**
- * Return what tells how long a macro takes, seconds; 0 if that is unknown.
+ * Return a function of the macro id that returns its duration in seconds; 0 if that is unknown.
  * @param {Project} project
  */
 function totals(project) {
@@ -230,7 +230,7 @@ function totals(project) {
     (found.get(macroId) ?? []).reduce((/** @type {number} */ sum, each) => sum + (each ?? 0), 0) / 1000;
 }
 
-// What the board said of its buttons, the newest first, and how much of that was lost.
+// Events of the buttons of the board, the newest first, and the number of lost ones.
 
 const SHOWN = 4;
 

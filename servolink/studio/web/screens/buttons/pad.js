@@ -6,7 +6,7 @@ import { PLACES } from "./layout.js";
 
 /** @typedef {import("./layout.js").Place} Place */
 /**
- * What a drawing of buttons needs to know of each, and whom it tells of presses.
+ * State of each button for a drawing of them, and handlers of presses.
  * @typedef {object} Shown
  * @property {number} chosen
  * @property {(id: number) => boolean} isSet
@@ -21,7 +21,7 @@ const BODY =
   "M245 82h360c90 0 150 40 168 120 16 72 26 190-32 204-48 12-78-44-112-84-10-12-22-16-38-16H259c-16 0-28 4-38 16-34 " +
   "40-64 96-112 84-58-14-48-132-32-204 18-80 78-120 168-120Z";
 const STICKS = [325, 525];
-const ROOM = { above: 190, below: 190, left: 122, right: 122, menu: 66 }; // for a name, so that it meets no other
+const ROOM = { above: 190, below: 190, left: 122, right: 122, menu: 66 }; // per name, so that names do not overlap
 const MOST_CHARACTERS = 40;
 const FROM_CENTRE = { round: [32, 38, 30], shoulder: [70, 34, 26], menu: [30, 28, 20] }; // aside, below, above
 
@@ -48,7 +48,7 @@ function PadButton({ place, chosen, isSet, isDown, caption, macro, onPress, onRe
 }
 
 /**
- * Return what a button is called, which begins as what it shows.
+ * Return the name of a button; it begins with the text on the button.
  * @param {string[]} parts
  */
 const nameOf = (...parts) => [...new Set(parts)].filter(Boolean).join(", ");

@@ -77,7 +77,7 @@ function LimbCard({ limb, ids, isShown, ...tools }) {
   </section>`;
 }
 
-// What all servos did in the last seconds.
+// Plot of all servos over the last seconds.
 
 const SECONDS = 12;
 

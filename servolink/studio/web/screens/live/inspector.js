@@ -1,4 +1,4 @@
-// The chosen servo: its numbers, and what can be done to it.
+// The chosen servo: its readings, and buttons that release or start it.
 
 import { html, useRef, useSignalEffect } from "../../html.js";
 import { limbOf, nameOf } from "../../state/figure.js";
@@ -36,7 +36,7 @@ export function Inspector({ link }) {
   /** @param {{ start: boolean, hold: boolean }} state */
   const set = (state) =>
     link.call("servo.set", { servo: id, ...state }).catch((error) => toast({ kind: "bad", title: error.message }));
-  const letGo = () => {
+  const release = () => {
     if (confirm(t("live.let_go_warning", { name: nameOf(id) }))) set({ start: false, hold: false });
   };
   const isOff = !isLive.value || !mayMove.value || isOthers.value;
@@ -51,7 +51,7 @@ export function Inspector({ link }) {
         ${ROWS.map(([name, title]) => html`<dt>${t(title)}</dt><dd data-part=${name}></dd>`)}
       </dl>
       <div class="row wrap actions">
-        <button class="btn s" disabled=${isOff} onClick=${letGo}>${t("live.let_go")}</button>
+        <button class="btn s" disabled=${isOff} onClick=${release}>${t("live.let_go")}</button>
         <button class="btn s" disabled=${isOff} onClick=${() => set({ start: true, hold: true })}>${t("live.start_it")}</button>
       </div>
     </div>

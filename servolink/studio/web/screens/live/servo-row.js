@@ -1,5 +1,5 @@
-// One servo: where it is, where it is to go, current and temperature. It is drawn up to 50 times a second, so what
-// changes then is written into the page directly.
+// One servo: angle, target, current and temperature. Readings come up to 50 times a second, so they are written into the
+// elements of the row directly.
 
 import { effect, html, useComputed, useLayoutEffect, useRef } from "../../html.js";
 import { limitsOf, nameOf } from "../../state/figure.js";

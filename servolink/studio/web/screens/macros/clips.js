@@ -93,13 +93,13 @@ function Edge({ clip }) {
     releaseScale();
     settle();
   };
-  useEffect(() => release, []); // somebody else may delete what is dragged
+  useEffect(() => release, []); // another page may delete the clip under the pointer
   return html`<span class="edge" onPointerDown=${grab} onPointerMove=${pull} onPointerUp=${release} onPointerCancel=${release} onLostPointerCapture=${release}></span>`;
 }
 
 /**
- * Return what makes a clip move to another place when it is dragged. The clip alone is drawn again with each movement:
- * there may be a thousand.
+ * Return the handlers that drag a clip to another place. Each movement draws only that clip again: there may be a
+ * thousand.
  * @param {Clip} clip
  * @param {Clip[]} all
  */
@@ -138,7 +138,7 @@ function useReorder(clip, all) {
   return { onPointerDown: grab, onPointerMove: pull, onPointerUp: drop, onPointerCancel: cancel };
 }
 
-/** What the macros in the macro do, one lane for each depth. */
+/** Commands of the macros in the macro, one lane for each depth. */
 export function InnerLanes() {
   const inner = (course.value?.clips ?? []).filter((clip) => clip.depth > 0);
   const depths = [...new Set(inner.map((clip) => clip.depth))].sort((a, b) => a - b);

@@ -1,4 +1,4 @@
-// What can be done to the chosen command, and to the macro as a whole.
+// Commands of the user for the chosen command of a macro, and for the macro as a whole.
 
 import { withCommand, withCommandAt, withMoved, withoutCommandAt } from "../../state/edit-macro.js";
 import { draft, edit } from "../../state/project.js";

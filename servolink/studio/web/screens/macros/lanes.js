@@ -1,4 +1,4 @@
-// A lane for each servo that moves, or for each limb; a bar ends in the angle to which it leads.
+// Lanes of servos that move, or of limbs; the text in a bar is the angle at its end.
 
 import { computed, html } from "../../html.js";
 import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";

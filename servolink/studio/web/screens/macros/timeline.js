@@ -1,4 +1,4 @@
-// What the macro does in time: clips, what is inside them, and every servo that moves.
+// Course of the macro in time: clips, the commands inside them, and every servo that moves.
 
 import { computed, html, useRef, useSignalEffect, useState } from "../../html.js";
 import { Dialog } from "../../parts/dialog.js";

@@ -1,4 +1,4 @@
-// What the board held before each writing; a roll-back shows its differences first.
+// Backups of the board, one from before each writing; a roll-back shows its differences first.
 
 import { html, useState } from "../../html.js";
 import { Dialog } from "../../parts/dialog.js";

@@ -1,4 +1,4 @@
-// Project: what writing would change on the board, writing it, and going back.
+// Project: differences between draft and board, writing, and roll-back.
 
 import { html, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
@@ -119,7 +119,7 @@ function Facts({ plan: { changes, wire_bytes: bytes, estimated_seconds: time, me
   </dl>`;
 }
 
-// How far the writing is, or how it ended.
+// Progress of the writing, or its result.
 
 /** @type {{ title: Key, phases: string[] }[]} */
 const STEPS = [
@@ -164,7 +164,7 @@ function Outcome({ link, isUnfinished }) {
   return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
 }
 
-// What to know before it is written: what the board would refuse, what is odd, and how much memory is left.
+// Checks before writing: records that the board would refuse, oddities, and memory left.
 
 const MOST = 8;
 

@@ -1,4 +1,4 @@
-// What a change does, in parts that people can read: a text, what was there, and what comes.
+// Sentences about a change for people: a text, the old value and the new one.
 
 import { safeText } from "../../parts/safe-text.js";
 import { nameOf } from "../../state/figure.js";

@@ -1,4 +1,4 @@
-// What becomes of a recording: a file of the hub, a table of what is plotted, or actions of the marked poses.
+// Exports of a recording: the file of the hub, a table of the plotted readings, or actions of the marked poses.
 
 import { saveBytes } from "../../parts/save-bytes.js";
 import { LENGTH, QUANTITIES } from "../../state/history.js";

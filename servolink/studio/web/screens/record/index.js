@@ -99,7 +99,7 @@ function factsOf(now) {
 /** @param {number} seconds */
 const clock = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 
-// What to make of a recording.
+// Menu of exports.
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 const Export = ({ link }) =>
@@ -109,7 +109,7 @@ const Export = ({ link }) =>
     { label: t("record.export_actions"), run: makeActions },
   ]} />`;
 
-// The servos by limb, and which of them are plotted.
+// Servos by limb, each with a check mark if plotted.
 
 function ServoList() {
   const isAll = plotted.value.length === servoIds.value.length;
