@@ -12,8 +12,7 @@ from typing import Any, NoReturn
 from servolink.cli.arguments import caption_encoding, not_empty, timeout
 from servolink.cli.command import TOPICS, Command, Group, flag, group, option
 from servolink.cli.index import IndexEntry, below, load
-from servolink.cli.usage import usage_error
-from servolink.escaping import escape
+from servolink.cli.usage import WrongUsage, usage_error
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
 
@@ -133,7 +132,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """End as wrong usage."""
-        super().error(escape(message))
+        raise WrongUsage(self, message)
 
     def print_help(self, file: Any = None) -> None:
         """Print the help, or fail: argparse ignores a stream that takes no more."""

@@ -126,7 +126,7 @@ def run_with_board(
             except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
                 if board.stats.frames_received:
                     raise
-                return fail(error, NO_BOARD)
+                return fail(error, NO_BOARD, as_json=args.json)
 
     return run_interruptible(main, state)
 

@@ -7,6 +7,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from itertools import takewhile
 
 from servolink.cli.command_line import parser_of
 from servolink.cli.screen.output import (
@@ -19,7 +20,7 @@ from servolink.cli.screen.output import (
     print_error,
     silence,
 )
-from servolink.cli.usage import VARIABLES
+from servolink.cli.usage import VARIABLES, WrongUsage
 from servolink.errors import ServolinkError
 from servolink.script import FAILED, exit_code
 
@@ -33,6 +34,7 @@ def run(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # captions may hold what this terminal cannot show
     verbosity = 0
+    as_json = "--json" in takewhile(lambda word: word != "--", sys.argv[1:] if argv is None else argv)
     try:
         try:
             args = _parse(argv)
@@ -42,6 +44,9 @@ def run(argv: Sequence[str] | None = None) -> int:
         finally:
             flush_stderr()
             flush_stdout()
+    except WrongUsage as wrong:
+        wrong.report(as_json=as_json)
+        raise
     except BrokenPipeError:  # the reader of our output has gone, as in `| head`
         silence(1)
         return FAILED
@@ -50,7 +55,7 @@ def run(argv: Sequence[str] | None = None) -> int:
             raise
         if verbosity >= _TRACEBACK:
             _print_traceback()
-        return fail(*_explained(error))
+        return _fail(error, as_json=as_json)
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -60,14 +65,15 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     return args
 
 
-def _explained(error: Exception) -> tuple[Exception | str, int]:
-    """Return what to say about an error, and the exit code."""
+def _fail(error: Exception, *, as_json: bool) -> int:
+    """Print the error that ended a command, and return the exit code."""
     if isinstance(error, ServolinkError):
-        return error, exit_code(error)
+        return fail(error, exit_code(error), as_json=as_json)
     if isinstance(error, OSError):
-        return lost_output(error) or error, FAILED
+        return fail(error, FAILED, as_json=as_json, text=lost_output(error))
     name = type(error).__name__
-    return f"internal error, please report it with the output of the same command and -vv: {name}: {error}", FAILED
+    text = f"internal error, please report it with the output of the same command and -vv: {name}: {error}"
+    return fail(error, FAILED, as_json=as_json, kind="InternalError", text=text)
 
 
 def _print_traceback() -> None:

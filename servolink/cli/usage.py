@@ -1,4 +1,4 @@
-"""Wrong usage that is found after the command line was parsed."""
+"""Wrong usage, found while the command line is parsed or by a command."""
 
 from __future__ import annotations
 
@@ -10,19 +10,37 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from servolink.escaping import escape
+from servolink.cli.screen.output import print_error, print_json_error
 from servolink.script import USAGE
 
 VARIABLES = ("SERVOLINK_BOARD", "SERVOLINK_URL")
 """Environment variables that name the board."""
 
 
+class WrongUsage(SystemExit):
+    """End of the process for wrong usage; `servolink.cli.main` prints the cause."""
+
+    def __init__(self, parser: argparse.ArgumentParser, text: str) -> None:
+        """Store the parser of the command, for its usage, and the cause as text."""
+        super().__init__(USAGE)
+        self._parser = parser
+        self._text = text
+
+    def report(self, *, as_json: bool) -> None:
+        """Print usage and cause, or the cause as a JSON object for programs."""
+        if as_json:
+            print_json_error("Usage", self._text)
+            return
+        self._parser.print_usage(sys.stderr)
+        first, *others = self._text.split("\n")
+        print_error(f"{self._parser.prog}: error: {first}")
+        for line in others:
+            print_error(line)
+
+
 def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
-    parser: argparse.ArgumentParser = args.parser
-    parser.print_usage(sys.stderr)
-    lines = "\n".join(map(escape, text.split("\n")))
-    parser.exit(USAGE, f"{parser.prog}: error: {lines}\n")
+    raise WrongUsage(args.parser, text)
 
 
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:

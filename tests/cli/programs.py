@@ -41,6 +41,16 @@ class Said:
         """What it printed, an object a line."""
         return [json.loads(line) for line in self.out.splitlines()]
 
+    @property
+    def error(self) -> dict[str, Any]:
+        """Return the error printed with `--json`, the only line of standard error."""
+        assert self.err.count("\n") == 1
+        assert self.err.isascii()
+        assert self.err.rstrip("\n").isprintable()
+        described = json.loads(self.err)
+        assert list(described) == ["error"]
+        return dict(described["error"])
+
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: str) -> Said:
     """Run a command in this process, in virtual time if its board is in this process as well."""

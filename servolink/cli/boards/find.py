@@ -18,7 +18,7 @@ from servolink.cli.command_session import (
     refuse_unasked,
     run_interruptible,
 )
-from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
@@ -33,7 +33,7 @@ from servolink.discovery.names import (
     save_alias,
 )
 from servolink.discovery.search import NONE_HERE, discover, is_same_place, search
-from servolink.errors import InvalidAddress, OpenError, TransportError
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportError
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
@@ -70,7 +70,9 @@ async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
         print_table(_table(devices, names, responses))
     if devices:
         return OK
-    return NO_BOARD if args.json else fail(NONE_HERE, NO_BOARD)
+    if args.json:
+        return NO_BOARD
+    raise OpenError(NONE_HERE)
 
 
 def _aliases() -> dict[str, Alias]:
@@ -212,7 +214,7 @@ def _forget_name(args: argparse.Namespace) -> int:
     aliases = load_aliases()
     if args.remove not in aliases:
         known = ", ".join(sorted(aliases)) or "none"
-        return fail(f"no board is named {args.remove!r} (names: {known}); nothing was changed", FAILED)
+        raise ServolinkError(f"no board is named {args.remove!r} (names: {known}); nothing was changed")
     remove_alias(args.remove)
     if args.json:
         print_json({"removed": args.remove})

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import STORED, Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_interruptible
-from servolink.cli.screen.output import Table, fail, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
+from servolink.errors import ServolinkError
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
@@ -185,7 +186,7 @@ def run_forget(args: argparse.Namespace) -> int:
     name = args.name
     if name not in profile_names():
         known = ", ".join(profile_names()) or "none"
-        return fail(f"nothing is known of a board {name!r} (profiles: {known}); nothing was changed", FAILED)
+        raise ServolinkError(f"nothing is known of a board {name!r} (profiles: {known}); nothing was changed")
     path = profile_path(name)
     question = f"this removes {path} with all limits of {name}"
     refuse_unasked(args, f"{question}; --yes does so without asking")

@@ -16,7 +16,6 @@ from servolink.cli.command import DEVELOPERS, Command, flag, one_of, option
 from servolink.cli.developers.packets import lines_for
 from servolink.cli.screen.output import (
     Table,
-    fail,
     is_terminal,
     print_error,
     print_json,
@@ -30,7 +29,7 @@ from servolink.errors import ConnectionLost
 from servolink.escaping import escape
 from servolink.platforms.signals import handled
 from servolink.protocol.json_form import packet_to_json
-from servolink.script import NO_BOARD, OK
+from servolink.script import OK
 from servolink.spy.learning import Passed
 
 if TYPE_CHECKING:
@@ -122,7 +121,9 @@ async def _spy(args: argparse.Namespace) -> int:
                 await _report(args, learner, recording, overlooked=watcher.overlooked)
     if watcher.failure is not None:
         raise watcher.failure
-    return fail(error, NO_BOARD) if error is not None else OK
+    if error is not None:
+        raise error
+    return OK
 
 
 async def _board(args: argparse.Namespace) -> StreamTransport:

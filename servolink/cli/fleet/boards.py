@@ -10,7 +10,8 @@ from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer, run_interruptible
 from servolink.cli.fleet.broker_options import BROKER, NOBODY, fleet_of
-from servolink.cli.screen.output import Table, counted, fail, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
+from servolink.errors import OpenError
 from servolink.script import FAILED, NO_BOARD, OK
 
 if TYPE_CHECKING:
@@ -37,7 +38,9 @@ async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
             print_text(text, "yellow")
     if any(seen.is_online for seen in boards):
         return OK
-    return NO_BOARD if args.json or boards else fail(NOBODY, NO_BOARD)
+    if args.json or boards:
+        return NO_BOARD
+    raise OpenError(NOBODY)
 
 
 def described(seen: BoardSeen) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from servolink.cli.command_session import ENDLESS, Interruption, is_answered, re
 from servolink.cli.motion.move import chosen_servos
 from servolink.cli.motion.servo_output import known_captions, reported, servo_object
 from servolink.cli.screen.live import pictures
-from servolink.cli.screen.output import angle_text, fail, print_error, print_json, print_text
+from servolink.cli.screen.output import angle_text, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.screen.terminal import confirm, until_quit
 from servolink.cli.usage import usage_error
@@ -150,7 +150,7 @@ class _Watch:
                     write()
                 watched.new_buttons.clear()
                 if reading.alarms and self._args.on_alarm == "exit":
-                    return fail(str(reading.alarms[0]), FAILED)
+                    raise ServolinkError(str(reading.alarms[0]))
                 self._output.alarms(reading.alarms)
                 if any(raised.alarm.stops for raised in reading.alarms):
                     self._interruption.state = "an alarm has sent a stop to all servos"

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
 from servolink.cli.command_session import ENDLESS, Interruption, choose_board, run_interruptible
-from servolink.cli.screen.output import counted, fail, print_error, print_json, print_text
+from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.usage import usage_error
-from servolink.errors import RecordingError
+from servolink.errors import RecordingError, ServolinkError
 from servolink.platforms.signals import SAVING, handled
-from servolink.script import FAILED, OK
+from servolink.script import OK
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.cli.recordings.record_view import RecordView
@@ -125,7 +125,7 @@ async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
         if view is not None:
             interruption.state = view.end()
     if recorder.over.is_set():
-        return fail(f"the hub has ended; {interruption.state}", FAILED)
+        raise ServolinkError(f"the hub has ended; {interruption.state}")
     if not args.json:
         print_text(interruption.state)
     return OK

@@ -18,6 +18,7 @@ from itertools import zip_longest
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
+from servolink.errors import EncodeError, RequestError, ServolinkError, TargetNotReached
 from servolink.escaping import escape
 from servolink.motion.angles import Adc, Angle, Degrees
 
@@ -56,10 +57,43 @@ def print_error(text: str) -> None:
         silence(2)
 
 
-def fail(problem: Exception | str, code: int) -> int:
-    """Print what went wrong and return `code`."""
-    print_error(f"servolink: {problem}")
+def fail(error: Exception, code: int, *, as_json: bool, kind: str = "", text: str = "") -> int:
+    """Print an error as a line of text, or as one JSON object for programs, and return the exit code `code`.
+
+    `kind` and `text` replace the class and the text of the error.
+    """
+    text = text or str(error)
+    if as_json:
+        print_json_error(kind or _kind(error), text, **_details(error))
+    else:
+        print_error(f"servolink: {text}")
     return code
+
+
+def print_json_error(kind: str, text: str, **details: object) -> None:
+    """Print an error on standard error as one JSON object on one line of ASCII; empty details are left out."""
+    message = "\n".join(map(escape, text.split("\n")))
+    given = {name: value for name, value in details.items() if value}
+    print_error(json.dumps({"error": {"kind": kind, "message": message, **given}}))
+
+
+def _kind(error: Exception) -> str:
+    """Return the name of the nearest public class of an error: of `servolink.errors`, or built in."""
+    public = (ServolinkError.__module__, OSError.__module__)
+    return next(each.__name__ for each in type(error).__mro__ if each.__module__ in public)
+
+
+def _details(error: Exception) -> dict[str, object]:
+    """Return the attributes of an error that help a program, by name."""
+    if isinstance(error, EncodeError):
+        return {"packet": error.packet, "path": error.path}
+    if isinstance(error, RequestError):
+        return {"request": error.request and type(error.request).__name__}
+    if isinstance(error, TargetNotReached):
+        return {"late_servo_ids": sorted(error.late)}
+    if isinstance(error, OSError) and error.filename is not None:
+        return {"file": escape(str(error.filename))}
+    return {}
 
 
 def silence(descriptor: int) -> None:

@@ -254,7 +254,10 @@ def test_an_alarm_stops_the_robot(robot: Robot) -> None:
 def test_an_alarm_exits(robot: Robot) -> None:
     said = robot("watch", "--alarm", "temperature_raw>1", "--on-alarm", "exit", "--json")
     assert said.code == 1
-    assert said.err == "servolink: servo 1: temperature_raw is 250 (alarm temperature_raw>1)\n"
+    assert said.error == {
+        "kind": "ServolinkError",
+        "message": "servo 1: temperature_raw is 250 (alarm temperature_raw>1)",
+    }
     assert len(said.objects) == 1
 
 
