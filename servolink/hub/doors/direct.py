@@ -79,7 +79,7 @@ class DirectProgram(Program):
     def finish(
         self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
     ) -> None:
-        """End one of its requests with a response, or with none."""
+        """Finish a request with a response, or with None."""
         asked = self._open.pop(id(exchange), None)
         if asked is None:
             return
@@ -124,7 +124,7 @@ class DirectConnection:
         self.patience = hub.board.connection.patience
         self.stats = Stats()
         self.stops = StopCounter()
-        """Stops that end motions of this program: all of others, and its own of all servos."""
+        """Stops that cancel motions of this program: stops by other programs, and own stops of all servos."""
         self.hub: BoardSharing | None = None
         self.is_suspended = False
         self.outlasts_silence = True
