@@ -75,7 +75,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "client": {"riddles": 2.5, "lines": 171, "short": 15},
     "connection": {"short": 23},
     "control": {"riddles": 4, "pronouns": 7.5, "lines": 176, "short": 34},
-    "doctor": {"riddles": 3.5, "pronouns": 8.5, "lines": 123, "short": 15},
     "fleet": {"riddles": 8, "pronouns": 9, "short": 11},
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 156},
     "profiles": {"pronouns": 9.5},

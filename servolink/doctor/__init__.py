@@ -1,4 +1,4 @@
-"""Find out why a board does not work, or works badly."""
+"""Search for the reasons why a board does not work, or works badly."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One reason why a board does not work, or works badly."""
+    """Reason why a board does not work, with a remedy."""
 
     check: str
-    """Which check found it, in one or two words that never change."""
+    """Name of the check, a word or two that never change."""
     observation: str
     meaning: str
     remedy: str
-    """Commands to type or things to do, one step a line."""
+    """Commands to type or steps to take, each on a line."""

@@ -1,4 +1,4 @@
-"""Surroundings that disturb a board: other programs, adapters, libraries and the kind of system."""
+"""Disturbances around a board: other programs, adapters, libraries and the kind of system."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ LATENCY_TIMER = "latency timer"
 _HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
 _LONGEST_TIMER = 2  # milliseconds, too short to matter
 _NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
-_FEWEST_ROUND_TRIPS = 10  # round trips that allow a conclusion
+_FEWEST_ROUND_TRIPS = 10  # minimum of round trips for a conclusion
 _PTY_MASTERS = {"/dev/ptmx", "/dev/pts/ptmx"}
 _COMPILED = (".so", ".pyd")  # modules of hidapi; the other package has none
 
 
 def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find ModemManager if no rule keeps it away from the port."""
+    """Find ModemManager, unless a rule keeps ModemManager away from the port."""
     device = serial_device(url)
     if not device or usb_device(facts, url) is None or not _is_running(facts, "ModemManager"):
         return
@@ -38,25 +38,25 @@ def check_modem_manager(facts: SystemFacts, url: str) -> Iterator[Finding]:
         yield Finding(
             "ModemManager",
             f"ModemManager is running, and nothing keeps it away from {escape(device)}",
-            "it may mistake a newly plugged port for a modem: for up to 20 s the port is busy and gets bytes from it",
+            "ModemManager may mistake a new port for a modem: for up to 20 s the port is busy and receives bytes",
             f"{INSTALL}\nor, if you have no modem: sudo systemctl disable --now ModemManager",
         )
 
 
 def check_brltty(facts: SystemFacts) -> Iterator[Finding]:
-    """Find USB adapters without a port if brltty, for Braille displays, is installed and may have taken them."""
+    """Find USB adapters without a port while brltty, for Braille displays, is installed and may hold the ports."""
     rule = rule_named(facts, "brltty")
     if not rule and not _is_running(facts, "brltty"):
         return
     for device in usb_devices(facts):
         chip = ADAPTERS.get((device.vendor_id, device.product_id))
         if chip and not _has_port(facts, device):
-            mask = f"\nif you have one: sudo ln -s /dev/null /etc/udev/rules.d/{PurePosixPath(rule).name}"
+            mask = f"\nif you have a Braille display: sudo ln -s /dev/null /etc/udev/rules.d/{PurePosixPath(rule).name}"
             yield Finding(
                 "brltty",
                 f"a {chip} adapter ({device.vendor_id:04x}:{device.product_id:04x}) is plugged in and has no serial "
                 "port, and brltty is installed",
-                "brltty mistakes such adapters for Braille displays; their port appears for a second and vanishes",
+                "brltty mistakes such adapters for Braille displays; the port appears for a second and vanishes",
                 "if you have no Braille display: sudo apt remove brltty"
                 + (mask if rule else "")
                 + "\nunplug the board and plug it in again",
@@ -77,7 +77,7 @@ def _has_port(facts: SystemFacts, device: ListedUsbDevice) -> bool:
 
 
 def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find programs that have the device of `url` open; those of other users can be seen only by root."""
+    """Find programs with the device of `url` open; programs of other users are visible only to root."""
     if (hub := hub_of(url)) is not None:
         yield Finding(
             "in use",
@@ -95,24 +95,24 @@ def check_holders(facts: SystemFacts, url: str) -> Iterator[Finding]:
                 yield Finding(
                     "in use",
                     f"process {process.pid} ({process.name or 'unknown'}) has {escape(path)} open",
-                    "two programs on one port take each other's bytes, and most ports admit only one",
-                    f"close that program, or: kill {process.pid}",
+                    "two programs on a port take each other's bytes, and most ports admit only a single program",
+                    f"close the program, or: kill {process.pid}",
                 )
 
 
 def _is_terminal(facts: SystemFacts, path: str) -> bool:
-    """Return whether `path` may be a serial port, unlike for example /dev/null, which every program has open."""
+    """Return whether `path` may be a serial port, unlike for example /dev/null, open in every program."""
     terminals = facts.names("/sys/class/tty")
     return not terminals or path.startswith("/dev/pts/") or PurePosixPath(path).name in terminals
 
 
 def _serves(process: Process, path: str) -> bool:
-    """Return whether `process` serves a pseudo-terminal: it may hold both ends, as our virtual board does."""
+    """Return whether `process` serves a pseudo-terminal: such a process may hold both ends, like our virtual board."""
     return path.startswith("/dev/pts/") and bool(process.files & _PTY_MASTERS)
 
 
 def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find a latency timer that is longer than needed, as it is by default."""
+    """Find a latency timer longer than needed, as is the default."""
     name = PurePosixPath(facts.real(serial_device(url))).name
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     timer = facts.text(path)
@@ -121,13 +121,13 @@ def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
 
 
 def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]) -> Iterator[Finding]:
-    """Find round trips (in seconds) that cluster at the default of the latency timer."""
+    """Find round trips (in seconds) near the default of the latency timer."""
     low, high = _NEAR_16_MS
     near = [seconds for seconds in round_trips if low <= seconds <= high]
     if len(round_trips) >= _FEWEST_ROUND_TRIPS and len(near) * 2 >= len(round_trips):
         name = PurePosixPath(facts.real(serial_device(url))).name
         seen = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
-        yield Finding(LATENCY_TIMER, seen, f"this is typical when {_HELD_BACK}", _remedy(facts, name))
+        yield Finding(LATENCY_TIMER, seen, f"typical when {_HELD_BACK}", _remedy(facts, name))
 
 
 def _remedy(facts: SystemFacts, name: str) -> str:
@@ -136,13 +136,13 @@ def _remedy(facts: SystemFacts, name: str) -> str:
     if facts.platform == "linux" and name.startswith("ttyUSB"):
         return (
             f"until it is unplugged: echo 1 | sudo tee /sys/bus/usb-serial/devices/{name}/latency_timer\n"
-            "for good: install the rule that `servolink doctor --print-udev` prints"
+            "for good: install the rule printed by `servolink doctor --print-udev`"
         )
-    return "set the latency timer of the adapter to 1 ms on the machine where it is plugged in"
+    return "set the latency timer of the adapter to 1 ms on the computer with the adapter"
 
 
 def check_hid(facts: SystemFacts) -> Iterator[Finding]:
-    """Find a missing hidapi, or the other package whose module is also called `hid`."""
+    """Find a missing hidapi, or the other package with a module called `hid`."""
     names = ("hidraw", "hid") if facts.platform == "linux" else ("hid",)
     origins = [facts.module(name) for name in names]
     if any(origin.endswith(_COMPILED) for origin in origins):
@@ -151,7 +151,7 @@ def check_hid(facts: SystemFacts) -> Iterator[Finding]:
         yield Finding(
             "hid package",
             f"`import hid` finds {next(filter(None, origins))}",
-            "this is the package hid, another library whose module has the same name as that of hidapi",
+            "the package hid is another library, with the same module name as hidapi",
             f"{facts.python} -m pip uninstall hid\n{facts.python} -m pip install --force-reinstall hidapi",
         )
     else:
@@ -164,7 +164,7 @@ def check_hid(facts: SystemFacts) -> Iterator[Finding]:
 
 
 def check_libusb(facts: SystemFacts) -> Iterator[Finding]:
-    """Find a missing libusb."""
+    """Find a missing libusb library for USB."""
     if not facts.module("usb") or not facts.libusb():
         yield Finding(
             "libusb",
@@ -175,39 +175,39 @@ def check_libusb(facts: SystemFacts) -> Iterator[Finding]:
 
 
 def check_surroundings(facts: SystemFacts) -> Iterator[Finding]:
-    """Find reasons why a device that is plugged in may be invisible."""
+    """Find reasons why a plugged-in device may be invisible."""
     if "microsoft" in facts.text("/proc/version").lower():
         yield Finding(
             "WSL",
-            "this is Linux inside Windows (WSL)",
-            "USB devices stay with Windows until they are handed over, each time they are plugged in",
+            "the system is Linux inside Windows (WSL)",
+            "USB devices stay with Windows until handed over, after every plugging in",
             "in PowerShell as administrator: usbipd list\nusbipd bind --busid BUSID\nusbipd attach --wsl --busid BUSID",
         )
     if container := _container(facts):
         yield Finding(
             "container",
-            f"this runs in a container ({container})",
-            "it sees only those devices of the machine that were passed in when it was started",
+            f"servolink runs in a container ({container})",
+            "a container sees only the devices of the computer that were passed in at the start",
             "docker run --device=/dev/ttyACM0 ...\nfor HID and USB: --device=/dev/hidraw0, --device=/dev/bus/usb",
         )
     if sandbox := _sandbox(facts):
         yield Finding(
             "sandbox",
             f"this Python is packaged as {sandbox}",
-            f"{sandbox} hides devices from programs in it",
+            f"{sandbox} hides devices from programs inside",
             "run servolink with the system's Python, in a virtual environment: python3 -m venv",
         )
 
 
 def check_address(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find an address that has another purpose on this system."""
+    """Find an address with another purpose on the present system."""
     device = serial_device(url)
     if facts.platform == "darwin" and device.startswith("/dev/tty."):
         right = escape(device.replace("/dev/tty.", "/dev/cu.", 1))
         yield Finding(
             "macOS port",
             f"the address names {escape(device)}",
-            "a tty. port waits for a carrier signal, which boards do not give; the cu. port of the same name does not",
+            "a tty. port waits for a carrier signal, never given by boards; the cu. port does not wait",
             f"use the other port: --board serial://{right}",
         )
 

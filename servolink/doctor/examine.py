@@ -1,4 +1,4 @@
-"""The whole examination: which boards are here, what keeps them from being opened, and how well one responds."""
+"""Complete examination: boards found, obstacles to opening, and the quality of a board's responses."""
 
 from __future__ import annotations
 
@@ -46,30 +46,30 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 
 @dataclass(slots=True)
 class Report:
-    """The result of an examination; `findings` are in the order in which to deal with them."""
+    """Result of an examination; `findings` are sorted in the order to deal with them."""
 
     candidates: list[DeviceInfo]
-    """The devices here that may be boards."""
+    """Devices found that may be boards."""
     urls: list[str] = field(default_factory=list)
-    """The addresses that were examined."""
+    """Addresses examined, sorted as found."""
     response: ProbeResponse | None = None
     line: LineCounts | None = None
     findings: list[Finding] = field(default_factory=list)
 
     @property
     def is_absent(self) -> bool:
-        """Whether no board was found."""
+        """Whether no board was found at all."""
         return not self.urls or any(finding.check == "absent" for finding in self.findings)
 
 
 async def examine(
     facts: SystemFacts, board: str | None, byte_order: ByteOrder | None = None, patience: float | None = None
 ) -> Report:
-    """Examine `board`, an address or a name, or all boards here; only a single board is opened and queried.
+    """Examine `board`, an address or a name, or all boards found; only a single board is opened and queried.
 
-    `byte_order` is the one that programs would use, and `patience` the seconds to wait for each response; unless given,
-    those of the address count, and then those of the board's profile. Raise InvalidAddress if `board` is neither a name
-    nor an address that could be opened somewhere.
+    `byte_order` is the byte order of the programs, and `patience` the seconds to wait for each response. The defaults
+    are the values of the address, then the values of the board's profile. Raise InvalidAddress if `board` is neither a
+    name nor a valid address on any system.
     """
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
@@ -94,7 +94,7 @@ async def examine(
 
 
 def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
-    """Return what the profile of the board `name` says of its byte order; a damaged profile is a finding."""
+    """Return the byte order from the profile of the board `name`; a damaged profile is a finding."""
     try:
         profile = None if name is None else load_profile(name)
     except ProfileError as error:
@@ -102,8 +102,8 @@ def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
             Finding(
                 "profile",
                 str(error),
-                "what is known of the board is damaged, and no program connects to it until that is corrected",
-                f"correct the file\nto forget what is known, with all limits: servolink board forget {name}",
+                "the profile of the board is damaged, and no program connects to the board before a correction",
+                f"correct the file\nto forget the profile, with all limits: servolink board forget {name}",
             )
         )
         return {}
@@ -118,11 +118,11 @@ def _check_address(url: str) -> None:
     except InvalidAddress:
         raise
     except TransportError:
-        return  # a missing library, which is a finding
+        return  # a missing library, reported as a finding
 
 
 def checks_before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:
-    """Return what keeps this program from the boards at `urls`, or disturbs them, without opening any."""
+    """Return obstacles to and disturbances of the boards at `urls`, without opening any."""
     findings = [finding for url in urls for check in _OF_A_DEVICE for finding in check(facts, url)]
     schemes = {Address.parse(url).scheme for url in urls}
     if not urls or "serial" in schemes:
@@ -137,7 +137,7 @@ def checks_before_opening(facts: SystemFacts, urls: list[str]) -> list[Finding]:
 
 
 def _is_missing(facts: SystemFacts, url: str) -> bool:
-    """Return whether `url` leads to a device whose file does not exist."""
+    """Return whether `url` leads to a device with a missing device file."""
     if Address.parse(url).scheme not in {"serial", "hid", "usb"}:
         return False
     return not any(facts.node(path) for path in device_nodes(facts, url))
@@ -162,7 +162,7 @@ async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder, pa
         report.line = line = await measure(url, byte_order, patience)
     except TransportError as error:
         report.findings.append(
-            Finding("opening", str(error), "it could be opened once, but not a second time", "servolink doctor")
+            Finding("opening", str(error), "the port opened once, but not a second time", "servolink doctor")
         )
         return
     report.findings += check_line(line)
@@ -171,7 +171,7 @@ async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder, pa
 
 
 def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Finding]:
-    """Report why it cannot be opened, unless another check has found the reason."""
+    """Report a failed opening, unless another check has found the reason."""
     if any(finding.check in {"permissions", "in use", "hid package", "libusb"} for finding in report.findings):
         return
     url = report.urls[0]
@@ -181,27 +181,27 @@ def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Fi
         "opening" if is_here or nodes else "absent",
         problem,
         "the board cannot be opened" if is_here or nodes else "no board can be reached at this address",
-        f"do what the observation says\nto see who has it open: sudo lsof {escape(nodes[0])}"
+        f"do what the observation says\nto see the programs with the port open: sudo lsof {escape(nodes[0])}"
         if nodes
-        else "do what the observation says\nto see which boards are here: servolink list",
+        else "do what the observation says\nto see the boards found: servolink list",
     )
 
 
 def _silent(url: str, result: ProbeResult) -> Finding:
-    tried = "it was queried in both byte orders and both transmission modes"
+    tried = "queried in both byte orders and both transmission modes"
     try_all = "to query every device here: servolink list --probe"
     if result.received_bytes:
         unasked = f", {result.unasked_bytes} of them unasked," if result.unasked_bytes else ""
         return Finding(
             "no response",
             f"{escape(url)} sent {result.received_bytes} bytes{unasked} but no response; {tried}",
-            "the baud rate is wrong, or this is another kind of device",
+            "the baud rate is wrong, or the device is of another kind",
             f'servolink doctor "{escape(_with_baudrate(url))}"\n{try_all}',
         )
     return Finding(
         "no response",
         f"{escape(url)} opens and is silent; {tried}",
-        "the board is off, the cable has no data lines, or this is the port of another device",
+        "the board is off, the cable has no data lines, or the port belongs to another device",
         f"switch the board on and try another cable\n{try_all}",
     )
 
@@ -226,9 +226,9 @@ def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> It
     if response.transmission_mode != 1:
         yield Finding(
             "transmission mode",
-            "the board responded only after it was set to the new transmission mode",
-            "it was in the old mode, which servolink does not support; the new mode may last until it is switched off",
-            f"try your command again\nif it does not stay there: {_with_option(url, 'transmission_mode', '1')}",
+            "the board responded only after a switch to the new transmission mode",
+            "servolink does not support the old mode; the new mode may end when the board is switched off",
+            f"try your command again\nif the mode does not last: {_with_option(url, 'transmission_mode', '1')}",
         )
 
 
@@ -236,7 +236,7 @@ def _hidden(failure: TransportError) -> Finding:
     return Finding(
         "plug-in",
         str(failure),
-        "servolink list and doctor miss the devices that only this plug-in finds",
+        "servolink list and doctor miss all devices found by this plug-in only",
         "update the package, or remove it: pip uninstall PACKAGE",
     )
 
@@ -245,7 +245,7 @@ def _several(urls: list[str]) -> Finding:
     return Finding(
         "several",
         f"{len(urls)} boards are here: {', '.join(map(escape, urls))}",
-        "none was queried, as only you know which one you mean",
+        "none was queried, as only you know the right board",
         "\n".join(f"servolink doctor {escape(url)}" for url in urls),
     )
 
@@ -254,7 +254,7 @@ def _nothing() -> Finding:
     return Finding(
         "absent",
         "no serial port, HID or USB device here can be a board, and no virtual board is served",
-        "the board is off or not plugged in, its cable has no data lines, or it is reached over the network",
-        "switch it on and try another cable\nover the network: servolink doctor tcp://HOST:PORT\n"
+        "the board is off or not plugged in, the cable has no data lines, or the board is on the network",
+        "switch the board on and try another cable\nover the network: servolink doctor tcp://HOST:PORT\n"
         "without a board: servolink virtual",
     )

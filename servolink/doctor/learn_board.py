@@ -1,4 +1,4 @@
-"""Learning a board: everything that the document leaves open, measured in an order that disturbs it the least."""
+"""Measurement of all board properties left open by the document, in the least disturbing order."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from servolink.protocol.codec import Codec
 from servolink.transports.address import Address
 
 Step = Callable[[str], None]
-"""Is told what is done next, such as "sending many queries at once"."""
+"""Function called with the next step, such as "sending many queries at once"."""
 
 
 def ignore_step(step: str) -> None:
@@ -43,7 +43,7 @@ def ignore_step(step: str) -> None:
 
 @dataclass(slots=True)
 class Learnt:
-    """What was learnt of a board."""
+    """Measured properties of a board."""
 
     contact: Contact
     quality: Quality
@@ -51,11 +51,11 @@ class Learnt:
     measured: list[Measured] = field(default_factory=list)
 
     def value(self, setting: str) -> object:
-        """Return what was learnt about a setting, None if nothing."""
+        """Return the measured value of a setting, None without a measurement."""
         return next((each.value for each in self.measured if each.setting == setting), None)
 
     def codec(self, caption_encoding: str | None = None) -> Codec:
-        """Return byte order and caption encoding of the board; `caption_encoding` is what programs will use."""
+        """Return the codec of the board; `caption_encoding` is the encoding for later programs."""
         return Codec(self.contact.byte_order, str(caption_encoding or self.value("caption_encoding") or "utf-8"))
 
 
@@ -67,10 +67,10 @@ async def learn_by_asking(
     patience: float | None = None,
     on_step: Step = ignore_step,
 ) -> Learnt:
-    """Return what queries alone tell after `make_contact`; nothing is changed.
+    """Measure with queries only, after `make_contact`; the board is not changed.
 
-    `power_cycled`: the board was just switched off and on. `patience` is the time to wait for each response until it is
-    known how long they take.
+    `power_cycled`: the board was just switched off and on. `patience` is the time to wait for each response, until the
+    response times are known.
     """
     async with TrialLine(transport, Codec(contact.byte_order)) as line:
         line.patience = patience or line.patience
@@ -108,25 +108,25 @@ async def learn_by_writing(
     on_trial: Callable[[Trial | None], None] = lambda trial: None,
     on_step: Step = ignore_step,
 ) -> None:
-    """Add to `learnt` what only writing tells; what the board held before is saved first and restored at the end.
+    """Add measurements by writing to `learnt`; the content of the board is saved first and restored at the end.
 
-    The backup is restored by programs that use its `caption_encoding`, by default the one that was learnt. `clear` also
-    deletes everything on the board once. `on_trial` is called before anything is written, and with None when all
-    is restored. If it is interrupted in between, the board has an unfinished import, which `rollback_project` undoes.
-    Raise ProjectError if it has one already.
+    The backup is for programs with `caption_encoding`, by default the measured encoding. `clear` also deletes all
+    content of the board once. `on_trial` is called before the first write, and with None after the restoration. After
+    an interruption in between, the board has an unfinished import, to be undone by `rollback_project`. Raise
+    ProjectError for a board with an unfinished import.
     """
-    on_step("saving what is on the board")
+    on_step("saving the content of the board")
     trial = await begin_trial(transport, learnt.codec(caption_encoding), store, on_trial)
     try:
         learnt.measured += await _write(trial, learnt, on_step, clear=clear)
     except ConnectionLost:
         raise
     except ServolinkError:
-        with suppress(ServolinkError):  # the first error says more
+        with suppress(ServolinkError):  # an error of the restoration says less than the first error
             await end_trial(trial)
             on_trial(None)
         raise
-    on_step("restoring what was on the board")
+    on_step("restoring the content of the board")
     await end_trial(trial)
     on_trial(None)
 

@@ -1,4 +1,4 @@
-"""Encoding in which captions are stored, found from the bytes of those on the board."""
+"""Encoding of stored captions, found from the bytes of all captions on a board."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from servolink.protocol.editing import QueryServoParameterRequest
 from servolink.protocol.packet import Packet, Value, bare, counted, group, value
 from servolink.protocol.record_types import RECORD_TYPES
 
-_SURE = 4  # characters outside ASCII that leave no doubt
+_SURE = 4  # characters outside ASCII needed for certainty
 _EXAMPLES = 3
 
 
 def listed_captions(survey: Survey) -> list[bytes]:
-    """Return the bytes of all captions in the lists of the board, each with its padding."""
+    """Return the bytes of all captions in the lists of the board, padding included."""
     lists = (*(each.list_request for each in RECORD_TYPES), QueryServoParameterRequest())
     found = ((response_class(query), survey.frames[query]) for query in lists if query in survey.frames)
     return [caption for declared, (_, content) in found for caption in captions_in(declared, content)]
 
 
 def encoding_finding(captions: Iterable[bytes]) -> Measured:
-    """Return the one encoding in which all captions are text that people write."""
+    """Return the only encoding where all captions are plausible text."""
     written = sorted({raw for raw in captions if any(raw)})
     if not written:
         return Measured("caption_encoding", None, "guess", "no caption is stored on the board")
     if all(raw.isascii() and _unpadded(raw, 1) for raw in written):
-        text = f"{_count(written)} only ASCII, which is the same in most encodings"
+        text = f"{_count(written)} only ASCII, the same in most encodings"
         return Measured("caption_encoding", None, "guess", text)
     fitting = {name: texts for name in _ENCODINGS if (texts := _texts(written, name)) is not None}
     if narrow := {name: texts for name, texts in fitting.items() if not name.startswith("utf-16")}:
@@ -48,7 +48,7 @@ def encoding_finding(captions: Iterable[bytes]) -> Measured:
     ((name, texts),) = fitting.items()
     examples = ", ".join(quote(text) for text in sorted(texts, key=str.isascii)[:_EXAMPLES])
     is_sure = sum(not character.isascii() for text in texts for character in text) >= _SURE
-    text = f"{_count(written)} text in {name} and in no other encoding that was tried: {examples}"
+    text = f"{_count(written)} text in {name} and in no other encoding tried: {examples}"
     return Measured("caption_encoding", name, "certain" if is_sure else "likely", text)
 
 
@@ -57,7 +57,7 @@ def _count(captions: Sequence[bytes]) -> str:
 
 
 def _texts(captions: Iterable[bytes], encoding: str) -> list[str] | None:
-    """Return all captions as texts; None if people would not write one of them in `encoding`."""
+    """Return all captions as texts; None if a caption is implausible in `encoding`."""
     texts = []
     for raw in captions:
         unpadded = _unpadded(raw, 2 if encoding.startswith("utf-16") else 1)
@@ -74,7 +74,7 @@ def _texts(captions: Iterable[bytes], encoding: str) -> list[str] | None:
 
 
 def _unpadded(raw: bytes, width: int) -> bytes | None:
-    """Return a caption up to its terminator, `width` zeros; None if anything but zeros follows."""
+    """Return a caption up to the terminator, `width` zeros; None if anything but zeros follows."""
     end = next((at for at in range(0, len(raw), width) if not any(raw[at : at + width])), len(raw))
     return None if any(raw[end:]) else raw[:end]
 
@@ -83,19 +83,19 @@ def _unpadded(raw: bytes, width: int) -> bytes | None:
 
 
 class _Places(NamedTuple):
-    """Where captions begin in the content of a packet."""
+    """Positions of captions in the content of a packet."""
 
     head: list[int]
     base: int
-    """Where the first record of the group begins."""
+    """Start of the first record of the group."""
     unit: int
     """Bytes of a record; 0 without a group."""
     record: list[int]
-    """In each record."""
+    """Positions of captions in each record."""
 
 
 def captions_in(declared: type[Packet], content: bytes) -> list[bytes]:
-    """Return the 32 bytes of each caption in `content`, whatever its byte order."""
+    """Return the 32 bytes of each caption in `content`, for any byte order."""
     head, base, unit, record = _places(declared)
     starts = list(head)
     if record:
@@ -118,7 +118,7 @@ def _places(declared: type[Packet]) -> _Places:
 
 
 def _captions(values: list[Value]) -> tuple[list[int], int]:
-    """Return where captions begin among `values`, and where the values end."""
+    """Return the positions of captions among `values`, and the end of the values."""
     found, at = list[int](), 0
     for each in values:
         if each.is_caption:
@@ -127,7 +127,7 @@ def _captions(values: list[Value]) -> tuple[list[int], int]:
     return found, at
 
 
-# --- which characters people write: the bytes of one encoding can be rare characters of another -------------------
+# --- plausible characters: the bytes of an encoding can be rare characters of another ---------------------------------
 
 
 def _in_gb18030(character: str) -> bool:
@@ -141,7 +141,7 @@ def _in_big5(character: str) -> bool:
 
 
 def _in_shift_jis(character: str) -> bool:
-    """Kana, the 2,965 characters of everyday use, and punctuation; not the narrow kana, which are single bytes."""
+    """Kana, the 2,965 characters of everyday use, and punctuation; not the narrow kana, encoded as single bytes."""
     return _is_between(character, "shift_jis", (0x81, 0x83), (0x88, 0x97))
 
 
@@ -159,7 +159,7 @@ def _is_between(character: str, encoding: str, *leads: tuple[int, int]) -> bool:
 
 
 def _in_unicode(character: str) -> bool:
-    """Any letter that one of the others has, those of Europe, and symbols outside the first plane, such as faces."""
+    """Any letter of the other encodings, European letters, and symbols outside the first plane, such as faces."""
     if character >= "\U0001f300":
         return unicodedata.category(character) == "So"
     if "\u00a0" <= character < "\u0530":
@@ -176,4 +176,4 @@ _ENCODINGS: dict[str, Callable[[str], bool]] = {
     "utf-16-le": _in_unicode,
     "utf-16-be": _in_unicode,
 }
-"""The encodings that are tried, each with what tells which characters people write in it."""
+"""Encodings to try, each with the function that decides whether a character is plausible."""

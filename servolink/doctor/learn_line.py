@@ -1,4 +1,4 @@
-"""The line to a board that is being learnt: packets without repeats and without matching, so that losses show."""
+"""Line to a board during measurements: packets without repeats and without matching, so that losses show."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from servolink.transports.base import Receiver, Transport
 PATIENCE = 0.4
 """Seconds to wait for each response until round trips are known."""
 TRIES = 6
-"""How often something is asked before its silence means anything."""
+"""Number of attempts before silence is counted as silence."""
 
-_QUIET = 0.1  # seconds without a byte, after which nothing more is expected
+_QUIET = 0.1  # seconds without a byte, after which no more bytes are expected
 _LONGEST_SETTLING = 3.0  # seconds
 
 
 class SharedTransport:
-    """A transport that stays open while it is handed from one user to the next: some boards reset when it is opened."""
+    """Transport that stays open between consecutive users: some boards reset on every opening."""
 
     def __init__(self, inner: Transport) -> None:
-        """Share `inner`, which must not be opened yet."""
+        """Share `inner`, not opened so far."""
         self._inner = inner
         self._receiver: Receiver | None = None
         self._is_open = False
@@ -38,15 +38,15 @@ class SharedTransport:
 
     @property
     def url(self) -> str:
-        """The address it leads to."""
+        """Address of the shared transport."""
         return self._inner.url
 
     async def open(self, receiver: Receiver) -> None:
-        """Pass everything to `receiver` until `close`. Raise OpenError if it cannot be opened or was lost."""
+        """Pass everything to `receiver` until `close`. Raise OpenError for a failed opening or a lost transport."""
         if self._receiver is not None:
-            raise OpenError(f"{self.url}: it is in use by another part of this program")
+            raise OpenError(f"{self.url}: in use by another part of servolink")
         if self._lost is not None:
-            raise OpenError(f"{self.url}: it was lost before: {self._lost}") from self._lost
+            raise OpenError(f"{self.url}: lost before: {self._lost}") from self._lost
         self._receiver = receiver
         if not self._is_open:
             try:
@@ -57,7 +57,7 @@ class SharedTransport:
             self._is_open = True
 
     async def send(self, data: bytes) -> None:
-        """Send all of `data`."""
+        """Send all of `data` to the board."""
         await self._inner.send(data)
 
     async def close(self) -> None:
@@ -72,13 +72,13 @@ class SharedTransport:
         await self._inner.close()
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on a chunk; nobody wants what comes between two uses."""
+        """Pass on a chunk; bytes between two uses are dropped."""
         if self._receiver is not None:
             self._receiver.data(chunk)
 
     def lost(self, error: Exception | None, /) -> None:
         """Pass on the end of the transport."""
-        self._lost = error if isinstance(error, ConnectionLost) else ConnectionLost(f"{self.url}: it was closed")
+        self._lost = error if isinstance(error, ConnectionLost) else ConnectionLost(f"{self.url}: closed")
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
             receiver.lost(error)
@@ -91,20 +91,20 @@ class TrialLine:
         """Speak as `codec` does. `async with` opens the line and ends the use of `transport`."""
         self.codec = codec
         self.patience = PATIENCE
-        """Seconds to wait for a response, and after the last one for another."""
+        """Seconds to wait for a response, and after the last response for another."""
         self.received = 0
-        """Bytes received so far."""
+        """Number of bytes received so far."""
         self._transport = transport
         self._loop = asyncio.get_running_loop()
         self._parser = FrameParser(codec.byte_order)
         self._frames: list[Frame] = []
-        self._heard: list[Frame] = []  # all since the latest burst began
+        self._heard: list[Frame] = []  # all frames since the latest burst began
         self._heard_at = self._loop.time()
         self._news = asyncio.Event()
         self._ended: Exception | None = None
 
     async def __aenter__(self) -> Self:
-        """Open the line and wait until it is quiet."""
+        """Open the line, and wait for silence."""
         await self._transport.open(self)
         await self.settle()
         return self
@@ -126,42 +126,42 @@ class TrialLine:
 
     def lost(self, error: Exception | None, /) -> None:
         """End: the transport has ended."""
-        self._ended = error or ConnectionLost(f"{self._transport.url}: it was closed")
+        self._ended = error or ConnectionLost(f"{self._transport.url}: closed")
         self._news.set()
 
     async def settle(self) -> None:
-        """Wait until nothing has come for a moment: what comes later belongs to what is sent later."""
+        """Wait until the line is quiet for a moment, so that later bytes belong to later packets."""
         end = self._loop.time() + _LONGEST_SETTLING
         while await self._wait(min(end, self._loop.time() + _QUIET)):
             pass
         self._frames.clear()
 
     async def send(self, packet: Packet) -> None:
-        """Send a packet."""
+        """Send a packet without waiting."""
         await self._transport.send(self.codec.encode(packet, unchecked=True))
 
     async def ask(self, request: Request[Response]) -> Frame | None:
-        """Send `request` once and return the frame of its response; None if none comes in time."""
+        """Send `request` once, and return the frame of the response; None without a response in time."""
         frames = await self.burst([request])
         return frames[0] if frames else None
 
     async def answer(self, request: Request[Response]) -> Response | None:
-        """Send `request` up to TRIES times and return the first response; None if none comes."""
+        """Send `request` up to TRIES times, and return the first response; None without any."""
         for _ in range(TRIES):
             if (frame := await self.ask(request)) is not None:
                 return self.decode(frame)
         return None
 
     def decode(self, frame: Frame) -> Response:
-        """Return the response in a frame that was accepted."""
+        """Return the response in an accepted frame."""
         response = self.codec.decode(*frame)
         assert isinstance(response, Response)  # noqa: S101 - its id is that of a response
         return response
 
     async def burst(self, requests: Sequence[Request[Response]]) -> list[Frame]:
-        """Send all requests at once, and return the frames of their responses: at most as many.
+        """Send all requests at once, and return the frames of the responses: at most one for each request.
 
-        Waiting ends with the last of them, or when nothing has come for `patience`.
+        Waiting ends with the last response, or after `patience` without a frame.
         """
         self._frames.clear()
         self._heard.clear()
@@ -172,20 +172,20 @@ class TrialLine:
         while len(found) < len(requests):
             found += self._take(wanted)
             if len(found) < len(requests) and not await self._wait(max(begun, self._heard_at) + self.patience):
-                while self._parser.partial_frame:  # its length may be damaged, and hold back the others
+                while self._parser.partial_frame:  # a damaged length may hold back the other frames
                     self._frames += self._parser.abandon_frame()
                 found += self._take(wanted)
                 break
         return found
 
     def kept_order(self, requests: Sequence[Request[Response]]) -> bool:
-        """Return whether `requests`, the latest burst, were answered in their order and at most once each so far."""
+        """Return whether `requests`, the latest burst, were answered in order and at most once each so far."""
         answers = [frame for frame in self._heard if any(self._answers(frame, each) for each in requests)]
         left = iter(requests)
         return all(any(self._answers(frame, each) for each in left) for frame in answers)
 
     def _take(self, wanted: list[Request[Response]]) -> list[Frame]:
-        """Return the new frames that answer one of the requests in `wanted`, each of which is removed."""
+        """Return the new frames that answer requests in `wanted`, and remove the answered requests."""
         frames, self._frames = self._frames, []
         taken = []
         for frame in frames:
@@ -219,7 +219,7 @@ class TrialLine:
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How single queries fare on the line."""
+    """Losses and round trips of single queries on the line."""
 
     asked: int
     round_trips: tuple[float, ...]
@@ -227,12 +227,12 @@ class Quality:
 
     @property
     def lost(self) -> int:
-        """How many were not answered."""
+        """Number of queries without a response."""
         return self.asked - len(self.round_trips)
 
     @property
     def loss(self) -> float:
-        """Their share, 0..1."""
+        """Share of lost queries, 0 to 1."""
         return self.lost / self.asked if self.asked else 1.0
 
     @property
@@ -242,11 +242,11 @@ class Quality:
 
     @property
     def round_trip(self) -> float:
-        """The median, in seconds."""
+        """Median round trip in seconds."""
         return median(self.round_trips) if self.round_trips else PATIENCE
 
     def __str__(self) -> str:
-        """Return the loss as people write it."""
+        """Return the loss as a text for people."""
         return f"{self.lost} of {self.asked} single queries were lost"
 
 
@@ -256,7 +256,7 @@ _SHORTEST_PATIENCE, _LONGEST_PATIENCE = 0.1, 2.0
 
 
 async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
-    """Send `query` alone many times, and set the patience of `line` by the time that responses take."""
+    """Send `query` many times, one at a time, and set the patience of `line` by the response times."""
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST_MEASURING
     round_trips = []

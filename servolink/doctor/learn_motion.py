@@ -1,4 +1,4 @@
-"""The unit of the time of a movement, by timing one servo that the user named."""
+"""Unit of the time of a movement, measured with a servo named by the user."""
 
 from __future__ import annotations
 
@@ -14,40 +14,40 @@ from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest
 
 DEGREES = 10
-"""How far the servo turns, unless told otherwise."""
+"""Angle of the movement in degrees, by default."""
 
 _UNITS = (0.001, 0.01, 0.1)
-"""Seconds; the document says 0.01."""
+"""Possible units in seconds; the document says 0.01."""
 _INTERVAL = 100  # units: 0.1 s, 1 s or 10 s
 _LONGEST_INTERVAL = 1000
-_NEAR = 1.1  # a time fits a unit, or another time, within this factor
-_PATIENCE = 15.0  # seconds for one movement
-_BEGUN = 1  # degrees that count as a movement
+_NEAR = 1.1  # factor within which a time matches a unit, or another time
+_PATIENCE = 15.0  # seconds to wait for a single movement
+_BEGUN = 1  # degrees of a turn counted as a movement
 _PAUSE = 0.005
-_STOPPING = 0.2  # seconds to wait for a stop to be confirmed
+_STOPPING = 0.2  # seconds to wait for the confirmation of a stop
 
 
 @dataclass(frozen=True, slots=True)
 class PlannedMovement:
-    """A movement there and back."""
+    """Planned movement of a servo there and back."""
 
     servo_id: int
     start: int
-    """Degrees."""
+    """Start of the movement in degrees."""
     goal: int
     interval: int
-    """Units whose length is to be learnt; it takes a tenth of them, in milliseconds, if they are the shortest."""
+    """Duration of the movement, in units of unknown length: 1, 10 or 100 ms each."""
 
     def __str__(self) -> str:
-        """Return what will move, for the user."""
+        """Return a description of the movement, for the user."""
         return (
             f"servo {self.servo_id} will turn from {self.start}° to {self.goal}° and back, in 0.1 to 10 s each way: "
-            "how long it takes is what is measured"
+            "the duration is measured"
         )
 
 
 async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degrees: int = DEGREES) -> PlannedMovement:
-    """Return a movement towards the middle, within `limits` whichever unit the board counts in.
+    """Return a movement towards the middle, within `limits` for every possible time unit of the board.
 
     Raise ServolinkError if the servo cannot move or the limits leave no room.
     """
@@ -55,7 +55,7 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
     if not (servo.is_start and servo.is_hold):
         raise ServolinkError(
             f"servo {servo_id} is stopped or released and would not move: "
-            f"`servolink move {servo_id}={servo.angle} --start` starts and holds it where it is"
+            f"`servolink move {servo_id}={servo.angle} --start` starts and holds the servo at the present angle"
         )
     start = int(servo.angle)
     low, high = limits.angles.get(servo_id, (-180.0, 180.0))
@@ -63,8 +63,8 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
     goals = [goal for goal in (start + away, start - away) if low <= goal <= high]
     if not goals or not low <= start <= high:
         raise ServolinkError(
-            f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, which leaves no room "
-            f"for {degrees}°: move it first"
+            f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, without room "
+            f"for {degrees}°: move the servo first"
         )
     asked = (limits.speed_cap, limits.speed_caps.get(servo_id), limits.soft_start)
     caps = [cap for cap in asked if cap is not None]
@@ -78,12 +78,12 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
 
 
 async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
-    """Move there and back and time it. After an error or a cancellation the servo is stopped."""
+    """Move there and back, and measure both times. After an error or a cancellation the servo is stopped."""
     try:
         there = await _seconds_to(board, planned, planned.goal)
         back = await _seconds_to(board, planned, planned.start)
     except BaseException:
-        # Not longer than that: after Ctrl-C the program ends, and the stop itself is sent at once.
+        # No longer wait: after Ctrl-C the program ends, and the stop itself is sent at once.
         await asyncio.wait({asyncio.ensure_future(board.stop())}, timeout=_STOPPING)
         raise
     times = [timed for timed in (there, back) if timed is not None]
@@ -95,23 +95,23 @@ async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
     fitting = [unit for unit in _UNITS if len(times) == 2 and all(each.fits(unit * planned.interval) for each in times)]
     if fitting:
         return Measured("interval_unit", fitting[0], "certain", text)
-    text += ", which is not a unit of 1, 10 or 100 ms"
+    text += ", not a unit of 1, 10 or 100 ms"
     if len(times) == 2 and times[0].fits(times[1].seconds):
-        # Rather too short than too long: a movement that is planned with it is slower, not faster, than was allowed.
+        # Rather too short than too long: a movement planned with a short unit is slower than allowed, not faster.
         measured = sum(each.seconds for each in times) / 2 / planned.interval
         return Measured("interval_unit", float(f"{measured:.2g}"), "guess", text)
     return Measured("interval_unit", None, "guess", text)
 
 
 class _Timed(NamedTuple):
-    """How long a movement took, which is known from one reading to the next."""
+    """Duration of a movement, known with the accuracy of the readings."""
 
     after: float
-    """Seconds after which the servo was not there yet."""
+    """Latest time in seconds with the servo still on the way."""
     seconds: float
-    """Time of the query whose response shows the arrival."""
+    """Time of the query with a response that shows the arrival."""
     by: float
-    """When that reading came."""
+    """Time of the response that shows the arrival."""
 
     def fits(self, seconds: float) -> bool:
         """Return whether a movement of so many seconds could have been read so."""

@@ -1,4 +1,4 @@
-"""Queries to a board that is being learnt: first contact, unknown ids, turnaround and depth."""
+"""Queries to measure a board: first contact, unknown ids, turnaround and depth."""
 
 from __future__ import annotations
 
@@ -29,29 +29,29 @@ from servolink.protocol.settings import (
 )
 
 SHORT_QUERIES: tuple[Query[Response], ...] = (*FENCES, QueryServoListRequest())
-"""Queries with short requests and responses, in the order in which they are tried."""
+"""Queries with short requests and responses, in the order of the attempts."""
 
 _FILLER = SendDummyDataRequest(bytes(256))
-"""Ends a frame that the wrong byte order made to seem 256 bytes longer, and is ignored in the right one."""
+"""Packet to end a frame that seems 256 bytes longer in the wrong byte order; ignored in the right byte order."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """How a board was reached."""
+    """Byte order, query and mode of the first response."""
 
     byte_order: ByteOrder
     query: Query[Response]
-    """A short query that it answers."""
+    """Short query answered by the board."""
     mode: int
     """Transmission mode before contact; mode 1 is set now. A board that sent bytes was in mode 1."""
     silent_queries: int
-    """Queries in its byte order that it did not answer before mode 1 was set."""
+    """Queries in the right byte order left unanswered before mode 1 was set."""
 
 
 async def make_contact(transport: SharedTransport, patience: float | None = None) -> Contact:
     """Query in both byte orders, then set mode 1 and query again. Raise OpenError if nothing is answered.
 
-    It may take several seconds; `patience` is the time to wait for each response.
+    The search may take several seconds; `patience` is the time to wait for each response.
     """
     received = silent = 0
     for mode in (1, 0):
@@ -68,15 +68,15 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
                         await line.send(_FILLER)
             silent += mode
     raise OpenError(
-        f"{transport.url} does not answer in either byte order or transmission mode: is it switched on, and are port "
+        f"{transport.url} does not answer in either byte order or transmission mode: is the board on, and are port "
         "and baud rate right? `servolink doctor` without --learn finds out"
     )
 
 
 def byte_order_finding(contact: Contact, quality: Quality) -> Measured:
-    """Return the byte order: a response in the wrong one would not be a frame at all."""
+    """Return the byte order: with the wrong byte order, a response would not be a frame at all."""
     answered = len(quality.round_trips)
-    text = f"{answered} of {quality.asked} queries in {contact.byte_order} byte order had a response that can be read"
+    text = f"{answered} of {quality.asked} queries in {contact.byte_order} byte order had a readable response"
     return Measured("byte_order", contact.byte_order, "certain" if answered > 1 else "likely", text)
 
 
@@ -87,7 +87,7 @@ def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> 
     else:
         seen = f"left {contact.silent_queries} queries unanswered, and answered as soon as mode 1 was set"
     if not power_cycled:
-        text = f"it {seen}; switch it off and on first (--power-cycled) to learn its mode at power-up"
+        text = f"the board {seen}; switch off and on first (--power-cycled) to learn the mode at power-up"
         settings = [Measured("power_up_mode", None, "guess", text)]
         if contact.mode == 0:
             settings.append(Measured("transmission_mode", 1, "likely" if quality.is_clean else "guess", f"it {seen}"))
@@ -97,7 +97,7 @@ def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> 
         confidence = "certain"
     elif quality.loss**contact.silent_queries < 1e-4:
         confidence = "likely"
-    text = f"just switched on, it {seen}"
+    text = f"just switched on, the board {seen}"
     return [
         Measured("power_up_mode", contact.mode, confidence, text),
         Measured("transmission_mode", 1 if contact.mode == 0 else "auto", confidence, text),
@@ -105,17 +105,17 @@ def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> 
 
 
 MOST_LOSS = 0.15
-"""Above this share of lost queries, what is not answered says nothing about the board."""
+"""Share of lost queries above which missing answers say nothing about the board."""
 
 _LISTS: tuple[Query[Response], ...] = (
     *(each.list_request for each in RECORD_TYPES),
     QueryServoParameterRequest(),
 )
 _DEPTHS = (2, 4, 8, 16)
-_TRIES_ON_A_BAD_LINE = 16  # long responses are lost more often than those of the queries that measure the line
+_TRIES_ON_A_BAD_LINE = 16  # long responses are lost more often than responses to the measuring queries
 _SHORT = 256  # bytes of a response
 _ROUNDS = 8  # bursts of each depth
-_MIXED = 2  # bursts answered out of order that show what the board does; one can be a late response
+_MIXED = 2  # bursts out of order needed as evidence; a single burst can be a late response
 _LONGEST = 15.0  # seconds, after which no further depth is tried
 
 
@@ -125,7 +125,7 @@ def name_of(query: Query[Any]) -> str:
 
 
 def silence_confidence(quality: Quality, tries: int = TRIES) -> Confidence | None:
-    """Return how certain it is that a query left unanswered `tries` times is never answered; None: not at all."""
+    """Return the confidence that a query left unanswered `tries` times is never answered; None: no confidence."""
     if quality.is_clean:
         return "certain"
     if quality.loss > MOST_LOSS:
@@ -135,18 +135,18 @@ def silence_confidence(quality: Quality, tries: int = TRIES) -> Confidence | Non
 
 @dataclass(slots=True)
 class Survey:
-    """What a board answered to each query."""
+    """Responses of a board to each query."""
 
     tries: int = TRIES
-    """How often each query was sent before it counted as silent."""
+    """Number of attempts of each query counted as silent."""
     frames: dict[Query[Any], Frame] = field(default_factory=dict)
-    """The response to each query that was answered."""
+    """Response to each answered query."""
     silent: list[Query[Any]] = field(default_factory=list)
     """Queries without a response."""
     responses: dict[Query[Any], Response] = field(default_factory=dict)
 
     def ids(self, record_type: RecordType[Any]) -> tuple[int, ...] | None:
-        """Return the ids of all records of a type; None if they are unknown."""
+        """Return the ids of all records of a type, None if unknown."""
         response = self.responses.get(record_type.list_request)
         return None if response is None else record_type.ids_in(response)
 
@@ -158,13 +158,13 @@ class Survey:
 
     @property
     def memory_total(self) -> int | None:
-        """The total memory in the board's own unit, None if it does not say."""
+        """Total memory in the board's own unit, None without a value from the board."""
         response = self.responses.get(QueryMemorySizeRequest())
         return response.total_size if isinstance(response, QueryMemorySizeResponse) else None
 
 
 async def survey_board(line: TrialLine, quality: Quality) -> Survey:
-    """Send each query until the board answers; queries for one record only if a record is stored."""
+    """Send each query until the board answers; queries for a record only if a record is stored."""
     survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
     for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
         await _survey_query(line, query, survey)
@@ -193,10 +193,10 @@ async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> N
 
 
 def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
-    """Return the queries that the board does not answer."""
+    """Return the queries never answered by the board."""
     answered = len(survey.frames)
     if not survey.silent:
-        return Measured("unsupported", (), "certain", f"all {answered} queries that were tried were answered")
+        return Measured("unsupported", (), "certain", f"all {answered} queries tried were answered")
     names = tuple(map(name_of, survey.silent))
     text = f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
     confidence = silence_confidence(quality, survey.tries)
@@ -204,7 +204,7 @@ def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
 
 
 async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:
-    """Query ids that the lists of the board do not contain."""
+    """Query ids missing in the lists of the board."""
     answered: list[Query[Any]] = []
     silent: list[Query[Any]] = []
     for query in _unknown(survey):
@@ -237,7 +237,7 @@ def _queries(queries: Sequence[Query[Any]]) -> str:
 
 
 def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baudrate: int | None) -> Measured:
-    """Return the time that the board needs for a short query; `baudrate` is that of a serial port, else None."""
+    """Return the time needed by the board for a short query; `baudrate` is the rate of a serial port, else None."""
     if len(quality.round_trips) < 5:
         return Measured("turnaround", None, "guess", f"{quality}, too many to tell")
     raw = quality.round_trip
@@ -249,7 +249,7 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
         text += f", of which {size} bytes at {baudrate} baud take {on_wire * 1000:.2f} ms"
     elif baudrate:
         on_wire = 0.0
-        text += f", less than {size} bytes take at {baudrate} baud, so the port is faster than that"
+        text += f", less than {size} bytes take at {baudrate} baud, so the port is faster"
     spread = max(quality.round_trips) > 3 * raw
     return Measured("turnaround", round(raw - on_wire, 6), "likely" if spread else "certain", text)
 
@@ -259,7 +259,7 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
     queries = _cheap_queries(survey)
     size = max(OVERHEAD + content_size(type(query)) for query in queries)
     if quality.loss > MOST_LOSS:
-        return Measured("depth", None, "guess", f"{quality}, too many to tell what the board loses")
+        return Measured("depth", None, "guess", f"{quality}, too many for a statement about the board")
     works, seen = 1, ""
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST
@@ -281,13 +281,13 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
             break
         works = depth
     else:
-        seen = "more were not tried, as they gain nothing"
+        seen = "more were not tried, as useless"
     kept = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
     return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{kept}{seen}; {quality}")
 
 
 def is_line_loss(lost: int, sent: int, quality: Quality) -> bool:
-    """Return whether a loss is no more than single queries suffer, so that the line explains it."""
+    """Return whether a loss is no larger than with single queries, and so caused by the line."""
     expected = quality.loss * sent
     return lost <= (expected + 2 * sqrt(expected) + 1 if expected else 0)
 
@@ -297,7 +297,7 @@ def _bursts(depth: int) -> str:
 
 
 def _cheap_queries(survey: Survey) -> list[Query[Any]]:
-    """Return queries with short responses, those with the longest requests: a board may queue bytes, not requests."""
+    """Return queries with short responses, the longest requests first: a board may queue bytes, not requests."""
     by_id = {each.query_class for each in RECORD_TYPES}
     stored = [query for query, (_, content) in survey.frames.items() if type(query) in by_id and len(content) < _SHORT]
     return stored or [query for query in SHORT_QUERIES if query in survey.frames]

@@ -1,4 +1,4 @@
-"""Writing to a board only to learn of it: under the protection of an import, so that a rollback restores everything."""
+"""Writing to a board for measurements only: protected by an import, so that a rollback restores everything."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequ
 from servolink.protocol.records import Action, Step
 
 SCRATCH = "servolink scratch"
-"""How captions of records begin that are stored only to learn of the board."""
+"""Beginning of the captions of all records stored only for measurements."""
 
 _MOST_STEPS = 24
 _DEGREE, _INTERVAL = 0, 100
@@ -31,7 +31,7 @@ _TRIES = 3
 
 @dataclass
 class Trial:
-    """A board on which scratch records may be written, with what it held before."""
+    """Board open to scratch records, with the content from before."""
 
     transport: SharedTransport
     codec: Codec
@@ -39,9 +39,9 @@ class Trial:
     store: BackupStore
     backup: Path
     content: Project
-    """What the board held before."""
+    """Content of the board before the trial."""
     journal: Journal
-    """That of the import that undoes everything; the board has its marker as far as it keeps project ids."""
+    """Journal of the import that undoes everything; the board keeps as much of the marker as of any project id."""
     servo_ids: tuple[int, ...] = ()
     _used: set[int] = field(default_factory=set)
 
@@ -52,7 +52,7 @@ class Trial:
             yield board
 
     def scratch_actions(self, number: int) -> list[Action]:
-        """Return new actions, with ids that the board does not have, that nobody runs."""
+        """Return new actions with unused ids, not run by any macro."""
         taken = {action.action_id for action in self.content.actions} | self._used
         ids = (each for each in range(1, len(taken) + number + 1) if each not in taken)
         found = [self._scratch_action(action_id) for action_id, _ in zip(ids, range(number), strict=False)]
@@ -60,7 +60,7 @@ class Trial:
         return found
 
     def free_ids(self, taken: set[int]) -> None:
-        """Use the ids of scratch records again, but for those in `taken`: a board may have few."""
+        """Use the ids of scratch records again, except for ids in `taken`: a board may have few ids."""
         self._used &= taken
 
     def _scratch_action(self, action_id: int) -> Action:
@@ -68,7 +68,7 @@ class Trial:
         return Action(action_id, SCRATCH, steps)
 
     async def note(self, phase: JournalPhase) -> None:
-        """Keep in the journal that the board is cleared (`clearing`), or only written to (`writing`)."""
+        """Record in the journal whether the board is cleared (`clearing`) or only written to (`writing`)."""
         self.journal = replace(self.journal, phase=phase)
         await asyncio.to_thread(self.store.write, self.journal)
 
@@ -89,9 +89,9 @@ async def connected(transport: SharedTransport, codec: Codec, patience: float | 
 async def begin_trial(
     transport: SharedTransport, codec: Codec, store: BackupStore, on_trial: Callable[[Trial], None]
 ) -> Trial:
-    """Save what the board holds, and mark it as a board with an unfinished import; before that, call `on_trial`.
+    """Save the content of the board, call `on_trial`, and mark the board as having an unfinished import.
 
-    Raise ProjectError if it has one already, or if no backup can be made.
+    Raise ProjectError for a board with an unfinished import, and for a failed backup.
     """
     async with connected(transport, codec) as board:
         project_id = (await board.request(QueryProjectIDRequest())).project_id
@@ -99,7 +99,7 @@ async def begin_trial(
         if is_unfinished(project_id) or journal_of(journals, project_id, board.url) is not None:
             raise ProjectError(
                 f"{board.url} holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` "
-                "undoes it; learn after that"
+                "undoes it; learn afterwards"
             )
         content = await board.export_project()
         _refuse_scratch(board, content, store)
@@ -114,16 +114,16 @@ async def begin_trial(
 
 
 def _refuse_scratch(board: Board, content: Project, store: BackupStore) -> None:
-    """Raise ProjectError for records of an interrupted trial: not every board keeps a mark of it."""
+    """Raise ProjectError for records of an interrupted trial: not every board keeps a mark of the trial."""
     if any(action.action_caption.startswith(SCRATCH) for action in content.actions):
         raise ProjectError(
-            f"{board.url} holds records of a measurement that was interrupted: restore what was there before with "
-            "`servolink rollback BACKUP`, where BACKUP is the number that `servolink backups` shows for it"
+            f"{board.url} holds records of an interrupted measurement: restore the content from before with "
+            "`servolink rollback BACKUP`, where BACKUP is the number shown by `servolink backups`"
         )
 
 
 async def write_marker(board: Board, marker: int) -> int:
-    """Write the marker of an unfinished import and return the project id that the board has then."""
+    """Write the marker of an unfinished import, and return the resulting project id of the board."""
     found = marker
     for _ in range(_TRIES):
         with suppress(OutcomeUnknown):
@@ -135,7 +135,7 @@ async def write_marker(board: Board, marker: int) -> int:
 
 
 async def end_trial(trial: Trial) -> None:
-    """Restore what the board held before, and make `servolink rollback` undo the same import as before the trial."""
+    """Restore the content of the board, and make `servolink rollback` undo the same import as before the trial."""
     before = [each for each in await _journals(trial) if each.marker != trial.journal.marker]
     async with trial.board() as board:
         await board.rollback_project(trial.backup, folder=trial.store.folder)

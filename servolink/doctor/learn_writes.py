@@ -1,4 +1,4 @@
-"""What only writing tells of a board: its memory unit, what adding and clearing do, and how many writes it queues."""
+"""Board properties visible only by writing: memory unit, effect of adding and clearing, depth of the write queue."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ _TRIES = 3
 _DEPTHS = (2, 4, 8)
 _ROUNDS = 3  # bursts of each depth
 _MOST_RECORDS = 128
-_ENOUGH_BYTES = 5 * 1024  # written to see a unit of 1,024 bytes in spite of rounding
+_ENOUGH_BYTES = 5 * 1024  # bytes written to recognise a unit of 1,024 bytes in spite of rounding
 _FEWEST_UNITS = 3
 _LONGEST = 60.0  # seconds for storing records
 _LONGEST_CLEARING = 180.0  # seconds
-_NEAR = (0.5, 2.0)  # a unit fits if it explains the bytes written within these factors
+_NEAR = (0.5, 2.0)  # a unit fits if the bytes written are explained within these factors
 
 
 async def project_id_finding(board: Board, trial: Trial) -> Measured:
-    """Write the marker of an unfinished import, an id of 32 bits, and read back how much of it the board keeps."""
+    """Write the marker of an unfinished import, an id of 32 bits, and read back the bits kept by the board."""
     marker, before = trial.journal.marker, trial.content.project_id
     found = await write_marker(board, marker)
     text = f"{marker:#x} was written and {found:#x} read back"
@@ -41,7 +41,7 @@ async def project_id_finding(board: Board, trial: Trial) -> Measured:
         if found in (kept, kept - 0x10000 if bits == 16 else kept):
             is_sure = found == (await board.request(QueryProjectIDRequest())).project_id
             return Measured("project_id_bits", bits, "certain" if is_sure else "likely", text)
-    return Measured("project_id_bits", None, "guess", f"{text}, which is neither of 32, 16 nor 0 bits")
+    return Measured("project_id_bits", None, "guess", f"{text}, neither 32, 16 nor 0 bits")
 
 
 async def memory_finding(board: Board, trial: Trial) -> Measured:
@@ -72,7 +72,7 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
         return Measured("memory_unit", fitting[0], "certain", text)
     if fitting:
         return Measured("memory_unit", fitting[0], "likely", f"{text}; more could not be stored")
-    return Measured("memory_unit", None, "guess", f"{text}, which is neither bytes nor KiB")
+    return Measured("memory_unit", None, "guess", f"{text}, neither bytes nor KiB")
 
 
 def _fits(unit: int, used: int, written: int) -> bool:
@@ -80,7 +80,7 @@ def _fits(unit: int, used: int, written: int) -> bool:
 
 
 async def duplicate_finding(board: Board, trial: Trial) -> Measured:
-    """Add records whose ids are stored, and see what is stored then."""
+    """Add records with ids already stored, and read the resulting records."""
     seen = [await _added_twice(board, action) for action in trial.scratch_actions(2)]
     await _delete_scratch(board, trial)
     value, text = seen[0]
@@ -91,7 +91,7 @@ async def duplicate_finding(board: Board, trial: Trial) -> Measured:
 
 
 async def _store(board: Board, action: Action) -> bool:
-    """Store an action and return whether it is stored; what a bad line left open is looked up."""
+    """Store an action, and return whether the action is stored; after a lost response, read the list."""
     for _ in range(_TRIES):
         try:
             return bool((await board.request(ACTION.add(action))).result)
@@ -102,7 +102,7 @@ async def _store(board: Board, action: Action) -> bool:
 
 
 async def _delete_scratch(board: Board, trial: Trial) -> None:
-    """Delete scratch records, to make room for others; what is left is deleted at the end of the trial."""
+    """Delete scratch records, to make room for others; the end of the trial deletes the rest."""
     kept = {action.action_id for action in trial.content.actions}
     for entry in await board.actions():
         if entry.action_id not in kept:
@@ -112,7 +112,7 @@ async def _delete_scratch(board: Board, trial: Trial) -> None:
 
 
 async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
-    """Return what adding an action again does, and what was seen."""
+    """Return the effect of adding an action again, and a text of the observation."""
     if not await _store(board, action):
         return None, "the board stores no more records"
     again = replace(action, action_caption=f"{SCRATCH} 2")
@@ -143,7 +143,7 @@ async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
             for _ in range(_ROUNDS):
                 missing = await _missing_of(line, trial.scratch_actions(depth))
                 if missing is None:
-                    seen = f"in a burst of {depth} the board refused a record, or did not list them"
+                    seen = f"in a burst of {depth} the board refused a record, or did not list all"
                     text = f"{_works(works, size)}{seen}; {quality}"
                     return Measured("write_depth", works if works > 1 else None, "guess", text)
                 lost += missing
@@ -160,7 +160,7 @@ def _works(depth: int, size: int) -> str:
 
 
 async def _missing_of(line: TrialLine, actions: Sequence[Action]) -> int | None:
-    """Store `actions` at once and return how many are not listed then; None if the board refuses one or lists none."""
+    """Store `actions` together, and return the number missing in the list; None after a refusal or without a list."""
     frames = await line.burst([ACTION.add(action) for action in actions])
     if any(not getattr(line.decode(frame), "result", 0) for frame in frames):
         return None
@@ -172,7 +172,7 @@ async def _missing_of(line: TrialLine, actions: Sequence[Action]) -> int | None:
 
 
 async def clear_findings(board: Board, trial: Trial) -> list[Measured]:
-    """Clear the board, and see what it kept and how long that took. The caller has consent."""
+    """Clear the board, and report the remaining content and the time. The caller has consent."""
     loop = asyncio.get_running_loop()
     if not await _store(board, trial.scratch_actions(1)[0]):
         return [Measured("clear", None, "guess", "the board stores no more records, so nothing was cleared")]
@@ -211,6 +211,6 @@ def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[S
 
 def _clear_time(seconds: float, said_yes: object) -> Measured:
     if said_yes is None:
-        return Measured("clear_seconds", None, "guess", f"it cleared, but did not say so within {seconds:.1f} s")
+        return Measured("clear_seconds", None, "guess", f"cleared, but not confirmed within {seconds:.1f} s")
     text = f"the response to clearing came after {seconds:.3f} s"
     return Measured("clear_seconds", round(seconds, 3), "likely", text)

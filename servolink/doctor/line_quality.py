@@ -13,10 +13,10 @@ from servolink.protocol.frame import ByteOrder
 from servolink.protocol.settings import QueryMemorySizeRequest
 
 REQUESTS = 60
-"""Number of queries sent; they change nothing on the board."""
+"""Number of queries sent, without any change to the board."""
 
 _PATIENCE = 0.5  # seconds for each response, unless given
-_FEW = 2  # late responses, which come when this computer stands still for a moment
+_FEW = 2  # late responses tolerated, as caused by a short standstill of this computer
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,31 +25,31 @@ class LineCounts:
 
     received_bytes: int
     noise_bytes: int
-    """Bytes outside frames, without the zeros that fill HID reports."""
+    """Bytes outside frames, without the zeros of HID reports."""
     requests: int
     unanswered: int
     """Queries without any response before the end."""
     late: int
-    """Responses that came after their time."""
+    """Responses after the allowed time."""
     round_trips: Sequence[float]
     """Seconds, in the order of the queries."""
     ended: str = ""
-    """Why the connection ended early; empty if it did not."""
+    """Reason why the connection ended early; empty for a full measurement."""
     patience: float = _PATIENCE
     """Seconds allowed for each response."""
 
     def percentile(self, percent: int) -> float | None:
-        """Return the time within which `percent` of the responses came; None if there were none."""
+        """Return the time within which `percent` of the responses came; None without responses."""
         ordered = sorted(self.round_trips)
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
 async def measure(url: str, byte_order: ByteOrder, patience: float | None = None) -> LineCounts:
-    """Query the board at `url` repeatedly, each time for `patience` seconds; OpenError if it cannot be opened."""
+    """Query the board at `url` repeatedly, each time for `patience` seconds. Raise OpenError for a failed opening."""
     patience = patience or _PATIENCE
     requests = unanswered = 0
     ended = ""
-    unknown = BoardProfile()  # a damaged one is a finding of its own
+    unknown = BoardProfile()  # a damaged profile is a separate finding
     async with connect(url, byte_order=byte_order, patience=patience, angle_unit=None, profile=unknown) as board:
         try:
             for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
@@ -74,15 +74,15 @@ async def measure(url: str, byte_order: ByteOrder, patience: float | None = None
 
 
 def check_line(line: LineCounts) -> Iterator[Finding]:
-    """Find noise, missing responses and a connection that ended early."""
+    """Find noise, missing responses and an early end of the connection."""
     if line.noise_bytes:
         share = 100 * line.noise_bytes / line.received_bytes
         yield Finding(
             "noise",
             f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were outside frames",
-            "the line damages bytes, or another device or program sends on it",
+            "the line damages bytes, or another device or program uses the line",
             "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
-            "close other programs that use the port\nservolink doctor",
+            "close other programs on the port\nservolink doctor",
         )
     if line.unanswered or line.late > _FEW:
         yield Finding(
@@ -97,7 +97,7 @@ def check_line(line: LineCounts) -> Iterator[Finding]:
     if line.ended:
         yield Finding(
             "connection",
-            f"it ended after {line.requests} of {REQUESTS} queries: {line.ended}",
+            f"the connection ended after {line.requests} of {REQUESTS} queries: {line.ended}",
             "the board responded before, so the cable is loose or the board lost power",
             "check cable, plugs and power\nservolink doctor",
         )

@@ -1,4 +1,4 @@
-"""Permission to open a device, and the udev rules that give it."""
+"""Permission to open a device, and udev rules with the permission."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ ADAPTERS = {
     (0x1A86, 0x55D4): "CH9102",
     (0x1A86, 0x7523): "CH340",
 }
-"""USB ids of adapter chips, which are built into all kinds of devices."""
+"""USB ids of adapter chips, built into all kinds of devices."""
 SERIAL_GROUPS = ("dialout", "uucp")
-"""The groups that own serial ports, depending on the distribution."""
+"""Groups that own serial ports, depending on the distribution."""
 
 _FOLDERS = ("/etc/udev/rules.d", "/run/udev/rules.d", "/usr/lib/udev/rules.d", "/lib/udev/rules.d")
-_TOO_LATE = "73-seat-late.rules"  # the system's own file that acts on the tag `uaccess`
+_TOO_LATE = "73-seat-late.rules"  # the system's own file for the tag `uaccess`
 _PLAIN = re.compile(r"[A-Za-z0-9._:-]{1,126}", re.ASCII)  # no character has a meaning in a rule
 _GROUP_READS_AND_WRITES = 0o060
 _HEAD = f"""\
@@ -41,8 +41,8 @@ _HEAD = f"""\
 #   sudo udevadm control --reload && sudo udevadm trigger
 # then unplug the board and plug it in again.
 #
-# `uaccess` lets users at this machine open it; the group, users who come over the network, and services.
-# ModemManager is told to ignore it: otherwise it would write to the board when it is plugged in.
+# `uaccess` permits users at this computer; the group permits users over the network, and services.
+# ModemManager must ignore the board: otherwise every plugging in makes ModemManager write to the board.
 """
 
 
@@ -60,7 +60,7 @@ def is_installed(facts: SystemFacts) -> bool:
 
 
 def check_rule_order(facts: SystemFacts, device: ListedUsbDevice | None) -> Iterator[Finding]:
-    """Find rules for `device` that are read too late for their tag."""
+    """Find rules for `device` with a tag, read too late for the tag."""
     if device is None:
         return
     for folder in _FOLDERS[:2]:
@@ -71,19 +71,19 @@ def check_rule_order(facts: SystemFacts, device: ListedUsbDevice | None) -> Iter
                 yield Finding(
                     "udev",
                     f"{path} tags this board with uaccess",
-                    f"it has no effect: the system acts on that tag in {_TOO_LATE}, which is read earlier",
+                    f"the tag has no effect: the system acts on the tag in {_TOO_LATE}, read earlier",
                     f"sudo mv {path} {RULES}\nsudo udevadm control --reload && sudo udevadm trigger",
                 )
 
 
 def rule_named(facts: SystemFacts, word: str) -> str:
-    """Return the path of the first rules file with `word` in its name; empty if there is none."""
+    """Return the path of the first rules file with `word` in the name; empty without any."""
     paths = (f"{folder}/{name}" for folder in _FOLDERS for name in facts.names(folder) if word in name)
     return next((path for path in paths if facts.link(path) != "/dev/null"), "")
 
 
 def _rules_for(device: ListedUsbDevice, access: str) -> str:
-    """Return the rules for one device, without any text of its own that could change their meaning."""
+    """Return the rules for a device, without any text of the device that could change the meaning."""
     chip = ADAPTERS.get((device.vendor_id, device.product_id))
     number = device.serial_number if _PLAIN.fullmatch(device.serial_number) else ""
     ids = f'ATTRS{{idVendor}}=="{device.vendor_id:04x}", ATTRS{{idProduct}}=="{device.product_id:04x}"'
@@ -92,9 +92,9 @@ def _rules_for(device: ListedUsbDevice, access: str) -> str:
     mark = ""
     if chip and number:
         ids += f', ATTRS{{serial}}=="{number}"'
-        lines.append(f"# Many devices contain {chip} adapters: this is the one with serial number {number}.")
+        lines.append(f"# Many devices contain {chip} adapters: the rules are for serial number {number}.")
     elif chip:
-        lines.append(f"# Many devices contain {chip} adapters, and this one has no serial number of its own.")
+        lines.append(f"# Many devices contain {chip} adapters, and the device has no serial number.")
         lines.append("# Remove the # from the lines below to permit all of them.")
         mark = "#"
     lines.append(f'{mark}SUBSYSTEM=="tty", {ids}, {access}, ENV{{ID_MM_DEVICE_IGNORE}}="1"')
@@ -112,7 +112,7 @@ def _rules_for(device: ListedUsbDevice, access: str) -> str:
 
 
 def check_permissions(facts: SystemFacts, url: str) -> Iterator[Finding]:
-    """Find device files of `url` that this user may not open."""
+    """Find device files of `url` not open to the present user."""
     refused = False
     for path in device_nodes(facts, url):
         node = facts.node(path)
@@ -134,28 +134,28 @@ def _refused(facts: SystemFacts, url: str, path: str, node: Node) -> Finding:
         return Finding(
             "permissions",
             observation,
-            f"{facts.user} has been added to {node.group}, but this session began before that",
+            f"{facts.user} has been added to {node.group}, but the session began before the change",
             f"log out and in again, or for this terminal: newgrp {node.group}",
         )
     return Finding(
         "permissions",
         observation,
-        f"only members of {node.group} may open it",
+        f"only members of {node.group} may open the port",
         f"sudo usermod -aG {node.group} {facts.user or '$USER'}\nlog out and in again"
-        + (f"\na service instead: SupplementaryGroups={node.group} in its unit" if _is_remote(facts) else ""),
+        + (f"\na service instead: SupplementaryGroups={node.group} in the unit" if _is_remote(facts) else ""),
     )
 
 
 def _for_its_owner(facts: SystemFacts, url: str, path: str, observation: str) -> Finding:
-    meaning = "only its owner may open it"
+    meaning = "only the owner may open the port"
     if usb_device(facts, url) is None:
         return Finding(
-            "permissions", observation, meaning, f"run as its owner, or ask the owner: chmod g+rw {escape(path)}"
+            "permissions", observation, meaning, f"run as the owner, or ask the owner: chmod g+rw {escape(path)}"
         )
     if not is_installed(facts):
         return Finding("permissions", observation, f"{meaning}, and no udev rule permits you to", INSTALL)
     if _is_remote(facts):
-        meaning += "; the udev rule is for users at this machine, and this session comes over the network"
+        meaning += "; the udev rule is for users at this computer, and the session comes over the network"
     else:
         meaning += "; the udev rule is there, but was installed after the board was plugged in, or names another board"
     return Finding("permissions", observation, meaning, INSTALL)

@@ -1,4 +1,4 @@
-"""Facts of the system in one object, which tests replace by the facts of another system."""
+"""Facts of the system in an object that tests replace by facts of another system."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from servolink.transports.device_info import PortIdentity, is_accessible
 
 _USB_DEVICES = "/sys/bus/usb/devices"
 
-_LONGEST = 65536  # characters that are read of one file
+_LONGEST = 65536  # characters read from a single file
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,49 +27,49 @@ class Node:
     owner: str
     group: str
     mode: int
-    """Its permission bits."""
+    """Permission bits of the file."""
     is_accessible: bool
-    """Whether this process may read and write it."""
+    """Whether the present process may read and write the file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A running program."""
+    """Running program, with its open files."""
 
     pid: int
     name: str
     files: frozenset[str]
-    """The paths that it has open; empty if it belongs to another user."""
+    """Paths of the open files; empty for a process of another user."""
 
 
 class SystemFacts:
-    """Facts of this system, read on demand; a fact that cannot be read is empty, and nothing raises."""
+    """Facts of the present system, read on demand; an unreadable fact is empty, and no error is raised."""
 
     def __init__(self, root: Path = Path("/"), platform: str = sys.platform) -> None:
-        """Read files below `root`."""
+        """Read files below the folder `root`."""
         self.root = root
         self.platform = platform
         self.environment: Mapping[str, str] = os.environ
         self.python = sys.executable
-        """The command that runs this Python."""
+        """Command that runs the present Python."""
         self.pid = os.getpid()
 
     @property
     def user(self) -> str:
-        """The name of the user this process runs as; empty where users have no numbers."""
+        """Name of the user of the process; empty on systems without user numbers."""
         return process.own_name()
 
     @property
     def groups(self) -> frozenset[str]:
-        """The groups this process is in."""
+        """Groups of the present process."""
         return process.own_groups()
 
     def members(self, group: str) -> list[str] | None:
-        """Return the members of `group`, counted from their next login on; None if there is no such group."""
+        """Return the members of `group`, counted from their next login on; None for a missing group."""
         return process.members(group)
 
     def text(self, path: str) -> str:
-        """Return the text of a file without surrounding space; empty if it cannot be read."""
+        """Return the text of a file without surrounding space; empty for an unreadable file."""
         try:
             with self._here(path).open(encoding="utf-8", errors="replace") as file:
                 return file.read(_LONGEST).strip()
@@ -77,7 +77,7 @@ class SystemFacts:
             return ""
 
     def names(self, folder: str) -> list[str]:
-        """Return the sorted names in a folder; empty if it cannot be read."""
+        """Return the sorted names in a folder; empty for an unreadable folder."""
         try:
             return sorted(path.name for path in self._here(folder).iterdir())
         except (OSError, ValueError):
@@ -99,7 +99,7 @@ class SystemFacts:
         return f"/{below.as_posix()}"
 
     def node(self, path: str) -> Node | None:
-        """Return owner and permissions of a device file; None if there is no such file."""
+        """Return owner and permissions of a device file; None for a missing file."""
         try:
             status = self._here(path).stat()
         except (OSError, ValueError):
@@ -112,7 +112,7 @@ class SystemFacts:
         )
 
     def processes(self) -> Iterator[Process]:
-        """Yield the running programs, where the system shows them as files."""
+        """Yield the running programs, on systems that show processes as files."""
         for name in self.names("/proc"):
             if name.isdecimal():
                 folder = f"/proc/{name}"
@@ -120,7 +120,7 @@ class SystemFacts:
                 yield Process(int(name), escape(self.text(f"{folder}/comm")), files)
 
     def module(self, name: str) -> str:
-        """Return the file from which Python would import a module; empty if it finds none."""
+        """Return the file of a module as found by Python; empty for a missing module."""
         try:
             found = importlib.util.find_spec(name)
         except (ImportError, ValueError):
@@ -142,7 +142,7 @@ class SystemFacts:
 
 @dataclass(frozen=True, slots=True)
 class ListedUsbDevice:
-    """A USB device as the system describes it; its texts come from the device itself."""
+    """USB device as described by the system; the texts come from the device itself."""
 
     folder: str
     vendor_id: int
@@ -152,7 +152,7 @@ class ListedUsbDevice:
 
     @property
     def identity(self) -> PortIdentity:
-        """The identity by which addresses name it."""
+        """Identity of the port, as used in addresses."""
         return PortIdentity(self.vendor_id, self.product_id, self.serial_number)
 
 
@@ -162,7 +162,7 @@ def serial_device(url: str) -> str:
 
 
 def device_nodes(facts: SystemFacts, url: str) -> list[str]:
-    """Return the device files that have to be opened for `url`."""
+    """Return the device files to open for `url`."""
     if device := serial_device(url):
         return [facts.real(device)]
     scheme = Address.parse(url).scheme
@@ -182,7 +182,7 @@ def device_nodes(facts: SystemFacts, url: str) -> list[str]:
 
 
 def usb_device(facts: SystemFacts, url: str) -> ListedUsbDevice | None:
-    """Return the USB device that `url` leads to; None if it is not on USB or not plugged in."""
+    """Return the USB device at `url`; None for any other address, and for an unplugged device."""
     if device := serial_device(url):
         return _usb_parent(facts, f"/sys/class/tty/{PurePosixPath(facts.real(device)).name}/device")
     if Address.parse(url).scheme in {"hid", "usb"}:
@@ -191,14 +191,14 @@ def usb_device(facts: SystemFacts, url: str) -> ListedUsbDevice | None:
 
 
 def usb_devices(facts: SystemFacts) -> Iterator[ListedUsbDevice]:
-    """Yield the USB devices that are plugged in."""
+    """Yield all plugged-in USB devices."""
     for name in facts.names(_USB_DEVICES):
         if (device := _described(facts, facts.real(f"{_USB_DEVICES}/{name}"))) is not None:
             yield device
 
 
 def named_usb_device(url: str) -> ListedUsbDevice | None:
-    """Return the USB device that `url` itself describes, plugged in or not; None if it names no ids."""
+    """Return the USB device described by `url` itself, plugged in or not; None without ids in `url`."""
     address = Address.parse(url)
     if address.scheme not in {"hid", "usb"}:
         return None

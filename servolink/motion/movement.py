@@ -57,9 +57,9 @@ def intervals_for(
 ) -> dict[int, int]:
     """Return each servo's time in units of `unit` seconds, rounded up.
 
-    `here` holds the present angles; it may be empty if neither `speed` nor a speed cap nor `soft` is given. `soft`
-    names the servos that make their first movement from an unknown pose: if one of them would exceed its soft start,
-    the whole movement takes longer. Raise EncodeError for an impossible time, MotionRefused for a speed above its cap.
+    `here` holds the present angles, empty without `speed`, a speed cap and `soft`. `soft` is the set of servos with a
+    first movement from an unknown pose: to keep the soft start of each, the whole movement takes longer if necessary.
+    Raise EncodeError for an impossible time, MotionRefused for a speed above the cap.
     """
     distances = {servo_id: abs(angle - here[servo_id]) if here else 0 for servo_id, angle in angles.items()}
     times = {

@@ -12,8 +12,8 @@ _FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coinci
 class Ticket(NamedTuple):
     """Permission to begin a motion, valid from the moment of the request.
 
-    A ticket belongs to the counter that issued it. Whoever passes a motion on, as a hub does, exchanges the ticket for
-    one of the next counter.
+    A ticket belongs to the counter that issued it. Any relay of a motion, such as a hub, exchanges
+    the ticket for a ticket of the next counter.
     """
 
     epoch: int

@@ -142,7 +142,7 @@ def test_limits_of_the_user_stay_and_are_obeyed(robot: Robot, learnt: Any) -> No
     save_profile("rex", BoardProfile(limits=limits))
     robot.board.servos[2].angle = 0.0
     said = learnt("--servo", "2")
-    assert (said.code, "leaves no room" in said.err) == (1, True)
+    assert (said.code, "without room for" in said.err) == (1, True)
     assert kept().limits == limits
     assert kept().settings.depth == 16, "what was learnt before is kept"
 

@@ -52,7 +52,7 @@ def test_each_unit_is_learnt(unit: float, turnaround: float) -> None:
 def test_another_unit_is_a_guess_at_what_was_measured(unit: float, turnaround: float) -> None:
     found, _ = timed(BoardKind(interval_unit=unit, turnaround=turnaround))
     assert (found.value, found.confidence) == (pytest.approx(unit, rel=0.15), "guess")
-    assert found.evidence.endswith("which is not a unit of 1, 10 or 100 ms")
+    assert found.evidence.endswith(", not a unit of 1, 10 or 100 ms")
 
 
 def test_times_that_differ_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -81,7 +81,7 @@ def test_limits_decide_how_far_and_how_fast() -> None:
 @pytest.mark.parametrize(
     ("limits", "text"),
     [
-        (SafetyLimits(angles={3: (-4, 4)}), "leaves no room for 10"),
+        (SafetyLimits(angles={3: (-4, 4)}), "without room for 10"),
         (SafetyLimits(angles={3: (100, 160)}), "may only be moved within 100..160"),
         (SafetyLimits(speed_caps={3: 2}), "too slow to be timed"),
         (SafetyLimits(soft_start=2), "too slow to be timed"),

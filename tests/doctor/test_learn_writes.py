@@ -152,7 +152,7 @@ def test_a_board_that_does_not_say_when_it_has_cleared(tmp_path: Path, monkeypat
     found = learn(board, tmp_path, clear=True)
     assert found["clear"].value == "all"
     assert found["clear_seconds"].value is None
-    assert "did not say so within" in found["clear_seconds"].evidence
+    assert "not confirmed within" in found["clear_seconds"].evidence
     assert everything(board) == before
 
 
@@ -192,7 +192,7 @@ def test_records_of_an_interrupted_measurement_are_no_content_to_keep(tmp_path: 
     with pytest.raises((ConnectionLost, OpenError)):
         _learn_over(Cable(board, sent=whole.sent * 2 // 3), tmp_path)
     assert len(board.storage.all(ACTION)) > 3
-    with pytest.raises(ProjectError, match="holds records of a measurement that was interrupted"):
+    with pytest.raises(ProjectError, match="holds records of an interrupted measurement"):
         learn(board, tmp_path)
     assert len(BackupStore(tmp_path).backups()) == 1
 

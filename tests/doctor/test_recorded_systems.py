@@ -54,7 +54,7 @@ def test_a_device_of_root_alone_needs_a_rule(url: str, node: str, tmp_path: Path
 
 def test_a_group_that_one_has_just_joined_counts_from_the_next_login(tmp_path: Path) -> None:
     found = one(check_permissions(RecordedFacts("raspberry-pi", tmp_path), ACM))
-    assert "this session began before" in found.meaning
+    assert "the session began before" in found.meaning
     assert "newgrp dialout" in found.remedy
 
 
