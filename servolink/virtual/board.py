@@ -1,4 +1,4 @@
-"""VirtualBoard: a servo control board without hardware, as a state machine without input, output or clock.
+"""Virtual board: a servo control board without hardware, as a state machine without input, output or clock.
 
 Hosts are attached as sessions: bytes go in, bytes come out.
 """
@@ -22,19 +22,19 @@ from servolink.virtual.hardware import NEW_PROTOCOL, Hardware
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.storage import Contents, partial_write
 
-_SILENCE = 0.25  # seconds after which half a frame is given up
+_SILENCE = 0.25  # seconds after which an incomplete frame is dropped
 
 
 class VirtualBoard(Hardware):
-    """A board with `servos` servos, numbered from 1; `kind` says how it differs from others.
+    """Board with `servos` servos, numbered from 1; `kind` describes differences from other boards.
 
-    It handles requests one after the other, in the order in which they came. A request takes effect when the board
-    begins to work on it, and is answered when the board has finished: at once, unless its kind takes time. The requests
-    that come meanwhile wait, and those for which there is no room are lost.
+    Requests are handled one after the other, in order of arrival. A request takes effect when the board begins to work
+    on it, and gets a response when the board has finished: immediately, unless `kind` has working times. Requests
+    received meanwhile wait, or are lost if the queue is full.
 
-    A write counts as under way until the host has received the whole response. If power is lost before, a board without
-    `partial_writes` has finished the write; one with them may hold anything that `storage.partial_write` describes. Of
-    several writes that a host requested at once, only the last one begun can be interrupted.
+    A write is unfinished until the host has received the whole response. After a loss of power before, a board without
+    `partial_writes` has finished the write; a board with `partial_writes` is in a state as made by
+    `storage.partial_write`. Of several writes requested together by a host, only the last begun can be interrupted.
     """
 
     def __init__(
@@ -44,18 +44,18 @@ class VirtualBoard(Hardware):
         codec: Codec | None = None,
         kind: BoardKind = DEFAULT_KIND,
     ) -> None:
-        """Switch on. Boards with the same `seed` behave the same. Raise ValueError for a value out of range."""
+        """Switch on a board. The same `seed` gives the same behaviour. Raise ValueError for a value out of range."""
         super().__init__(servos, kind, seed=seed, codec=codec, send_event=self._send_event)
         self.sessions: list[HostSession] = []
-        """The hosts that are attached."""
+        """Sessions of all attached hosts."""
         self.work = WorkQueue(kind.queue)
-        """The requests that were received."""
+        """Queue of received requests."""
 
     def attach(self, send: Callable[[bytes], None], unsent: Callable[[], int] = lambda: 0) -> HostSession:
-        """Attach a host, and switch the power on if it was off.
+        """Attach a host, and switch the power on if necessary.
 
-        `send` takes the board's frames and must not raise; `unsent` returns how many of the bytes that it took have not
-        reached the host. Neither is called after `detach`.
+        `send` receives the frames of the board and must not raise; `unsent` returns the number of bytes passed to
+        `send` and not yet received by the host. Neither function is called after `detach`.
         """
         if not self.powered:
             self.switch(on=True)
@@ -64,7 +64,7 @@ class VirtualBoard(Hardware):
         return session
 
     def detach(self, *sessions: HostSession, now: float | None = None) -> None:
-        """Detach hosts, all at once; without `now`, at the time that the board was passed last."""
+        """Detach hosts together, at the time `now`, by default the last time passed to the board."""
         if now is not None:
             self.advance(now)
         present = [session for session in sessions if session in self.sessions]
@@ -74,7 +74,7 @@ class VirtualBoard(Hardware):
             self._lose_power(present)
 
     def power_cycle(self, now: float) -> None:
-        """Interrupt the power: servos stop, and everything that is not stored is lost. Hosts stay attached."""
+        """Interrupt the power: servos stop, and all state outside the storage is lost. Hosts stay attached."""
         self.advance(now)
         self._lose_power(self.sessions)
         self.switch(on=True)
@@ -82,20 +82,20 @@ class VirtualBoard(Hardware):
     def _advance_to(self, due: float, now: float) -> None:
         super()._advance_to(due, now)
         if self.work.due == due:
-            for servo in self.servos.values():  # the next request may ask for their state
+            for servo in self.servos.values():  # the next request may query the state of servos
                 servo.advance(due)
             self.work.end(due)
-            self.notify_watchers()  # a request that waited may have stored something
+            self.notify_watchers()  # a waiting request may have stored something
 
     def _due(self) -> float | None:
         due, work_due = super()._due(), self.work.due
         return due if work_due is None else work_due if due is None else min(due, work_due)
 
     def _lose_power(self, sessions: list[HostSession]) -> None:
-        """Switch off; `sessions` are those whose writes may have been under way."""
+        """Switch off; `sessions` may have unfinished writes."""
         for session in sessions:
             write = session.unconfirmed_write
-            # A later write, of another host, says that this one was finished.
+            # A later write, of another host, proves the earlier write finished.
             if self.kind.partial_writes and write is not None and write.after is self.storage.contents:
                 self.storage.contents = partial_write(write.before, write.after, self._random, self.codec.byte_order)
             session.reset()
@@ -112,40 +112,40 @@ class VirtualBoard(Hardware):
 
 @dataclass(slots=True)
 class StoredChange:
-    """A change of what is stored."""
+    """Change of the storage by a write."""
 
     before: Contents
     after: Contents
     confirmed_at: float = math.inf
-    """How many bytes the host must have received to have the whole response; infinite until it is sent."""
+    """Bytes received by the host at the end of the response; infinite until the response is sent."""
 
 
 class HostSession:
-    """One host's conversation with the board."""
+    """Conversation of a host with the board."""
 
     def __init__(self, board: VirtualBoard, send: Callable[[bytes], None], unsent: Callable[[], int]) -> None:
-        """Use `board.attach`."""
+        """Made by `VirtualBoard.attach` only."""
         self.board = board
         self.subscribed = False
-        """Whether button events are sent to this host."""
+        """Whether the host receives button events."""
         self.waiting = 0
-        """The bytes of its requests that wait."""
+        """Size of the waiting requests of the host, in bytes."""
         self._parser = FrameParser(board.codec.byte_order)
         self._last_receive = 0.0
         self._send = send
         self._unsent = unsent
-        self._sent = 0  # bytes
+        self._sent = 0  # bytes sent to the host
         self._last_write: StoredChange | None = None
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes from the host, cut and damaged anyhow, and respond to the requests that are now complete.
+        """Receive bytes from the host, perhaps cut or damaged, and respond to complete requests.
 
-        Empty `data` says that more of them may have waited until now: the host is not silent.
+        Empty `data` means that bytes may have been delayed until now: the host does not count as silent.
         """
         self.board.advance(now)
         if data and now - self._last_receive >= _SILENCE:
-            # Half a frame and then silence: its sender is gone or has given up, but the length that it claims could
-            # swallow everything that the next host sends. A host that only paused loses one request and asks again.
+            # After silence an incomplete frame is dropped: its sender has probably gone, and the claimed length could
+            # swallow all bytes of the next host. A host after a mere pause loses one request and repeats the request.
             while self._parser.partial_frame is not None:
                 self._take(self._parser.abandon_frame(), now)
         self._last_receive = now
@@ -156,28 +156,28 @@ class HostSession:
         self.board.notify_watchers()
 
     def detach(self, now: float | None = None) -> None:
-        """Detach from the board; requests that were not complete get no response."""
+        """Detach from the board; unfinished requests get no response."""
         self.board.detach(self, now=now)
 
     def send(self, frame: bytes) -> None:
-        """Send `frame` to the host."""
+        """Send `frame` to the host, and count the bytes."""
         self._sent += len(frame)
         self._send(frame)
 
     def reset(self) -> None:
-        """Forget half a frame and the subscription, as a board that has lost its power does."""
+        """Forget an incomplete frame and the subscription, as after a loss of power."""
         self.subscribed = False
         self._parser = FrameParser(self.board.codec.byte_order)
 
     @property
     def unconfirmed_write(self) -> StoredChange | None:
-        """The last write, None if the host has received its whole response."""
+        """Last write, None if the host has received the whole response."""
         write = self._last_write
         received = self._sent - self._unsent()
         return None if write is None or received >= write.confirmed_at else write
 
     def finish(self, frame: bytes) -> None:
-        """Send the response to the request that was carried out last, unless the host has detached."""
+        """Send the response to the last executed request, unless the host has detached."""
         if self not in self.board.sessions:
             return
         write = self._last_write
@@ -186,15 +186,15 @@ class HostSession:
         self.send(frame)
 
     def respond(self, packet_id: int, content: bytes, now: float) -> tuple[bytes | None, float]:
-        """Carry out a request; return the frame to send, if there is one, and the seconds of work before that."""
+        """Execute a request; return the frame of the response or None, and the working time in seconds."""
         board, codec = self.board, self.board.codec
         try:
             request = codec.decode(packet_id, content)
         except DecodeError:
-            return None, 0.0  # its count contradicts its length: a board cannot respond to what it cannot read
+            return None, 0.0  # count and length contradict each other: an unreadable request gets no response
         handler = HANDLERS.get(type(request))
         if handler is None or board.kind.ignores(request):
-            return None, 0.0  # a response, which only boards send, or unsupported
+            return None, 0.0  # an unsupported request, or a response
         if board.mode != NEW_PROTOCOL and not isinstance(request, TransmissionModeSettingRequest):
             return None, 0.0
         before = board.storage.contents
@@ -216,17 +216,17 @@ class HostSession:
 
     def _take(self, frames: Iterable[Frame], now: float) -> None:
         for packet_id, content in frames:
-            if self in self.board.sessions:  # sending a response can detach the host
+            if self in self.board.sessions:  # sending the response may have detached the host
                 self.board.work.take(ReceivedRequest(self, packet_id, content), now)
 
     @property
     def _room(self) -> int:
-        """How many bytes find room while the board works."""
+        """Number of bytes with room to wait while the board works."""
         partial = self._parser.partial_frame
         return max(0, self.board.kind.queue_bytes - self.waiting - (partial[1] if partial else 0))
 
     def _receive_part(self, data: bytes, now: float) -> None:
-        """Take the bytes for which there is room. An idle board reads each as it comes, so that it needs none."""
+        """Receive as many bytes as have room. An idle board reads each byte on arrival, and needs no room."""
         for at in range(len(data)):
             if self.board.work.due is not None:
                 self._take(self._parser.feed(data[at : at + self._room]), now)
@@ -235,7 +235,7 @@ class HostSession:
 
 
 class ReceivedRequest(NamedTuple):
-    """A request as it was received."""
+    """Received request, with its session."""
 
     host: HostSession
     packet_id: int
@@ -243,34 +243,36 @@ class ReceivedRequest(NamedTuple):
 
     @property
     def size(self) -> int:
-        """The bytes of its frame."""
+        """Size of the frame, in bytes."""
         return len(self.content) + OVERHEAD
 
 
 class WorkQueue:
-    """The request that a board works on, and at most `most` that wait."""
+    """Request being executed, and queue of at most `most` waiting requests."""
 
     def __init__(self, most: int) -> None:
-        """Start without work."""
+        """Start with no requests."""
         self._most = most
         self._waiting: deque[ReceivedRequest] = deque()
         self._response: tuple[HostSession, bytes] | None = None
         self.received = 0
-        """How many requests were received, also those that were lost."""
+        """Number of received requests, including lost requests."""
         self.due: float | None = None
-        """When the work on a request ends; None if there is none."""
+        """Time at which the work on the current request ends; None for an idle board."""
 
     def take(self, request: ReceivedRequest, now: float) -> None:
-        """Work on a request now, or after earlier ones; a request beyond the queue is lost."""
+        """Execute a request now, or after earlier requests; with a full queue the request is lost."""
         self.received += 1
-        if self.due is None and not self._waiting:  # a host may ask again at once, while others still wait
+        if (
+            self.due is None and not self._waiting
+        ):  # otherwise a new request of a host would overtake the waiting requests of others
             self._begin(request, now)
         elif len(self._waiting) < self._most:
             self._waiting.append(request)
             request.host.waiting += request.size
 
     def end(self, now: float) -> None:
-        """End the work on a request, and begin that on the next."""
+        """End the work on the current request, and begin the next request."""
         response, self._response, self.due = self._response, None, None
         if response is not None:
             host, frame = response
@@ -281,7 +283,7 @@ class WorkQueue:
             self._begin(request, now)
 
     def clear(self) -> None:
-        """Forget everything: the work has no response, and nothing waits."""
+        """Drop all requests, without responses."""
         for request in self._waiting:
             request.host.waiting = 0
         self._waiting.clear()

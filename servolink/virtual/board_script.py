@@ -1,9 +1,8 @@
-"""Scripts: what people do to a board, as text with one event a line.
+"""Scripts of a person's actions on a board, as text with one event in each line.
 
-`1.5 press 3` presses button 3 for a moment, 1.5 seconds after the start. `long` keeps it down long enough for a long
-press; `down` and `up` are one half each. `2.0 push 1 45` turns servo 1, which must be released, to 45 degrees by hand.
-`3.0 power` switches the board off and on.
-Empty lines and anything behind a `#` are skipped.
+`1.5 press 3` presses button 3 for a moment, 1.5 seconds after the start. `long` is a long press; `down` and `up` are
+the two halves of a press. `2.0 push 1 45` turns servo 1, which must be released, to 45 degrees by hand. `3.0 power`
+switches the board off and on. Empty lines and text after a `#` are skipped.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from servolink.virtual.buttons import LONG_PRESS_AFTER
 from servolink.virtual.hardware import MAX_SERVOS
 
 SHORT = 0.1
-"""Seconds that `press` keeps the button down."""
+"""Duration of `press`, in seconds."""
 LONG = LONG_PRESS_AFTER + 0.4
-"""Seconds that `long` keeps the button down."""
+"""Duration of `long`, in seconds."""
 
 _MAX_BUTTON_ID = 0xFFFF_FFFF
 _MAX_SECONDS = 1e6
@@ -26,7 +25,7 @@ _WORDS = {"press": SHORT, "long": LONG, "down": None, "up": None}
 
 
 class ButtonChange(NamedTuple):
-    """Button that goes down or up at the time `at`, in seconds."""
+    """Press or release of a button at the time `at`, in seconds."""
 
     at: float
     button_id: int
@@ -34,7 +33,7 @@ class ButtonChange(NamedTuple):
 
 
 class Push(NamedTuple):
-    """A servo is turned by hand; `at` is in seconds."""
+    """Turn of a servo by hand at the time `at`, in seconds."""
 
     at: float
     servo_id: int
@@ -42,7 +41,7 @@ class Push(NamedTuple):
 
 
 class PowerCycle(NamedTuple):
-    """The board is switched off and on; `at` is in seconds."""
+    """Interruption of the power at the time `at`, in seconds."""
 
     at: float
 
@@ -51,7 +50,7 @@ Event: TypeAlias = ButtonChange | Push | PowerCycle
 
 
 def presses(at: float, word: str, button_id: int) -> list[ButtonChange]:
-    """Return the changes that `word` stands for. Raise KeyError for an unknown word."""
+    """Return the button changes for `word`. Raise KeyError for an unknown word."""
     held = _WORDS[word]
     if held is None:
         return [ButtonChange(at, button_id, down=word == "down")]
@@ -59,7 +58,7 @@ def presses(at: float, word: str, button_id: int) -> list[ButtonChange]:
 
 
 def parse_script(text: str) -> list[Event]:
-    """Return the events of a script in the order of time. Raise ValueError with the number of a wrong line."""
+    """Return the events of a script in order of time. Raise ValueError with the number of a wrong line."""
     events: list[Event] = []
     for number, line in enumerate(text.splitlines(), 1):
         words = line.partition("#")[0].split()
@@ -83,7 +82,7 @@ def _line(number: int, words: list[str]) -> Sequence[Event]:
 
 
 def _events(words: list[str]) -> tuple[Sequence[Event], int]:
-    """Return the events of a line, and the highest id that it may name."""
+    """Return the events of a line, and the highest allowed id."""
     if words[1:] == ["power"]:
         return [PowerCycle(float(words[0]))], 0
     if len(words) > 1 and words[1] == "push":
@@ -93,18 +92,18 @@ def _events(words: list[str]) -> tuple[Sequence[Event], int]:
     return presses(float(at), word, int(button)), _MAX_BUTTON_ID
 
 
-HELP = "keys: 0-9 press that button, l then 0-9 hold it for a long press, p switches off and on, Ctrl-C ends"
+HELP = "keys: 0-9 press a button, l then 0-9 make a long press, p switches off and on, Ctrl-C ends"
 
 
 class Keys:
-    """Turns typed characters into events."""
+    """Converter of typed characters into events."""
 
     def __init__(self) -> None:
-        """Start with no `l` typed."""
+        """Start without a typed `l`."""
         self._word = "press"
 
     def typed(self, text: str) -> list[Event]:
-        """Return the events that `text` causes, in seconds from now; other keys have no effect."""
+        """Return the events for the keys in `text`, in seconds from now; other keys have no effect."""
         events: list[Event] = []
         for key in text:
             if key in "0123456789":

@@ -1,4 +1,4 @@
-"""The board's buttons: presses, long presses and releases, and the macros they start."""
+"""Buttons of the board: presses, long presses and releases, and the macros started by buttons."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from servolink.virtual.player import Player
 from servolink.virtual.storage import Storage
 
 LONG_PRESS_AFTER = 0.8
-"""Seconds a button is held until it counts as a long press."""
+"""Shortest long press, in seconds."""
 
 
 @dataclass(slots=True)
 class _Held:
-    """A button that is down."""
+    """Button while pressed."""
 
     long_at: float
     long_macro: int = 0
@@ -26,30 +26,30 @@ class _Held:
 
 
 class Buttons:
-    """Turns buttons going down and up into events and macros."""
+    """Converter of presses and releases into events and macros."""
 
     def __init__(self, storage: Storage, player: Player, codec: Codec, send: Callable[[bytes], None]) -> None:
-        """Run the macros of the active table with `player`; the frame of each event goes to `send`."""
+        """Run the macros of the active table with `player`, and pass the frame of each event to `send`."""
         self._storage = storage
         self._player = player
         self._codec = codec
         self._send = send
         self._held: dict[int, _Held] = {}
         self.last: int | None = None
-        """The id of the button that was pressed last; None if none was."""
+        """Id of the last pressed button; None before the first press."""
 
     @property
     def due(self) -> float | None:
-        """When the next held button becomes a long press; None if none will."""
+        """Time of the next long press; None without a pressed button."""
         return min((held.long_at for held in self._held.values() if not held.is_long), default=None)
 
     @property
     def down(self) -> list[int]:
-        """The ids of the buttons that are down."""
+        """Ids of the pressed buttons."""
         return sorted(self._held)
 
     def press(self, button_id: int, now: float) -> None:
-        """Press a button. No effect if it is down."""
+        """Press a button. No effect for an already pressed button."""
         if button_id in self._held:
             return
         self.last = button_id
@@ -58,7 +58,7 @@ class Buttons:
         self._run(self._button(button_id).button_press_macro, now)
 
     def release(self, button_id: int, now: float) -> None:
-        """Release a button. No effect if it is not down."""
+        """Release a button. No effect for a button not pressed."""
         held = self._held.pop(button_id, None)
         if held is None:
             return
@@ -71,11 +71,11 @@ class Buttons:
             self._run(button.button_up_macro, now)
 
     def reset(self) -> None:
-        """Forget which buttons are down; releasing them has no effect then."""
+        """Forget all pressed buttons, so that their release has no effect."""
         self._held.clear()
 
     def advance(self, now: float) -> None:
-        """Turn buttons that have been down long enough into long presses."""
+        """Report long presses up to the time `now`."""
         for button_id, held in self._held.items():
             if not held.is_long and held.long_at <= now:
                 held.is_long = True
@@ -91,7 +91,7 @@ class Buttons:
         return macro_id != 0 and self._player.run_macro(macro_id, now)
 
     def _button(self, button_id: int) -> Button:
-        """Return a button of the active table; one without macros if the table does not have it."""
+        """Return a button of the active table; for an unknown id, a button without macros."""
         request = self._storage.decode(TABLE, self._storage.active_table, self._codec)
         table = None if request is None else TABLE.record_in(request)
         buttons = () if table is None else table.buttons

@@ -1,4 +1,4 @@
-"""Play actions and macros without a board, to see which servos move when before anything real does."""
+"""Dry run of actions and macros without a board: preview of the movements of all servos."""
 
 from __future__ import annotations
 
@@ -16,45 +16,45 @@ from servolink.virtual.kind import BoardKind
 from servolink.virtual.simulated_servo import SimulatedServo
 
 LONGEST = 600.0
-"""Seconds after which a play is cut off."""
+"""Longest dry run, in simulated seconds; a longer run is cut off."""
 _MAX_MOVES = 100_000
 _MAX_TURNS = 5_000
-"""In each turn a board runs at most 2000 commands, including those that take no time."""
+"""Most turns of a dry run, each with at most 2000 commands, including commands without duration."""
 _MEMORY = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class DryMove:
-    """A move of one servo; times in seconds since the start, angles in degrees."""
+    """Movement of one servo; times in seconds since the start, angles in degrees."""
 
     servo_id: int
     start: float
     end: float
     from_angle: float
     target: int
-    """The angle in the step."""
+    """Target angle of the step."""
     is_cut: bool = False
-    """Whether a later move of the same servo cut this one short."""
+    """Whether a later movement of the same servo interrupts the movement."""
 
 
 @dataclass(frozen=True, slots=True)
 class Timeline:
-    """The result of a dry run."""
+    """Movements and final angles of a dry run."""
 
     seconds: float
     moves: tuple[DryMove, ...]
-    """In the order of their starts."""
+    """Movements in order of start time."""
     angles: dict[int, float]
-    """The angle of each servo at the end, degrees."""
+    """Final angle of each servo, in degrees."""
     is_whole: bool
-    """False if it was cut off, because it is endless or nearly so."""
+    """Whether the run is complete, and was not cut off after LONGEST seconds."""
 
 
 class DryRun:
-    """The hardware of a virtual board with these actions and macros; all servos begin at 0 degrees."""
+    """Hardware of a virtual board with given actions and macros; all servos begin at 0 degrees."""
 
     def __init__(self, actions: Iterable[Action], macros: Iterable[Macro], servo_ids: Iterable[int]) -> None:
-        """Store everything. Raise ProjectError for values that no board takes."""
+        """Store actions and macros. Raise ProjectError for values invalid on every board."""
         self.hardware = Hardware(0, BoardKind(memory=_MEMORY))
         self._moves: list[DryMove] = []
         for servo_id in servo_ids:
@@ -66,18 +66,18 @@ class DryRun:
         encode = self.hardware.codec.encode
         contents = {record_type.id_of(request): encode(request)[HEADER_SIZE:-1] for request in requests}
         if not self.hardware.storage.put(record_type, contents):
-            raise ProjectError(f"the id of one {record_type} is 0, which no board takes")
+            raise ProjectError(f"the id of one {record_type} is 0, not allowed on any board")
 
     def begin(self, record: Action | Macro) -> None:
-        """Run `record` at the time 0. Raise ProjectError, which says why, if that is impossible."""
+        """Start `record` at the time 0. Raise ProjectError with the reason if `record` cannot be played."""
         self.hardware.advance(0.0)
         if isinstance(record, Action):
             self.hardware.player.run_action(record.action_id, 0.0)
         elif not self.hardware.player.run_macro(record.macro_id, 0.0):
-            raise ProjectError(f"it cannot be played: {self.hardware.player.why_refused(record.macro_id)}")
+            raise ProjectError(f"cannot be played: {self.hardware.player.why_refused(record.macro_id)}")
 
     def play(self, record: Action | Macro) -> Timeline:
-        """Run `record` to its end, without waiting. Raise ProjectError as `begin` does."""
+        """Run `record` to the end, in simulated time. Raise ProjectError as `begin` does."""
         self.begin(record)
         now, turns = 0.0, 0
         while (due := self.hardware.next_due(now)) is not None:
@@ -95,7 +95,7 @@ class DryRun:
 
 
 class _RecordingServo(SimulatedServo):
-    """A servo that records its moves."""
+    """Simulated servo with a record of its movements."""
 
     def __init__(self, servo_id: int, record: Callable[[DryMove], None]) -> None:
         super().__init__(servo_id, angle=0.0, friction=1.0)
@@ -108,7 +108,7 @@ class _RecordingServo(SimulatedServo):
 
 
 def _cut(moves: Iterable[DryMove]) -> tuple[DryMove, ...]:
-    """Return `moves`, each ended where the next one of the same servo begins."""
+    """Return `moves`, each cut at the start of the next movement of the same servo."""
     ended: list[DryMove] = []
     last: dict[int, int] = {}
     for move in moves:

@@ -1,7 +1,7 @@
-"""Handlers: the board's response to each request, by chapters of the document.
+"""Handlers of requests on the board, by chapters of the document.
 
-A handler returns the response packet; or its bare content, as records are kept as the bytes that came; or only whether
-the request was carried out, where the response says no more; or None for a request without a response.
+A handler returns the response packet; or only the content of the response, for records stored as bytes; or whether the
+request was executed, for a response with no other content; or None for a request without a response.
 """
 
 from __future__ import annotations
@@ -26,32 +26,32 @@ P = TypeVar("P", bound=Packet)
 
 
 class Host(Protocol):
-    """The host that sent a request."""
+    """Host with a request."""
 
     subscribed: bool
-    """Whether button events are sent to it."""
+    """Whether the host receives button events."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestContext(Generic[P]):
-    """A request with everything that its response may depend on."""
+    """Request with its host and board, for a handler."""
 
     hardware: Hardware
     host: Host
     request: P
     content: bytes
-    """The request's content as it was received."""
+    """Content of the request, as received."""
     now: float
 
 
 Handler = Callable[[RequestContext[P]], Response]
 
 HANDLERS: dict[type[Packet], Handler[Any]] = {}
-"""The function that responds to each packet class."""
+"""Handler of each packet class."""
 
 
 def handles(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
-    """Make the decorated function the handler of `declared`."""
+    """Register the decorated function as the handler of `declared`."""
 
     def register(handler: Handler[P]) -> Handler[P]:
         HANDLERS[declared] = handler
@@ -116,7 +116,7 @@ def _servo(context: RequestContext[servos.QueryServoRequest]) -> Response:
 def _set_flags(context: RequestContext[servos.SetServoParameterRequest]) -> Response:
     request, addressed = context.request, _addressed(context.hardware, context.request.servo_id)
     if not addressed or not in_range(request):
-        # Servo 0 may be the one that was addressed, so the flags differ too.
+        # The flags of servo 0 must differ as well: a query may address servo 0.
         return servos.SetServoParameterResponse(0, int(not request.is_start), int(not request.is_hold))
     if request.servo_id == ALL_SERVOS and not request.is_start:
         context.hardware.player.stop()
@@ -149,12 +149,12 @@ def _run_action(context: RequestContext[servos.ExecuteActionExRequest]) -> Respo
 
 
 def _is_silent(context: RequestContext[Any]) -> bool:
-    """Return whether the board does not answer queries of what does not exist."""
+    """Return whether the board ignores queries of unknown ids."""
     return context.hardware.kind.unknown_ids == "silent"
 
 
 def _addressed(hardware: Hardware, servo_id: int) -> list[SimulatedServo]:
-    """Return the servos with an id: all, one or none."""
+    """Return the servos addressed by an id: all for 255, otherwise at most one."""
     if servo_id == ALL_SERVOS:
         return list(hardware.servos.values())
     return [hardware.servos[servo_id]] if servo_id in hardware.servos else []
@@ -164,7 +164,7 @@ def _addressed(hardware: Hardware, servo_id: int) -> list[SimulatedServo]:
 
 
 def _handle_records(record_type: RecordType[Any]) -> None:
-    not_found = bytes(content_size(response_class(record_type.query(0))))  # all zeros: the id 0, no caption, no parts
+    not_found = bytes(content_size(response_class(record_type.query(0))))  # all zeros: id 0, empty caption, no parts
 
     @handles(type(record_type.list_request))
     def list_all(context: RequestContext[Any]) -> Response:
@@ -190,9 +190,9 @@ for _record_type in RECORD_TYPES:
 
 
 def _group(context: RequestContext[Any], records: Iterable[tuple[int, bytes]]) -> bytes:
-    """Return the content of a response that is a counted group; records beyond what a frame can hold are left out.
+    """Return the content of a response with a counted group of records; records beyond a full frame are left out.
 
-    An entry in a list is the beginning of the record itself: id and caption.
+    An entry in a list is the beginning of the record: id and caption.
     """
     order = context.hardware.codec.byte_order
     rule = layout(response_class(context.request), order).rule

@@ -1,6 +1,6 @@
-"""Hardware: what a virtual board consists of, without the hosts that talk to it.
+"""Hardware of a virtual board, without hosts.
 
-It has no clock: every method that depends on time is passed seconds of any monotonic clock.
+Without a clock: methods take the present time as an argument, in seconds of any monotonic clock.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
 MAX_SERVOS = 254
-"""Ids are one byte; 0 means "no such servo" and 255 means all."""
+"""Most servos of a board: ids are one byte, 0 means "no such servo", and 255 means all servos."""
 NEW_PROTOCOL = 1
-"""The transmission mode in which a board takes all requests (3.1.1)."""
+"""Transmission mode in which a board accepts all requests (3.1.1)."""
 
 _FULL = 1000.0  # battery, per mille
 _STANDBY = _FULL / (10 * 3600)  # an idle board lasts ten hours
@@ -26,7 +26,7 @@ _PER_CHARGE = _FULL / (2000.0 * 3600)  # a current of 2000 raw ADC lasts an hour
 
 
 class Hardware:
-    """Servos, storage, buttons and battery, and the player that runs what is stored."""
+    """Servos, storage, buttons, battery, and player of stored records."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class Hardware:
         codec: Codec | None = None,
         send_event: Callable[[bytes], None] = lambda frame: None,
     ) -> None:
-        """Switch on; frames of button events go to `send_event`. Raise ValueError for a value out of range."""
+        """Switch on, and pass frames of button events to `send_event`. Raise ValueError for a value out of range."""
         if not 0 <= servos <= MAX_SERVOS:
             raise ValueError(f"servos must be 0..{MAX_SERVOS}, not {servos}")
         self._random = random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets
@@ -50,23 +50,23 @@ class Hardware:
         self.storage = Storage(kind)
         self.player = Player(self.servos, self.storage, self.codec, kind.interval_unit)
         self.mode: int = kind.mode
-        """The transmission mode."""
+        """Current transmission mode of the board, 0 or 1."""
         self.battery = _FULL
-        """Remaining charge, per mille."""
+        """Remaining charge of the battery, per mille."""
         self.powered = True
-        """Whether the power is on."""
+        """Whether the power is switched on."""
         self._buttons = Buttons(self.storage, self.player, self.codec, send_event)
         self._watchers: list[Callable[[], None]] = []
         self._now: float | None = None
 
     @property
     def buttons_down(self) -> list[int]:
-        """The ids of the buttons that are down."""
+        """Ids of the pressed buttons."""
         return self._buttons.down
 
     @property
     def button_pressed_last(self) -> int | None:
-        """The id of the button that was pressed last; None if none was."""
+        """Id of the last pressed button; None before the first press."""
         return self._buttons.last
 
     def press_button(self, button_id: int, now: float) -> None:
@@ -77,20 +77,20 @@ class Hardware:
         self.notify_watchers()
 
     def release_button(self, button_id: int, now: float) -> None:
-        """Release a button; it was a long press if the button was down for 0.8 s."""
+        """Release a button; after 0.8 s the press counts as a long press."""
         self.advance(now)
         self._buttons.release(button_id, now)
         self.notify_watchers()
 
     def push_servo(self, servo_id: int, degree: float, now: float) -> None:
-        """Turn a servo by hand to an angle in degrees. No effect if it is held or does not exist."""
+        """Turn a servo by hand to an angle in degrees. No effect for a held or missing servo."""
         self.advance(now)
         if servo_id in self.servos:
             self.servos[servo_id].push(degree)
         self.notify_watchers()
 
     def advance(self, now: float) -> None:
-        """Bring motions, macros, buttons and battery up to `now`; an earlier time than the last changes nothing."""
+        """Advance motions, macros, buttons and battery to the time `now`. No effect for a time in the past."""
         while (due := self._due()) is not None and due <= now:
             self._advance_to(due, now)
         last = self._now
@@ -101,12 +101,12 @@ class Hardware:
             self._now = now
 
     def next_due(self, now: float) -> float | None:
-        """Return when `advance` must be called next, never before `now`; None if nothing is under way."""
+        """Return the time for the next call of `advance`, at least `now`; None if nothing will happen."""
         due = self._due()
         return None if due is None else max(due, now)
 
     def watch(self, changed: Callable[[], None]) -> None:
-        """Call `changed` whenever a host or a person did something; `next_due` may then be another."""
+        """Call `changed` after each action of a host or a person: `next_due` may have changed."""
         self._watchers.append(changed)
 
     def unwatch(self, changed: Callable[[], None]) -> None:
@@ -114,12 +114,12 @@ class Hardware:
         self._watchers.remove(changed)
 
     def notify_watchers(self) -> None:
-        """Call the watchers: something was done from outside."""
+        """Call all watchers after an action of a host or a person."""
         for changed in list(self._watchers):
             changed()
 
     def switch(self, *, on: bool) -> None:
-        """Switch the power on or off; without power everything that is not stored is lost."""
+        """Switch the power on or off; without power all state outside the storage is lost."""
         self.powered = on
         if not on:
             self.player.stop()
@@ -129,7 +129,7 @@ class Hardware:
             servo.switch(on=on)
 
     def _advance_to(self, due: float, now: float) -> None:
-        """Carry out events of the time `due`, at most `now`."""
+        """Execute all events up to the time `due`, at most `now`."""
         self._buttons.advance(due)
         self.player.advance(due, now)
 

@@ -1,6 +1,6 @@
-"""The kinds of virtual boards: everything in which real boards may differ, declared once.
+"""Kinds of virtual boards: all known differences between real boards, each declared once.
 
-The options of `virtual://`, those of `servolink virtual` and the table in the documentation are read from `BoardKind`.
+`BoardKind` is the source of the options of `virtual://` and `servolink virtual`, and of the table in the documentation.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.packet import Packet
 
 OnDuplicate = Literal["replace", "append", "reject"]
-"""What adding a stored id does: the new record replaces the old one, is stored besides it, or is refused."""
+"""Effect of adding a stored id: the new record replaces the old record, is stored in addition, or is refused."""
 Clear = Literal["all", "records"]
-"""What clearing deletes: everything, or all but project id and servo parameters."""
+"""Extent of clearing: everything, or all but project id and servo parameters."""
 UnknownIds = Literal["empty", "silent"]
-"""How a query of an id that does not exist is answered: with the id or count 0, or not at all."""
+"""Response to a query of an unknown id: a response with id or count 0, or no response."""
 
 Seconds = Annotated[float, Meta(ge=0, le=3600, title="SECONDS")]
 INTERVAL_UNIT = 0.01
@@ -30,84 +30,86 @@ _NAMES = frozenset(name.removesuffix(_REQUEST) for name in PACKETS_BY_NAME if na
 
 
 class BoardKind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What kind of board a virtual board is. Raise ValueError for an option that is wrong or out of range."""
+    """Kind of a virtual board. Raise ValueError for a wrong option or a value out of range."""
 
     mode: Annotated[
-        Literal[0, 1], Meta(description="transmission mode at power-up; in mode 0 only its setting is answered")
+        Literal[0, 1],
+        Meta(description="transmission mode at power-up; in mode 0 only requests to set the mode get a response"),
     ] = 1
-    memory: Annotated[int, Meta(ge=0, le=2**31 - 1, title="BYTES", description="memory for what is stored")] = 64 * 1024
-    memory_unit: Annotated[Literal[1, 1024], Meta(description="bytes in which the board counts its memory")] = 1
+    memory: Annotated[int, Meta(ge=0, le=2**31 - 1, title="BYTES", description="memory for stored records")] = 64 * 1024
+    memory_unit: Annotated[Literal[1, 1024], Meta(description="bytes in one unit of reported memory")] = 1
     memory_reported: Annotated[
         int,
-        Meta(ge=0, le=2**31 - 1, title="N", description="memory it claims to have, in that unit; 0: as much as it has"),
+        Meta(ge=0, le=2**31 - 1, title="N", description="reported total memory, in units; 0: the actual memory"),
     ] = 0
-    on_duplicate: Annotated[OnDuplicate, Meta(description="what adding a stored id does")] = "replace"
-    clear: Annotated[Clear, Meta(description="what clearing deletes")] = "all"
-    project_id_bits: Annotated[Literal[0, 16, 32], Meta(description="how many bits of the project id it keeps")] = 32
-    unknown_ids: Annotated[UnknownIds, Meta(description="answer to a query of an id that does not exist")] = "empty"
+    on_duplicate: Annotated[OnDuplicate, Meta(description="effect of adding a record with a stored id")] = "replace"
+    clear: Annotated[Clear, Meta(description="extent of clearing the board")] = "all"
+    project_id_bits: Annotated[Literal[0, 16, 32], Meta(description="stored bits of the project id")] = 32
+    unknown_ids: Annotated[UnknownIds, Meta(description="response to a query of an unknown id")] = "empty"
     unsupported: Annotated[
-        tuple[str, ...], Meta(title="NAMES", description="requests that it ignores, separated by commas")
+        tuple[str, ...], Meta(title="NAMES", description="requests ignored by the board, separated by commas")
     ] = ()
     interval_unit: Annotated[
-        float, Meta(ge=0.001, le=0.1, title="SECONDS", description="the unit of `interval` in movements and actions")
+        float, Meta(ge=0.001, le=0.1, title="SECONDS", description="unit of `interval` in movements and actions")
     ] = INTERVAL_UNIT
     turnaround: Annotated[Seconds, Meta(description="working time of each request")] = 0.0
     write_seconds: Annotated[Seconds, Meta(description="further time to store or delete something")] = 0.0
     clear_seconds: Annotated[Seconds, Meta(description="further time to clear everything")] = 0.0
     queue: Annotated[
-        int, Meta(ge=0, le=1000, title="N", description="requests that can wait while it works; others are lost")
+        int, Meta(ge=0, le=1000, title="N", description="most requests waiting while the board works; others are lost")
     ] = 1000
     queue_bytes: Annotated[
-        int, Meta(ge=0, le=2**20, title="BYTES", description="bytes that can wait while it works; others are lost")
+        int,
+        Meta(ge=0, le=2**20, title="BYTES", description="most bytes waiting while the board works; others are lost"),
     ] = 2**20
-    bus_powered: Annotated[bool, Meta(description="it loses power when its last host detaches")] = False
-    partial_writes: Annotated[bool, Meta(description="losing power leaves a part of what is being stored")] = False
+    bus_powered: Annotated[bool, Meta(description="power is lost when the last host detaches")] = False
+    partial_writes: Annotated[bool, Meta(description="a loss of power leaves part of an unfinished write")] = False
 
     def __post_init__(self) -> None:
-        """Check all options."""
+        """Check the values of all options."""
         for option in OPTIONS:
             option.check(getattr(self, option.name))
 
     @property
     def takes_time(self) -> bool:
-        """Whether it works on requests, instead of responding at once."""
+        """Whether requests have a working time, and responses are not immediate."""
         return bool(self.turnaround or self.write_seconds or self.clear_seconds)
 
     def ignores(self, request: Packet) -> bool:
-        """Return whether the board does not support a request."""
+        """Return whether a request is unsupported, and gets no response."""
         return type(request).__name__.removesuffix(_REQUEST) in self.unsupported
 
 
 class KindOption(NamedTuple):
-    """Option of `BoardKind`, as read from text and described to people."""
+    """Option of `BoardKind`, with its description for people and its form as text."""
 
     name: str
     hint: Any
     default: Any
     meaning: str
     unit: str
-    """What stands for the value in help texts, such as SECONDS or all|records."""
+    """Placeholder for the value in help texts, such as SECONDS or all|records."""
     allowed: str
-    """Possible values, in words."""
+    """Possible values, as a phrase to follow "must be"."""
 
     @property
     def is_flag(self) -> bool:
-        """Whether the option is only on or off."""
+        """Whether the option is a switch without a value."""
         return isinstance(self.default, bool)
 
     @property
     def default_text(self) -> str:
-        """The default as text."""
+        """Default of the option, as text."""
         if isinstance(self.default, tuple):
             return ",".join(self.default) or "none"
         return f"{self.default:g}" if isinstance(self.default, float) else str(self.default)
 
     def read(self, text: str) -> Any:
-        """Return the value that `text` stands for. Raise ValueError, without the option's name, if it is wrong."""
+        """Return the value in `text`. Raise ValueError, without the name of the option, for a wrong value."""
         return self._converted(text.split(",") if isinstance(self.default, tuple) else text, text, strict=False)
 
     def check(self, value: object) -> None:
-        """Raise ValueError if `value` is of the wrong type or out of range."""
+        """Raise ValueError for a `value` of the wrong type or out of range."""
         try:
             self._converted(value, value, strict=True)
         except ValueError as error:
@@ -142,5 +144,5 @@ def _option(field: msgspec.structs.FieldInfo) -> KindOption:
 
 
 OPTIONS: tuple[KindOption, ...] = tuple(map(_option, msgspec.structs.fields(BoardKind)))
-"""All options, in the order in which they are described."""
+"""All options, in order of their description."""
 DEFAULT_KIND = BoardKind()

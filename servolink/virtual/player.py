@@ -1,4 +1,4 @@
-"""Stored actions and macros, run in time."""
+"""Player of stored actions and macros."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
-# A macro can have billions of commands that take no time, and its host can sleep for hours while it runs. After so much
-# work at one time the macro continues a little later, and is late from then on.
+# A macro can have billions of commands without duration, and its host can sleep for hours while the macro runs. After
+# this much work in one call the macro continues a little later, and is late from then on.
 _WORK_AT_ONCE = 2000
 _BREAK = 0.01
 
 _TOO_DEEP = (
-    f"it nests macros more than {MAX_NESTING} levels deep, the most that a virtual board plays; other boards may differ"
+    f"macros are nested more than {MAX_NESTING} levels deep, the limit of a virtual board; other boards may differ"
 )
 
 T = TypeVar("T", bound=Struct)
 
 
 def is_playable(request: Packet) -> bool:
-    """Return whether all values of a record are allowed, and no delay of a macro is negative.
+    """Return whether all values of a record are allowed, without negative delays in a macro.
 
-    A record that a partial write left may have any values.
+    A record left by an interrupted write may have any values.
     """
     commands = request.commands if isinstance(request, AddMacroRequest) else ()
     return in_range(request) and all(
@@ -41,12 +41,12 @@ def is_playable(request: Packet) -> bool:
 
 
 class _Unplayable(Exception):
-    """Why the macro cannot be played."""
+    """Error with the reason why a macro cannot be played."""
 
 
 @dataclass(slots=True)
 class _Snapshot:
-    """Everything that a macro needs, as it was when the macro was started: later edits do not affect a running one."""
+    """Records needed by a macro, copied at the start: later edits do not affect a running macro."""
 
     actions: dict[int, Action] = field(default_factory=dict)
     macros: dict[int, Macro] = field(default_factory=dict)
@@ -54,46 +54,46 @@ class _Snapshot:
 
 
 class Player:
-    """Runs actions at once and one macro at a time."""
+    """Player of stored records: actions start immediately, and only one macro runs at a time."""
 
     def __init__(
         self, servos: Mapping[int, SimulatedServo], storage: Storage, codec: Codec, interval_unit: float = INTERVAL_UNIT
     ) -> None:
-        """Move `servos` as the records in `storage` say; `interval_unit` is in seconds."""
+        """Move `servos` according to the records in `storage`; `interval_unit` is in seconds."""
         self._servos = servos
         self._storage = storage
         self._codec = codec
-        self._slowness = interval_unit / INTERVAL_UNIT  # exactly 1 unless the board differs from the document
+        self._slowness = interval_unit / INTERVAL_UNIT  # exactly 1 for a board that follows the document
         self._running: Generator[float, None, float] | None = None
         self._continue_at = 0.0
         self._next_macro = 0
         self._work_time = 0.0
-        self._work = 0  # commands and steps done at `_work_time`
+        self._work = 0  # number of commands and steps done at `_work_time`
         self.macro_id = 0
-        """The macro that runs, 0 if none does."""
+        """Id of the running macro, 0 without a running macro."""
 
     @property
     def due(self) -> float | None:
-        """When the running macro continues; None if none runs."""
+        """Time at which the running macro continues; None without a running macro."""
         return None if self._running is None else self._continue_at
 
     def move(self, steps: tuple[Step, ...], now: float, speed: float = 1.0) -> None:
-        """Start all `steps` together; steps of servos that do not exist have no effect."""
+        """Start all `steps` together; steps of missing servos have no effect."""
         for step in steps:
             if (servo := self._servos.get(step.servo_id)) is not None:
                 servo.move(step.degree, step.seconds * self._slowness / speed, now)
         self._work += len(steps)
 
     def run_action(self, action_id: int, now: float) -> None:
-        """Run a stored action. No effect for a missing or unplayable one."""
+        """Run a stored action. No effect for a missing or unplayable action."""
         if (action := self._record(ACTION, action_id)) is not None:
             self.move(action.steps, now)
 
     def run_macro(self, macro_id: int, now: float) -> bool:
-        """Run a stored macro, in place of one that runs.
+        """Run a stored macro, in place of a running macro.
 
-        Return False, without any effect, if it or a record that it needs is not stored or not playable, or if it runs
-        itself or is nested too deep.
+        Return False, without any effect, if the macro or a record needed by the macro is missing or unplayable, or if
+        the macro runs itself or is nested too deep.
         """
         snapshot = _Snapshot()
         if self._refusal(macro_id, snapshot):
@@ -104,19 +104,19 @@ class Player:
         return True
 
     def why_refused(self, macro_id: int) -> str:
-        """Return why `run_macro` has no effect, empty if it has one."""
+        """Return the reason why `run_macro` would return False; empty for a playable macro."""
         return self._refusal(macro_id, _Snapshot())
 
     def run_after(self, macro_id: int) -> None:
-        """Run a stored macro when the one that runs has ended."""
+        """Run a stored macro after the end of the running macro."""
         self._next_macro = macro_id
 
     def stop(self) -> None:
-        """End the running macro, and do not start the one after it; moving servos finish their moves."""
+        """End the running macro, and cancel the next macro; moving servos finish their movements."""
         self._running, self.macro_id, self._next_macro = None, 0, 0
 
     def advance(self, until: float, now: float) -> None:
-        """Run the macro up to the time `until`, at most `now`."""
+        """Continue the macro up to the time `until`, at most `now`."""
         if now != self._work_time:
             self._work_time, self._work = now, 0
         while self._running is not None and self._continue_at <= until:
@@ -143,7 +143,7 @@ class Player:
         return record_type.record_in(request) if request is not None and is_playable(request) else None
 
     def _refusal(self, macro_id: int, snapshot: _Snapshot) -> str:
-        """Add a macro and everything that it needs to `snapshot`; return what makes that impossible, empty if none."""
+        """Add a macro and all needed records to `snapshot`; return the reason for a failure, empty for success."""
         try:
             self._collect(macro_id, snapshot, above=0)
         except _Unplayable as why:
@@ -151,18 +151,18 @@ class Player:
         return ""
 
     def _collect(self, macro_id: int, snapshot: _Snapshot, above: int) -> int:
-        """Add a macro and everything that it needs to `snapshot`; return how deep it nests, itself included.
+        """Add a macro and all needed records to `snapshot`; return the depth of nesting, including the macro.
 
-        `above` is how many macros run this one. Heights are kept, as a macro that many others run may be deep below
-        some of them only, and collecting it again for each would take exponential time.
+        `above` is the number of macros above. Depths are stored: a macro run by many others may lie deep below only
+        some of these, and collecting the macro again for each would take exponential time.
         """
         if (height := snapshot.heights.get(macro_id)) is None:
-            if macro_id in snapshot.macros:  # without a height so far
+            if macro_id in snapshot.macros:  # the macro is being collected: a circle
                 raise _Unplayable(f"macro {macro_id} runs itself")
             if above >= MAX_NESTING:
                 raise _Unplayable(_TOO_DEEP)
             if (macro := self._record(MACRO, macro_id)) is None:
-                raise _Unplayable(f"macro {macro_id} is missing, or has values that no board plays")
+                raise _Unplayable(f"macro {macro_id} is missing, or has unplayable values")
             snapshot.macros[macro_id] = macro
             height = 1
             for command in macro.commands:
@@ -178,5 +178,5 @@ class Player:
     def _collect_action(self, action_id: int, snapshot: _Snapshot) -> None:
         if action_id not in snapshot.actions:
             if (action := self._record(ACTION, action_id)) is None:
-                raise _Unplayable(f"action {action_id} is missing, or has values that no board plays")
+                raise _Unplayable(f"action {action_id} is missing, or has unplayable values")
             snapshot.actions[action_id] = action

@@ -1,4 +1,4 @@
-"""Serve a virtual board to other programs."""
+"""Server of a virtual board for other programs."""
 
 from __future__ import annotations
 
@@ -28,11 +28,15 @@ async def serve(
     faults: Faults | None = None,
     seed: int = 0,
 ) -> AsyncIterator[list[str]]:
-    """Serve `board` over a pseudo-terminal, TCP and USB/IP, both at a `HOST:PORT`; yield the URLs in this order.
+    """Serve `board` over a pseudo-terminal, and at `HOST:PORT` over TCP and USB/IP; yield the URLs in this order.
 
-    Each connection draws its own `faults`, beginning with `seed`. The USB device has no faults, and the serial number
-    `virtual-` and `seed`. Raise TransportUnavailable where there are no pseudo-terminals, OpenError if a port cannot be
-    had.
+    Each connection has separate `faults`, beginning with `seed`. The USB device has no faults, and the serial number
+    `virtual-SEED`.
+
+    Raises:
+        TransportUnavailable: The system has no pseudo-terminals.
+        OpenError: A port is in use or forbidden.
+
     """
     seeds = count(seed)
 
@@ -57,16 +61,16 @@ async def serve(
 def serve_usb_device(
     board: VirtualBoard, serial_number: str, host: str, port: int
 ) -> AbstractAsyncContextManager[tuple[str, UsbIpServer]]:
-    """Export `board` as a USB device at `host` and `port`; enter it for the place, HOST:PORT, and the server.
+    """Export `board` as a USB device at `host` and `port`; the context yields the place, HOST:PORT, and the server.
 
-    Run a BoardDriver meanwhile, or nothing happens by itself on the board.
+    A BoardDriver must run inside the context, as otherwise the time of the board stands still.
     """
     return serve_usbip(lambda device: plugged(board, device), serial_number, host, port)
 
 
 @contextmanager
 def plugged(board: VirtualBoard, device: UsbDevice) -> Iterator[None]:
-    """Attach each pipe of `device` to `board` as a host of its own."""
+    """Attach each pipe of `device` to `board` as a separate host."""
     sessions = [board.attach(pipe.send, _unsent(pipe)) for pipe in device.pipes]
     for pipe, session in zip(device.pipes, sessions, strict=True):
         pipe.receive = _receive(session)

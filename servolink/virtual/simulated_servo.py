@@ -1,4 +1,4 @@
-"""One servo: its angle, the current it draws, its temperature."""
+"""Simulation of a servo: angle, current and temperature."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from math import exp
 from servolink.protocol.servos import ServoState
 
 DEGREES, ADC = 0, 1
-"""Values of `SimulatedServo.unit`."""
+"""Values of `SimulatedServo.unit`, the angle unit."""
 LOWEST, HIGHEST = -180.0, 180.0
-"""The mechanical stops, degrees."""
+"""Mechanical stops, in degrees."""
 
 _ADC_CENTRE, _ADC_PER_DEGREE, _ADC_HIGHEST = 2048, 4096 / 360, 4095
 _LIMP, _HOLDING, _MOVING, _MAX_CURRENT = 3.0, 40.0, 120.0, 900.0  # current, raw ADC
-_PER_SPEED = 0.8  # current for each degree/s
-_AMBIENT, _WARMTH = 250.0, 0.4  # temperature, raw ADC (10 for each degree Celsius), and how much a current adds to it
-_WARMING = 60.0  # seconds, the time constant
+_PER_SPEED = 0.8  # current for each degree/s, raw ADC
+_AMBIENT, _WARMTH = 250.0, 0.4  # temperature, raw ADC (10 for each degree Celsius), and its rise by a current
+_WARMING = 60.0  # time constant, in seconds
 
 
 def to_degrees(adc: int) -> float:
-    """Return the angle at which the position sensor reads `adc`."""
+    """Return the angle in degrees for the value `adc` of the position sensor."""
     return (adc - _ADC_CENTRE) / _ADC_PER_DEGREE
 
 
 def to_adc(degrees: float) -> int:
-    """Return what the position sensor reads at `degrees`."""
+    """Return the value of the position sensor at `degrees`."""
     return max(0, min(_ADC_HIGHEST, round(_ADC_CENTRE + degrees * _ADC_PER_DEGREE)))
 
 
@@ -37,10 +37,10 @@ class _Motion:
 
 
 class SimulatedServo:
-    """A servo that moves to an angle at constant speed."""
+    """Servo with movements at constant speed."""
 
     def __init__(self, servo_id: int, angle: float, friction: float) -> None:
-        """Start at rest at `angle` (degrees). `friction`, about 1, multiplies the current, so that servos differ."""
+        """Start at rest at `angle` (degrees). `friction`, about 1, multiplies the current, different for each servo."""
         self.servo_id = servo_id
         self.angle = angle
         self.unit = DEGREES
@@ -54,18 +54,18 @@ class SimulatedServo:
 
     @property
     def moving(self) -> bool:
-        """Whether it is moving."""
+        """Whether the servo is moving."""
         return self._motion is not None
 
     @property
     def current(self) -> float:
-        """The current it draws now, raw ADC."""
+        """Present current of the servo, raw ADC."""
         if self._motion is not None:
             return min(_MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
         return _HOLDING * self._friction if self.is_hold else _LIMP
 
     def state(self) -> ServoState:
-        """Return the state that the board reports, with the angle in the servo's unit."""
+        """Return the state for a response of the board, with the angle in the unit of the servo."""
         angle = round(self.angle) if self.unit == DEGREES else to_adc(self.angle)
         return ServoState(
             servo_id=self.servo_id,
@@ -78,7 +78,7 @@ class SimulatedServo:
         )
 
     def advance(self, now: float) -> None:
-        """Bring angle, charge and temperature up to `now`; the result does not depend on how often this is called."""
+        """Advance angle, charge and temperature to `now`; the result does not depend on the number of calls."""
         if self._motion is not None and self._motion.end <= now:
             motion = self._motion
             self._elapse(motion.end)
@@ -86,12 +86,12 @@ class SimulatedServo:
         self._elapse(now)
 
     def take_charge(self) -> float:
-        """Return the charge drawn since the last call, current (raw ADC) times seconds."""
+        """Return the charge used since the last call, current (raw ADC) times seconds."""
         charge, self._charge = self._charge, 0.0
         return charge
 
     def move(self, target: int, duration: float, now: float) -> None:
-        """Start a move to `target` (in the servo's unit) in `duration` seconds. No effect if stopped or released."""
+        """Move to `target` (in the unit of the servo) in `duration` seconds, unless stopped or released."""
         if not (self.is_start and self.is_hold):
             return
         self.advance(now)
@@ -103,19 +103,19 @@ class SimulatedServo:
             self.angle, self._motion = angle, None
 
     def set_flags(self, is_start: int, is_hold: int, now: float) -> None:
-        """Start or stop, hold or release. A servo that is stopped or released ends its motion where it is."""
+        """Start or stop, hold or release the servo. A stop or release ends the motion at the present angle."""
         self.advance(now)
         self.is_start, self.is_hold = is_start, is_hold
         if not (is_start and is_hold):
             self._motion = None
 
     def push(self, angle: float) -> None:
-        """Turn it by hand to `angle` (degrees), up to the stops. No effect while it is held."""
+        """Turn the servo by hand to `angle` (degrees), up to the stops. No effect on a held servo."""
         if not self.is_hold:
             self.angle = max(LOWEST, min(HIGHEST, angle))
 
     def switch(self, *, on: bool) -> None:
-        """Switch the power on, which holds the angle, or off, which releases it. Everything but the angle is reset."""
+        """Switch the power on, to hold the angle, or off, to release the servo. Everything but the angle is reset."""
         self.unit, self.is_start, self.is_hold, self._motion = DEGREES, 1, int(on), None
 
     def _elapse(self, until: float) -> None:

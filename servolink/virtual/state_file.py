@@ -1,7 +1,7 @@
-"""A virtual board's memory as a file, so that it outlives the program as a real board's flash does.
+"""State file of a virtual board, which outlives the program like the flash of a real board.
 
-The contents are written as the requests that would store them again, each a frame in hex: exact to the byte,
-protected by the frames' checksums, and readable with `servolink decode`.
+Contents are written as requests to store the contents again, each as a frame in hex: exact to the byte, protected by
+checksums, and readable with `servolink decode`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from servolink.virtual.storage import Contents, servo_parameters
 
 
 class SavedBoard(Struct, frozen=True, forbid_unknown_fields=True):
-    """The content of the file."""
+    """Content of a state file."""
 
     byte_order: ByteOrder
     battery: Annotated[float, Meta(ge=0, le=1000, description="per mille")]
@@ -36,27 +36,27 @@ class SavedBoard(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StateFile:
-    """File of one board, locked against other boards of any program until the context ends.
+    """State file of one board, locked against other boards of any program until the context ends.
 
-    Two boards would overwrite what the other one stored.
+    Without the lock, two boards would overwrite the contents of each other.
     """
 
     def __init__(self, board: Hardware, path: Path) -> None:
-        """Load `path` as `load_state` does. Raise ServolinkError too if another board uses it."""
+        """Load `path` as `load_state` does. Raise ServolinkError also for a file used by another board."""
         self._board = board
         self._path = path
         target = Path(os.path.realpath(path))
-        # Beside the file, which is replaced when it is saved, and a lock would go with the old one.
+        # A separate lock file, because saving replaces the state file.
         self._lock_path = target.with_name(f".{target.name}.servolink-lock") if target.name else target
         try:
             lock = open_locked(self._lock_path)
         except OSError as error:
-            load_state(board, path)  # whose error says more for an unusable path
+            load_state(board, path)  # the error of `load_state` is better for an unusable path
             raise ServolinkError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
         if lock is None:
             raise ServolinkError(
-                f"{path}: another virtual board uses this file; close that one first. To share one board, run "
-                f"`servolink virtual --state {path}` and connect to the address that it prints"
+                f"{path}: another virtual board uses this file; close the other board first. To share a board, run "
+                f"`servolink virtual --state {path}` and connect to the printed address"
             )
         self._lock = lock
         try:
@@ -65,24 +65,24 @@ class StateFile:
             self.__exit__()
             raise
         self._contents = board.storage.contents
-        self._angles = _angles(board) if path.exists() else None  # None: the file is to be written at the end
+        self._angles = _angles(board) if path.exists() else None  # None: the file must be written at the end
 
     def __enter__(self) -> Self:
-        """Return the file."""
+        """Return the locked file."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Leave the file to others."""
+        """Release the lock of the file."""
         with suppress(OSError):
             remove_locked(self._lock_path, self._lock)
 
     @property
     def is_outdated(self) -> bool:
-        """Whether records, parameters or the project id were changed since they were loaded or last saved."""
+        """Whether records, parameters or the project id have changed since loading or the last saving."""
         return self._board.storage.contents is not self._contents
 
     def save(self) -> None:
-        """Save the board, unless nothing was stored or moved since. Raise ServolinkError if that fails."""
+        """Save the board, unless nothing was stored or moved since. Raise ServolinkError for a failure."""
         angles = _angles(self._board)
         if self.is_outdated or angles != self._angles:
             self._contents, self._angles = self._board.storage.contents, None
@@ -91,7 +91,7 @@ class StateFile:
 
 
 def save_state(board: Hardware, path: Path) -> None:
-    """Write what `board` stores to `path`, whole or not at all. Raise ServolinkError if the file cannot be written."""
+    """Write the storage of `board` to `path` atomically. Raise ServolinkError if the file cannot be written."""
     state = SavedBoard(
         byte_order=board.codec.byte_order,
         battery=board.battery,
@@ -105,17 +105,20 @@ def save_state(board: Hardware, path: Path) -> None:
 
 
 def load_state(board: Hardware, path: Path) -> None:
-    """Replace what `board` stores by the content of `path`. No effect if the file does not exist.
+    """Replace the storage of `board` with the content of `path`. No effect for a missing file.
 
-    Records are restored as they were, even several under one id and those that a partial write left, whatever options
-    this board has. Raise ServolinkError, and leave the board as it was, if the file cannot be read, is not the state of
-    a board, or does not fit this board.
+    Records are restored exactly, even several under the same id and parts left by an interrupted write, regardless of
+    the options of the board.
+
+    Raises:
+        ServolinkError: The file is unreadable, not the state of a board, or does not fit the board, which is unchanged.
+
     """
     try:
-        # In hex a record takes less than three times its size.
+        # In hex a record takes less than three times the size.
         state = msgspec.json.decode(read_file(path, MIB + 4 * board.storage.memory), type=SavedBoard)
     except FileNotFoundError as error:
-        if not path.resolve().parent.is_dir():  # where it could not be saved either
+        if not path.resolve().parent.is_dir():  # saving would fail as well
             raise ServolinkError(f"{path}: the folder does not exist; create it first") from error
         return
     except OSError as error:
@@ -143,7 +146,7 @@ def _angles(board: Hardware) -> dict[int, float]:
 
 
 def _requests(board: Hardware) -> Iterator[bytes]:
-    """Yield the frames that restore what `board` stores."""
+    """Yield frames of requests to restore the storage of `board`."""
     codec, storage = board.codec, board.storage
     yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
     parameters = storage.servo_content(codec.byte_order)
@@ -152,12 +155,12 @@ def _requests(board: Hardware) -> Iterator[bytes]:
         for _, record in storage.all(record_type):
             yield encode_frame(record_type.add_class.packet_id, record, codec.byte_order)
     chosen = storage.contents.chosen_table
-    if chosen and storage.get(TABLE, chosen) is not None:  # an interrupted deletion of the table may leave its id
+    if chosen and storage.get(TABLE, chosen) is not None:  # an interrupted deletion of the table may leave the id
         yield codec.encode(joystick.SetActiveJoystickTableRequest(chosen))
 
 
 def _store(board: Hardware, request: str) -> str:
-    """Store what one request of a file stores; return what is wrong with it, empty if nothing is."""
+    """Execute a request of a state file; return the reason for a failure, empty for success."""
     try:
         frame = bytes.fromhex(request)
         packet = board.codec.decode_frame(frame)
@@ -166,11 +169,11 @@ def _store(board: Hardware, request: str) -> str:
     stored = _carry_out(board, packet, frame[HEADER_SIZE:-1])
     if stored is None:
         return f"{type(packet).__name__} stores nothing"
-    return "" if stored else f"this {type(packet).__name__} needs more memory or servos, or a table that is not stored"
+    return "" if stored else f"this {type(packet).__name__} needs more memory or servos, or a missing table"
 
 
 def _carry_out(board: Hardware, packet: Packet, content: bytes) -> bool | None:
-    """Carry out a request; return False if the board cannot store its content, None if it stores nothing."""
+    """Execute a request; return False if the board cannot store the content, None for a request that stores nothing."""
     storage = board.storage
     for record_type in RECORD_TYPES:
         if isinstance(packet, record_type.add_class):

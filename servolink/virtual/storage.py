@@ -1,8 +1,8 @@
-"""The memory of the virtual board: actions, macros, joystick tables, servo parameters, project id, active table.
+"""Memory of the virtual board: actions, macros, joystick tables, servo parameters, project id, active table.
 
-Records are kept as the bytes that came, for two reasons: a board returns what it was given, byte for byte, even
-captions that are not valid text; and the memory a record takes is then simply its length. It costs no translation
-either: the content of an "add" request is the content of the response that returns the record.
+Records are stored as received bytes, for two reasons: a board returns records byte for byte, even with captions of
+invalid text; and the memory of a record is simply its length. No translation is necessary either: the content of an
+"add" request is also the content of the response with the record.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from servolink.virtual.kind import BoardKind, OnDuplicate
 
 AnyType: TypeAlias = StoredType[Any]
 Record: TypeAlias = tuple[int, bytes]
-"""Id and content."""
+"""Id and content of a record."""
 
 
 def _nothing() -> dict[AnyType, tuple[Record, ...]]:
@@ -34,37 +34,37 @@ def _nothing() -> dict[AnyType, tuple[Record, ...]]:
 
 @dataclass(frozen=True, slots=True)
 class Contents:
-    """Everything that is stored at one moment. It never changes; a write makes another."""
+    """Immutable contents of the memory at one moment; a write makes new contents."""
 
     records: Mapping[AnyType, tuple[Record, ...]] = field(default_factory=_nothing)
-    """In the order in which they were added; a record that replaces another takes its place.
+    """Records of each type in the order of adding; a replacement takes the place of the old record.
 
-    A record that is not the same object in the next contents was written anew, even if its bytes are the same."""
+    A record which is another object in the next contents was written again, even with the same bytes."""
     project_id: int = 0
     chosen_table: int = 0
-    """The id of the table that was made active, 0 if none was."""
+    """Id of the activated table, 0 before any activation."""
 
     @property
     def size(self) -> int:
-        """The bytes of all records."""
+        """Size of all records, in bytes."""
         return sum([len(record) for records in self.records.values() for _, record in records])
 
 
 class Storage:
-    """The contents, and how they change on a board of one kind."""
+    """Memory of a board, with the rules of its kind for changes."""
 
     def __init__(self, kind: BoardKind) -> None:
-        """Start empty."""
+        """Start with empty contents."""
         self.memory = kind.memory
-        """How many bytes can be stored."""
+        """Size of the memory, in bytes."""
         self.used = 0
-        """How many bytes are used."""
+        """Used memory, in bytes."""
         self._contents = Contents()
         self._kind = kind
 
     @property
     def contents(self) -> Contents:
-        """Everything that is stored. Kept and assigned again later, it restores that moment."""
+        """Present contents. Earlier contents can be assigned to restore an earlier moment."""
         return self._contents
 
     @contents.setter
@@ -74,12 +74,12 @@ class Storage:
 
     @property
     def free(self) -> int:
-        """The bytes that are not used."""
+        """Free memory, in bytes."""
         return self.memory - self.used
 
     @property
     def project_id(self) -> int:
-        """The project id, 0 if none was written."""
+        """Project id, 0 before the first write."""
         return self.contents.project_id
 
     @project_id.setter
@@ -90,14 +90,14 @@ class Storage:
 
     @property
     def active_table(self) -> int:
-        """The id of the table that was made active, else of the only table, else 0."""
+        """Id of the activated table, else of the only table, else 0."""
         tables = {record_id for record_id, _ in self.all(TABLE)}
         if self.contents.chosen_table in tables:
             return self.contents.chosen_table
         return tables.pop() if len(tables) == 1 else 0
 
     def activate(self, table_id: int) -> bool:
-        """Make a table the active one; return False if it does not exist."""
+        """Activate a table; return False for a missing table."""
         if self.get(TABLE, table_id) is None:
             return False
         self.contents = replace(self.contents, chosen_table=table_id)
@@ -106,10 +106,10 @@ class Storage:
     def put(
         self, stored_type: AnyType, records: Mapping[int, bytes], *, on_duplicate: OnDuplicate | None = None
     ) -> bool:
-        """Add all `records`, or none and return False if one is refused or they need too much memory.
+        """Add all `records`; add none and return False if a record is refused or memory is short.
 
-        Servo parameters always replace those of the same servo, since no request deletes them. The id 0 means "there is
-        no such record" in every response, so nothing can be stored under it.
+        Servo parameters always replace the parameters of the same servo, as no request deletes parameters. Nothing can
+        be stored under the id 0, which means "no such record" in every response.
         """
         if stored_type is SERVO_PARAMETER:
             on_duplicate = "replace"
@@ -120,7 +120,9 @@ class Storage:
         if 0 in records or (known and on_duplicate == "reject"):
             return False
         added = tuple([new for new in records.items() if new[0] not in known])
-        used = self.used + sum([len(record) for _, record in added])  # not counted anew: boards are filled one by one
+        used = self.used + sum(
+            [len(record) for _, record in added]
+        )  # not counted again for all records: boards are filled record by record
         if known:
             used += sum([len(records[record_id]) - len(old) for record_id, old in kept if record_id in known])
             kept = tuple([(old[0], records[old[0]]) if old[0] in known else old for old in kept])
@@ -130,32 +132,32 @@ class Storage:
         return True
 
     def get(self, stored_type: AnyType, record_id: int) -> bytes | None:
-        """Return a record, the first if several have the id; None if there is none."""
+        """Return the first record with the id; None for an unknown id."""
         return next((record for stored_id, record in self.all(stored_type) if stored_id == record_id), None)
 
     def decode(self, record_type: RecordType[Any], record_id: int, codec: Codec) -> Packet | None:
-        """Return the request that would store a record again; None if there is none."""
+        """Return a request to store a record again; None for an unknown id."""
         content = self.get(record_type, record_id)
         return None if content is None else codec.decode(record_type.add_class.packet_id, content)
 
     def all(self, stored_type: AnyType) -> tuple[Record, ...]:
-        """Return all records of a type."""
+        """Return all records of a type, in order."""
         return self.contents.records[stored_type]
 
     def servo_content(self, byte_order: ByteOrder) -> bytes:
-        """Return the content of the request that would store all servo parameters again."""
+        """Return the content of a request to store all servo parameters again."""
         records = [record for _, record in self.all(SERVO_PARAMETER)]
         count = len(records).to_bytes(content_size(SERVO_PARAMETER.add_class), byte_order)
         return count + b"".join(records)
 
     def servo_parameters(self, codec: Codec) -> tuple[ServoParameter, ...]:
-        """Return all servo parameters."""
+        """Return the decoded parameters of all servos."""
         content = self.servo_content(codec.byte_order)
         request = codec.decode(SERVO_PARAMETER.add_class.packet_id, content)
         return request.servos if isinstance(request, AddServoParameterRequest) else ()
 
     def delete(self, stored_type: AnyType, record_id: int) -> bool:
-        """Delete a record, the first if several have the id; return False if there is none."""
+        """Delete the first record with the id; return False for an unknown id."""
         stored = self.all(stored_type)
         at = next((at for at, (stored_id, _) in enumerate(stored) if stored_id == record_id), None)
         if at is None:
@@ -166,41 +168,41 @@ class Storage:
         return True
 
     def clear(self) -> None:
-        """Delete everything, or all but project id and servo parameters, as this board does."""
+        """Delete everything, or all but project id and servo parameters, depending on the kind of board."""
         if self._kind.clear == "all":
             self.contents = Contents()
         else:
             self.contents = Contents({**_nothing(), SERVO_PARAMETER: self.all(SERVO_PARAMETER)}, self.project_id)
 
     def _with(self, stored_type: AnyType, records: tuple[Record, ...]) -> Contents:
-        """Return the contents with other records of one type."""
+        """Return the contents with the records of one type replaced."""
         now = self.contents
         return Contents({**now.records, stored_type: records}, now.project_id, now.chosen_table)
 
 
 def servo_parameters(request: AddServoParameterRequest, content: bytes) -> dict[int, bytes]:
-    """Return the record of each servo in the content of `request`; the last one if a servo is there twice."""
+    """Return the record of each servo in the content of `request`; for a duplicate, the last record."""
     rule = layout(AddServoParameterRequest, "little").rule
     records = [content[at : at + rule.unit] for at in range(rule.base, len(content), rule.unit)]
     return dict(zip([servo.servo_id for servo in request.servos], records, strict=True))
 
 
 _Place: TypeAlias = tuple[Record | None, Record | None]
-"""A record's place in the flash: what is there before and after a write."""
+"""Place in the flash: the record before and the record after a write."""
 
 
 def partial_write(before: Contents, after: Contents, random: Random, byte_order: ByteOrder) -> Contents:
-    """Return what an interrupted write from `before` to `after` may leave.
+    """Return possible contents after an interrupted write from `before` to `after`.
 
-    A write changes records one by one, in any order, and the power is lost at one of them or after the last. The
-    records written earlier are then as in `after`, the others as in `before`. That one is in any of the states that it
-    goes through: the old record, the old one half erased, none, the new one half written. Project id and active table
-    are words, which flash writes at once: each is the old or the new one.
+    A write changes records one by one, in any order, and power is lost during the change of one record or after the
+    last. Earlier changes are complete, later changes have not begun. The record in question is in any of these states:
+    old, old and half erased, missing, new and half written. Project id and active table are words, written at once:
+    each has the old or the new value.
     """
     places = {each: list(_places(before.records[each], after.records[each])) for each in STORED_TYPES}
     changes = [(each, at) for each in STORED_TYPES for at, (old, new) in enumerate(places[each]) if old is not new]
     random.shuffle(changes)
-    # Power is lost at the change with number 0; changes before it are done.
+    # Power is lost during the change with number 0, after all changes with negative numbers.
     for number, (each, at) in enumerate(changes, start=-random.randint(0, len(changes))):
         old, _ = places[each][at]
         if number == 0:
@@ -215,8 +217,8 @@ def partial_write(before: Contents, after: Contents, random: Random, byte_order:
 
 
 def _places(before: tuple[Record, ...], after: tuple[Record, ...]) -> Iterator[_Place]:
-    """Yield each record before the write with its successor, then the added records."""
-    if len(after) >= len(before):  # a record takes the place of the one that it replaces
+    """Yield each record before the write with its successor, then all added records."""
+    if len(after) >= len(before):  # a new record takes the place of the old record
         yield from zip_longest(before, after)
         return
     left = list(after)
@@ -225,25 +227,27 @@ def _places(before: tuple[Record, ...], after: tuple[Record, ...]) -> Iterator[_
 
 
 def _interrupted(stored_type: AnyType, place: _Place, random: Random, byte_order: ByteOrder) -> Record | None:
-    """Return a state that a record goes through between before and after."""
+    """Return a random state of a record during a write."""
     halves = [_without_tail(stored_type, record, random, byte_order) for record in place if record is not None]
     return random.choice([*dict.fromkeys((place[0], None)), *halves])
 
 
 def _without_tail(stored_type: AnyType, record: Record, random: Random, byte_order: ByteOrder) -> Record:
-    """Return `record` with its tail erased or missing; its id and a true count of its parts remain.
+    """Return `record` with its tail erased or missing; the id and a correct count of parts remain.
 
-    The board knows a record's id and length from elsewhere, its directory, so that its responses remain frames.
+    The board has id and length of each record in a separate directory, so that responses remain valid frames.
     """
     record_id, content = record
     rule = layout(stored_type.add_class, byte_order).rule
     is_erased = random.random() < 0.5
-    if not isinstance(stored_type, RecordType):  # parameters of a servo: they have no counted parts
+    if not isinstance(stored_type, RecordType):  # parameters of a servo have no counted parts
         at = random.randrange(content_size(QueryServoRequest), len(content))
         return record_id, content[:at].ljust(len(content), b"\xff" if is_erased else b"\0")
     at = random.randrange(content_size(stored_type.query_class), len(content))
-    parts = rule.base  # where they begin, right behind their count
-    count = content_size(AddServoParameterRequest)  # the size of a count: of no parameters there is nothing else
+    parts = rule.base  # position of the first part, directly after the count
+    count = content_size(
+        AddServoParameterRequest
+    )  # size of a count: the request without parameters has no other content
     if is_erased:
         left = content[:at].ljust(len(content), b"\xff")
         return record_id, left[: parts - count] + content[parts - count : parts] + left[parts:]

@@ -1,4 +1,4 @@
-"""`virtual://`: a virtual board inside the program, on the same event loop."""
+"""Transport for `virtual://`, a virtual board inside the program, on the same event loop."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from servolink.virtual.kind import OPTIONS, BoardKind
 from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
-"""Seconds from a change of what is stored until it is saved."""
+"""Seconds from a change of the storage to the saving."""
 
 _logger = logging.getLogger(__name__)
 
 
 class BoardDriver:
-    """Advances a board whenever something is due on it. Several for one board do no harm."""
+    """Driver of a board: calls `advance` at each due time. Several drivers for the same board are harmless."""
 
     def __init__(self, board: Hardware) -> None:
-        """Start at once, on the running loop, until `stop`."""
+        """Start immediately, on the running loop, until `stop`."""
         self._board = board
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
@@ -51,7 +51,7 @@ class BoardDriver:
 
     def _wake(self, due: float) -> None:
         self._timer = None
-        # Timers may fire a little early; nothing would be due then, and the board would wait for the next event.
+        # A timer may fire a little early: nothing would be due, and the board would wait for the next event.
         self._board.advance(max(due, self._loop.time()))
         self._schedule()
 
@@ -62,10 +62,10 @@ class BoardDriver:
 
 
 class StateSaver:
-    """Saves what a board stores a moment after each change, so that a program that is killed loses little."""
+    """Saver of the storage of a board, shortly after each change, so that a killed program loses little."""
 
     def __init__(self, board: Hardware, file: StateFile) -> None:
-        """Start at once, on the running loop, until `stop`; `file` is that of `board`."""
+        """Start immediately, on the running loop, until `stop`; `file` is the state file of `board`."""
         self._board = board
         self._file = file
         self._loop = asyncio.get_running_loop()
@@ -73,7 +73,7 @@ class StateSaver:
         board.watch(self._changed)
 
     def stop(self) -> None:
-        """Stop saving by itself."""
+        """Stop saving after changes."""
         self._board.unwatch(self._changed)
         if self._timer is not None:
             self._timer.cancel()
@@ -86,14 +86,14 @@ class StateSaver:
         self._timer = None
         try:
             self._file.save()
-        except ServolinkError as error:  # it is tried again after the next change, and at the end
+        except ServolinkError as error:  # saving is tried again after the next change, and at the end
             _logger.warning("%s", error)
 
 
 def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
-    """Make a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
+    """Return a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
 
-    `byte_order` is that of the board, and of the connection to it unless the program says otherwise.
+    `byte_order` applies to the board, and by default also to the connection.
     """
     if address.host or address.port or address.path.strip("/"):
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
@@ -112,7 +112,7 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
 
 
 def _kind_in(address: Address) -> BoardKind:
-    """Return the kind of board that the options of `address` describe."""
+    """Return the kind of board described by the options of `address`."""
     given = {}
     for option in OPTIONS:
         text = address.text(option.name, "")
@@ -125,10 +125,10 @@ def _kind_in(address: Address) -> BoardKind:
 
 
 class VirtualTransport(BaseTransport):
-    """A connection to a board in this program; any number of them may lead to one board."""
+    """Transport to a board in the same program; any number of transports may lead to the same board."""
 
     def __init__(self, board: VirtualBoard, url: str = "virtual://", state: Path | None = None) -> None:
-        """Lead to `board`. Errors call it `url`; `state` is a file to load on opening, and to save to until closing."""
+        """Lead to `board`, named `url` in errors; `state` is a file, loaded at opening and saved until closing."""
         super().__init__(url)
         self.board = board
         self._state = state
@@ -137,14 +137,14 @@ class VirtualTransport(BaseTransport):
         self._session: HostSession | None = None
         self._driver: BoardDriver | None = None
         self._pending: list[bytes] = []
-        self._unsent = 0  # bytes that the board sent and the receiver does not have
+        self._unsent = 0  # bytes sent by the board and not yet delivered to the receiver
 
     def unplug(self) -> None:
-        """Pull the plug: the connection is lost at once, and with it everything that the receiver does not have yet."""
+        """Unplug the board: the connection and all undelivered bytes are lost immediately."""
         self._lose(ConnectionError("it was unplugged"))
 
     async def _open(self) -> None:
-        """Attach to the board. Raise OpenError if the state cannot be loaded, or belongs to another open board."""
+        """Attach to the board. Raise OpenError if the state file cannot be loaded, or is used by another board."""
         if self._state is not None:
             try:
                 self._file = StateFile(self.board, self._state)
@@ -159,8 +159,8 @@ class VirtualTransport(BaseTransport):
             self._session.receive(data, asyncio.get_running_loop().time())
 
     async def _close(self) -> None:
-        """Detach from the board. Raise ServolinkError if its state cannot be saved."""
-        self._abort()  # first: a board may lose its power with its last host, and with it a part of a write
+        """Detach from the board. Raise ServolinkError if the state cannot be saved."""
+        self._abort()  # first: with the last host a board may lose power, and part of a write
         if self._file is not None and self._saver is not None:
             file, saver, self._file, self._saver = self._file, self._saver, None, None
             saver.stop()
@@ -174,7 +174,7 @@ class VirtualTransport(BaseTransport):
             session.detach(asyncio.get_running_loop().time())
 
     def _receive(self, data: bytes) -> None:
-        # Delivered later, never from within send(): a real board cannot respond before its host has finished sending.
+        # Delivered later, never from within send(): a real board cannot respond before the host has finished sending.
         if not self._pending:
             asyncio.get_running_loop().call_soon(self._deliver_pending)
         self._pending.append(data)
@@ -184,18 +184,18 @@ class VirtualTransport(BaseTransport):
         chunk = b"".join(self._pending)
         self._pending.clear()
         self._deliver(chunk)
-        self._unsent -= len(chunk)  # not before: a receiver that fails has not received
+        self._unsent -= len(chunk)  # not before: a failed receiver has received nothing
 
 
 class FaultyVirtualTransport(FaultyTransport):
-    """A bad line to a board in this program."""
+    """Bad line to a board in the same program."""
 
     def __init__(self, inner: VirtualTransport, faults: Faults, *, seed: int) -> None:
-        """Wrap `inner`."""
+        """Wrap `inner` with faults drawn from `seed`."""
         super().__init__(inner, faults, seed=seed)
         self.board = inner.board
         self._line = inner
 
     def _break(self, reason: str) -> None:
         super()._break(reason)
-        self._line.unplug()  # now: closing takes a turn of the loop, in which a response would arrive
+        self._line.unplug()  # immediately: during the turn of the loop for closing a response would arrive

@@ -182,7 +182,7 @@ def test_a_state_file_is_served_once(tmp_path: Path, capsys: pytest.CaptureFixtu
         async with served(*options) as process:
             await url(process)
             assert servolink(["virtual", *options]) == 1
-            assert "another virtual board uses this file; close that one first" in capsys.readouterr().err
+            assert "another virtual board uses this file; close the other board first" in capsys.readouterr().err
             kept = f"ended: what the board stores is kept in {options[-1]}\n"
             assert await ended(process, signal.SIGTERM) == (0, "", kept)
 
@@ -376,7 +376,7 @@ def test_keys_press_buttons_and_the_terminal_is_given_back() -> None:
                 ]
                 code, _, said = await ended(process, signal.SIGINT)
                 assert code == 0
-                assert "0-9 press that button" in said
+                assert "0-9 press a button" in said
                 assert termios.tcgetattr(theirs) == before
         finally:
             os.close(ours)

@@ -81,21 +81,21 @@ def test_endless_work_in_no_time_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.parametrize(
     ("command", "why"),
     [
-        (MacroCommand(9), "action 9 is missing, or has values that no board plays"),
-        (MacroCommand(9, 2), "macro 9 is missing, or has values that no board plays"),
+        (MacroCommand(9), "action 9 is missing, or has unplayable values"),
+        (MacroCommand(9, 2), "macro 9 is missing, or has unplayable values"),
         (MacroCommand(5, 2), "macro 5 runs itself"),
         (MacroCommand(6, 2), "macro 5 runs itself"),
     ],
 )
 def test_what_cannot_be_played_is_refused_with_the_reason(command: MacroCommand, why: str) -> None:
-    with pytest.raises(ProjectError, match=f"it cannot be played: {why}"):
+    with pytest.raises(ProjectError, match=f"cannot be played: {why}"):
         play(Macro(5, "", (command,)), Macro(6, "", (MacroCommand(5, 2),)))
 
 
 def test_macros_nest_as_deep_as_a_virtual_board_plays() -> None:
     macros = [Macro(one, "", (MacroCommand(one - 1, 2 if one > 1 else 1),)) for one in range(1, 34)]
     assert play(*reversed(macros[:32])).is_whole
-    with pytest.raises(ProjectError, match="macros more than 32 levels deep, the most that a virtual board plays"):
+    with pytest.raises(ProjectError, match="macros are nested more than 32 levels deep, the limit of a virtual board"):
         play(*reversed(macros))
 
 

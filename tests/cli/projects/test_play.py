@@ -115,7 +115,7 @@ def test_what_has_no_end_is_cut_off(file: str, capsys: pytest.CaptureFixture[str
 def test_what_cannot_be_played(file: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "project", "play", file, "Itself")
     assert (said.code, said.out) == (1, "")
-    assert said.err.startswith("servolink: macro 7 'Itself': it cannot be played")
+    assert said.err.startswith("servolink: macro 7 'Itself': cannot be played")
     assert call(capsys, "project", "play", file, "nobody").code == 1
 
 
