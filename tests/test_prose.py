@@ -77,7 +77,7 @@ BACKLOG: dict[str, dict[str, float]] = {
     "control": {"riddles": 4, "pronouns": 7.5, "lines": 177, "short": 34},
     "fleet": {"riddles": 8, "pronouns": 9, "short": 11},
     "hub": {"riddles": 2.5, "pronouns": 7, "lines": 156},
-    "profiles": {"pronouns": 9.5},
+    "profiles": {"pronouns": 7.5},
     "spy": {"pronouns": 8, "lines": 121},
     "studio": {"pronouns": 11, "lines": 159},
     "studio/web": {"pronouns": 8.5, "lines": 80},

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+from msgspec.structs import asdict
 
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
 from servolink.platforms.locks import lock
 from servolink.profiles.store import profile_names
-from servolink.profiles.toml_text import toml_value
+from servolink.profiles.toml_text import changed_toml
 from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.serial_ports import identity_at, move, ports_of
@@ -213,8 +214,9 @@ def _changing() -> Iterator[dict[str, Alias]]:
             lock(file, wait=True)
             aliases = load_aliases()
             yield aliases
-            write_atomically(path, _toml(aliases).encode(), private=True)
-    except OSError as error:
+            text = read_file(path, MIB).decode() if path.exists() else ""
+            write_atomically(path, _changed(text, aliases).encode(), private=True)
+    except (OSError, ValueError) as error:
         if isinstance(error, ServolinkError):  # an unreadable file, with a better text
             raise
         raise ServolinkError(
@@ -232,14 +234,18 @@ def _parse(text: str) -> dict[str, Alias]:
     return aliases
 
 
-def _toml(aliases: Mapping[str, Alias]) -> str:
-    tables = ["# Names for boards, as given by `servolink use NAME URL`, which rewrites this file.\n"]
-    for name, alias in sorted(aliases.items()):
-        tables.append(f"\n[boards.{name}]\nurl = {toml_value(alias.url)}\n")
-        if alias.serial_number:
-            tables.append(f"serial_number = {toml_value(alias.serial_number)}\n")
-        ids = {"vendor_id": alias.vendor_id, "product_id": alias.product_id}
-        tables += [f"{key} = {value:#06x}\n" for key, value in ids.items() if value is not None]
-        if alias.interface is not None:
-            tables.append(f"interface = {alias.interface}\n")
-    return "".join(tables)
+_HEAD = "# Names for boards, as given by `servolink use NAME URL`, which changes this file.\n"
+_MARK = "\ufeff"  # put by some editors before a text
+
+
+def _changed(text: str, aliases: Mapping[str, Alias]) -> str:
+    """Return the text of the file with these names; comments stay. Raise ValueError if its form cannot be changed."""
+    tables = {name: _table(alias) for name, alias in sorted(aliases.items())}
+    changed = changed_toml(text.removeprefix(_MARK) or _HEAD, {"boards": tables} if tables else {})
+    if _parse(changed) != aliases:
+        raise ValueError("its form cannot be changed; change the file by hand")
+    return _MARK + changed if text.startswith(_MARK) else changed
+
+
+def _table(alias: Alias) -> dict[str, object]:
+    return {"url": alias.url} | {name: value for name, value in asdict(alias).items() if value not in {"", None}}

@@ -1,1 +1,1 @@
-"""What is known of each board, by the name that its user gave it."""
+"""Profiles: settings, limits and evidence of boards, by given name."""

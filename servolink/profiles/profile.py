@@ -230,7 +230,7 @@ BY_HAND = "set with `servolink board set`"
 
 
 class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Everything that is kept of one board."""
+    """Identity, settings, limits and evidence of one board."""
 
     identity: Annotated[
         BoardIdentityRecord | None,
@@ -289,7 +289,7 @@ _RANKS: dict[Confidence, int] = {"guess": 0, "likely": 1, "certain": 2}
 
 
 class Measured(Struct, frozen=True):
-    """One setting of a board, as it was measured."""
+    """Measured setting of a board."""
 
     setting: str
     """Its name in the profile."""

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import msgspec
 from msgspec import Struct
-from msgspec.structs import asdict
 
 from servolink.errors import ProfileError
 from servolink.escaping import escape, quote
 from servolink.files import is_name, read_file, reason, user_folder, write_atomically
 from servolink.profiles.profile import BoardProfile, BoardSettings, about, fields_of
-from servolink.profiles.toml_text import TextError, line_of, read_toml, toml_lines, toml_value
+from servolink.profiles.toml_text import TextError, changed_toml, line_of, read_toml
 
 S = TypeVar("S", bound=Struct)
 
 _MOST_BYTES = 0x10000
 _ENDING = ".toml"
+_MARK = "\ufeff"  # put by some editors before a text
 
 
 def profile_path(name: str) -> Path:
@@ -72,8 +72,7 @@ def save_profile(name: str, profile: BoardProfile) -> Path:
     Raise ProfileError if it cannot be written, ValueError for a profile that could not be read again.
     """
     path = profile_path(name)
-    text = format_profile(name, profile)
-    parse_profile(text)
+    text = _changed(path, name, profile)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         write_atomically(path, text.encode(), private=True)
@@ -209,45 +208,52 @@ def _quoted(value: object) -> str:
 # --- writing --------------------------------------------------------------------------------------------------------
 
 
-def format_profile(name: str, profile: BoardProfile) -> str:
-    """Return the text of a file, with a comment for each setting; unknown settings are commented out."""
-    return "\n".join(_paragraphs(name, profile))
+def format_profile(name: str, profile: BoardProfile, text: str = "") -> str:
+    """Return the text of a new file, or `text` with the settings of `profile` and otherwise as it is.
+
+    A new file has a comment for each setting; unknown settings are commented out.
+    """
+    values = msgspec.to_builtins(profile, builtin_types=(datetime,), str_keys=True)
+    tables = {part: value for part, value in values.items() if value is not None}
+    known = read_toml(text)
+    new = [
+        _paragraph(part, getattr(profile, part))
+        for part in fields_of(BoardProfile)
+        if not text or (part not in known and any(value not in (None, {}) for value in tables.get(part, {}).values()))
+    ]
+    return changed_toml("\n".join([text or _HEAD.format(name=name), *new]), tables)
 
 
-def _paragraphs(name: str, profile: BoardProfile) -> Iterator[str]:
-    yield (
-        f"# What servolink knows of the board {name}: see it with `servolink board show {name}`.\n"
-        f"# `servolink doctor {name} --learn` and `servolink board set {name}` rewrite this file;\n"
-        "# what you change here by hand is kept, except comments. A line without a value is unknown.\n"
-    )
-    for part, (_, description) in fields_of(BoardProfile).items():
-        value = getattr(profile, part)
-        yield f"# {description.meaning}"
-        if part == "evidence":
-            for setting, evidence in value.items():
-                known = {key: each for key, each in asdict(evidence).items() if each is not None}
-                yield f"[evidence.{setting}]\n{toml_lines(known)}"
-        elif value is not None:
-            yield f"[{part}]\n{''.join(_described(value))}"
-            yield from _by_servo(part, value)
+_HEAD = (
+    "# What servolink knows of the board {name}: see it with `servolink board show {name}`.\n"
+    "# `servolink doctor {name} --learn` and `servolink board set {name}` change values in this file; comments\n"
+    "# and what you write by hand stay. A line without a value is unknown.\n"
+)
 
 
-def _by_servo(name: str, part: Struct) -> Iterator[str]:
-    """Yield a table for each field with a value for each servo."""
-    for key, (_, description) in fields_of(type(part)).items():
-        if isinstance(values := getattr(part, key), dict):
-            by_id = {str(servo_id): value for servo_id, value in sorted(values.items())}
-            yield f"# {description.meaning}\n[{name}.{key}]\n{toml_lines(by_id)}"
+def _changed(path: Path, name: str, profile: BoardProfile) -> str:
+    """Return new text for the file at `path`, based on the present text unless that is unreadable."""
+    try:
+        text = read_file(path, _MOST_BYTES).decode()
+        parse_profile(text.removeprefix(_MARK))
+    except (OSError, ValueError):
+        text = ""
+    changed = format_profile(name, profile, text.removeprefix(_MARK))
+    if parse_profile(changed) != profile:
+        raise ProfileError(f"{path} has a form that cannot be changed by a command; edit or remove the file")
+    return _MARK + changed if text.startswith(_MARK) else changed
 
 
-def _described(part: Struct) -> Iterator[str]:
-    """Yield two lines for each field: its comment, and its value or an empty one in a comment."""
-    for name, (_, description) in fields_of(type(part)).items():
-        value = getattr(part, name)
-        if not isinstance(value, dict):
-            yield f"# {description.meaning}\n"
-            yield f"# {name} =\n" if value is None else f"{name} = {_written(name, value)}\n"
-
-
-def _written(name: str, value: object) -> str:
-    return f"{value:#06x}" if name in {"vendor_id", "product_id"} and isinstance(value, int) else toml_value(value)
+def _paragraph(part: str, value: Any) -> str:
+    """Return the header of a part with a comment for each setting, to which values are added."""
+    head = f"# {fields_of(BoardProfile)[part][1].meaning}\n"
+    if value is None:
+        return head
+    if isinstance(value, dict):
+        return head + "\n".join(f"[{part}.{setting}]\n" for setting in value)
+    kind: type[Struct] = type(value)
+    fields = [(name, each.meaning) for name, (_, each) in fields_of(kind).items()]
+    by_servo = {name for name, _ in fields if isinstance(getattr(value, name), dict)}
+    lines = [f"# {meaning}\n# {name} =\n" for name, meaning in fields if name not in by_servo]
+    tables = [f"\n# {meaning}\n[{part}.{name}]\n" for name, meaning in fields if name in by_servo]
+    return "".join([head, f"[{part}]\n", *lines, *tables])

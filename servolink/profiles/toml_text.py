@@ -1,18 +1,27 @@
-"""TOML text: errors with their line, and values written so that they are safe to print."""
+"""TOML edited by people: errors with line numbers, and changes to single values that keep comments and spacing."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servolink.escaping import escape
+
+if TYPE_CHECKING:
+    from tomlkit.container import Container
+    from tomlkit.items import Item, Table
 
 _UNUSUAL = re.compile(r"[^ !#-\[\]-~]")
 _HEADER = re.compile(r"\s*\[\[?(?P<name>[^\[\]]+)\]")
 _KEY = re.compile(r"""\s*(?P<name>("[^"]*"|'[^']*'|[\w-]+)(\s*\.\s*("[^"]*"|'[^']*'|[\w-]+))*)\s*=""", re.ASCII)
 _KEY_PART = re.compile(r""""([^"]*)"|'([^']*)'|([\w-]+)""", re.ASCII)
+_UNKNOWN_COMMENT = re.compile(r"(?P<indent>[ \t]*)#[ \t]*(?P<name>[\w-]+)[ \t]*=[ \t]*(?P<rest>(#.*)?)$", re.ASCII)
+_UNKNOWN = "servolink: unknown value"
+_UNKNOWN_VALUE = re.compile(rf'^(?P<indent>[ \t]*)(?P<name>[^\n=]*[^\n= ]) *= *"{_UNKNOWN}"', re.MULTILINE)
+_PLACEHOLDER = 0
+_HEXADECIMAL = {"vendor_id", "product_id"}
 _PLACE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
 
 
@@ -43,7 +52,7 @@ def read_toml(text: str) -> dict[str, Any]:
 
 
 def line_of(text: str, path: Sequence[str]) -> int:
-    """Return the number of the line in which the value at `path` is set, or else of the table that it is in."""
+    """Return the line number of the value at `path`, or else of the nearest enclosing table."""
     best, found = 0, 1
     for number, keys in _keys(text):
         if len(keys) > best and tuple(keys) == tuple(path[: len(keys)]):
@@ -51,20 +60,135 @@ def line_of(text: str, path: Sequence[str]) -> int:
     return found
 
 
-def toml_value(value: object) -> str:
-    """Return `value` as TOML writes it: text, number, time, or a list of those."""
+def changed_toml(text: str, tables: Mapping[str, object]) -> str:
+    """Return `text` with the content of `tables`; comments, spacing and the form of other values stay.
+
+    A value of None is unknown: its line becomes a comment, `# name =`, and such a comment becomes a value again.
+    """
+    import tomlkit  # late: needed for writing only
+
+    newline = "\r\n" if "\r\n" in text else "\n"
+    lines = text.replace("\r\n", "\n")
+    document = tomlkit.parse(_with_values(lines if lines.endswith("\n") or not lines else f"{lines}\n", tables))
+    _change(document, tables)
+    return _UNKNOWN_VALUE.sub(r"\g<indent># \g<name> =", tomlkit.dumps(document)).replace("\n", newline)
+
+
+def toml_value(name: str, value: object) -> str:
+    """Return a value as TOML has it: USB ids in hexadecimal, and no text that a terminal obeys."""
     if isinstance(value, str):
         return '"' + _UNUSUAL.sub(_escape_match, value) + '"'
     if isinstance(value, (tuple, list)):
-        return f"[{', '.join(map(toml_value, value))}]"
+        return f"[{', '.join(toml_value(name, each) for each in value)}]"
     if isinstance(value, datetime):
         return value.isoformat().replace("+00:00", "Z")
-    return repr(value).removesuffix(".0")
+    return f"{value:#06x}" if name in _HEXADECIMAL and isinstance(value, int) else repr(value).removesuffix(".0")
 
 
-def toml_lines(values: Mapping[str, object]) -> str:
-    """Return the lines of a table, without its header."""
-    return "".join(f"{key} = {toml_value(value)}\n" for key, value in values.items())
+def _with_values(text: str, tables: Mapping[str, object]) -> str:
+    """Return `text` with a value, to be changed later, in each comment `# name =` whose setting has a value."""
+    lines, table = text.split("\n"), tables
+    for number, line in enumerate(lines):
+        if header := _HEADER.match(line):
+            table = _part_of(tables, _parts(header["name"]))
+        elif (comment := _UNKNOWN_COMMENT.match(line)) and table.get(comment["name"]) is not None:
+            lines[number] = f"{comment['indent']}{comment['name']} = {_PLACEHOLDER}{comment['rest']}"
+    return "\n".join(lines)
+
+
+def _part_of(tables: Mapping[str, object], path: Sequence[str]) -> Mapping[str, object]:
+    for name in path:
+        part = tables.get(name)
+        if not isinstance(part, Mapping):
+            return {}
+        tables = part
+    return tables
+
+
+def _change(table: Any, values: Mapping[str, object]) -> None:
+    """Give a table of tomlkit, which has a type for each form of tables, the content `values`."""
+    from tomlkit import value as parse_value
+    from tomlkit.items import InlineTable
+
+    for name in [name for name in table if name not in values]:
+        _remove(table, name)
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            if name in table:
+                _change(table[name], value)
+            elif any(each is not None for each in value.values()):
+                _add_table(table, name, value)
+        elif value is None and name in table:
+            if isinstance(table, InlineTable):
+                del table[name]
+            else:
+                table[name] = _UNKNOWN
+        elif value is not None and not (name in table and _is_same(table[name].unwrap(), value)):
+            item = parse_value(toml_value(name, value))
+            if name in table or not hasattr(table, "append"):  # or in pieces, which tomlkit puts together
+                table[name] = item
+            else:
+                _add(table, name, item)
+
+
+def _is_same(found: object, value: object) -> bool:
+    return found == (list(value) if isinstance(value, tuple) else value) and type(found) is not bool
+
+
+def _add_table(table: Any, name: str, values: Mapping[str, object]) -> None:
+    from tomlkit import inline_table
+    from tomlkit import table as new_table
+    from tomlkit.items import InlineTable
+
+    if isinstance(table, InlineTable):
+        added: Any = inline_table()
+    else:
+        added = new_table(is_super_table=all(isinstance(each, Mapping) for each in values.values()))
+        added.trivia.indent = "\n"
+    _change(added, values)
+    if hasattr(table, "append"):
+        _add(table, name, added)
+    else:
+        table[name] = added
+
+
+def _add(table: Any, name: str, item: Item) -> None:
+    """Add a value or a table in front of the comments at the end, which belong to the next header."""
+    body = _body(table)
+    end: list[Any] = []
+    while body and body[-1][0] is None:
+        end.insert(0, body.pop())
+    table.append(name, item)
+    body.extend(end)
+
+
+def _remove(table: Any, name: str) -> None:
+    """Remove a value or a table, without the comments at its end, which belong to the next header."""
+    from tomlkit import ws
+    from tomlkit.items import Table
+
+    item, body = table[name], _body(table)
+    index = next((at for at, (key, _) in enumerate(body) if key is not None and key.key == name), None)
+    table.remove(name)
+    if isinstance(item, Table) and index is not None:
+        body[index] = (None, ws(_end_of(item).removeprefix("\n")))
+
+
+def _end_of(table: Table) -> str:
+    """Return the comments and empty lines at the end of a table."""
+    from tomlkit.items import Table
+
+    end = ""
+    for key, item in reversed(table.value.body):
+        if key is not None:
+            return (_end_of(item) if isinstance(item, Table) else "") + end
+        end = item.as_string() + end
+    return end
+
+
+def _body(table: Any) -> list[Any]:
+    container: Container = getattr(table, "value", table)
+    return container.body if hasattr(container, "body") else []
 
 
 def _keys(text: str) -> Iterator[tuple[int, list[str]]]:
@@ -90,7 +214,7 @@ def _last_line(text: str) -> int:
 
 
 def _bad_line(text: str) -> int:
-    """Return the first line without which the text before it is fine; the last one if there is none such."""
+    """Return the number of the first line with an impossible number or date, or else of the last line."""
     import tomllib
 
     lines = text.split("\n")

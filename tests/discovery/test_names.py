@@ -21,7 +21,7 @@ import servolink
 from servolink.discovery import names, search
 from servolink.discovery.names import (
     Alias,
-    _toml,
+    _changed,
     alias_for,
     aliases_path,
     current_url,
@@ -121,7 +121,7 @@ def test_what_editors_put_before_a_text_is_no_part_of_it(path: Path) -> None:
 
 @given(TEXTS, TEXTS)
 def test_any_text_of_a_device_can_be_kept(url: str, serial_number: str) -> None:
-    written = tomllib.loads(_toml({"name": Alias(url, serial_number)}))["boards"]["name"]
+    written = tomllib.loads(_changed("", {"name": Alias(url, serial_number)}))["boards"]["name"]
     assert (written["url"], written.get("serial_number", "")) == (url, serial_number)
 
 

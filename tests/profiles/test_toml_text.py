@@ -1,0 +1,168 @@
+"""TOML files that people edit: a change by a command leaves everything else byte for byte."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servolink.discovery.names import Alias, aliases_path, load_aliases, remove_alias, save_alias
+from servolink.errors import ProfileError
+from servolink.profiles.profile import BoardProfile, BoardSettings, Evidence, SafetyLimits
+from servolink.profiles.store import load_profile, profile_path, save_profile
+from servolink.profiles.toml_text import changed_toml
+
+NAMES = """\
+# robots of room 7
+
+[boards.left]   # the one with the blue cable
+url   =   'tcp://pi:9000'  # moved in May
+
+# never without the teacher
+[boards.right]
+url = "serial:///dev/ttyUSB0"
+serial_number = "臂"
+vendor_id = 0x1a86 # the adapter
+"""
+PROFILE = """\
+# by hand
+[settings]
+depth=4   # four at most
+# byte_order =
+unsupported = [
+    "QueryMemorySize",  # since 2019
+]
+
+# the arm hits the table below 20
+[limits.angles]
+"3" = [20,160]
+4   = [ 0, 90 ]
+
+# end
+"""
+ODD_FORMS = (
+    'settings = {depth = 4, byte_order = "big"} # inline\n',
+    "settings.depth = 4\nsettings.byte_order = 'big'\n",
+    "[ settings ]\n'depth' = 4\n\"byte_order\" = '''big'''\n[limits]\n",
+    "[limits]\nspeed_cap = 1_00\n[settings]\ndepth = 4\nbyte_order = 'big'",
+)
+VALUES = st.recursive(
+    st.text(st.characters(exclude_categories=["Cs"])) | st.integers(-(2**31), 2**31),
+    lambda inner: st.dictionaries(st.from_regex("[a-z]{1,3}", fullmatch=True), inner, max_size=3),
+    max_leaves=6,
+)
+TABLES = st.dictionaries(st.from_regex("[a-z]{1,3}", fullmatch=True), VALUES, max_size=4)
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+
+
+def written(path: Path, text: str) -> Path:
+    """Write `text` as it is."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(text.encode())
+    return path
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_a_name_changes_and_everything_else_stays(newline: str, mark: str) -> None:
+    path = written(aliases_path(), mark + NAMES.replace("\n", newline))
+    save_alias("left", Alias("tcp://pi:9001"))
+    expected = NAMES.replace("'tcp://pi:9000'", '"tcp://pi:9001"')
+    assert path.read_bytes().decode() == mark + expected.replace("\n", newline)
+    save_alias("new", Alias("tcp://pi:1"))
+    assert path.read_bytes().decode() == mark + f'{expected}\n[boards.new]\nurl = "tcp://pi:1"\n'.replace("\n", newline)
+
+
+def test_a_removed_name_leaves_the_comments_of_the_next_one() -> None:
+    path = written(aliases_path(), NAMES)
+    remove_alias("left")
+    head, _, rest = NAMES.partition("[boards.left]")
+    assert path.read_bytes().decode() == head + rest[rest.index("# never") :]
+    assert list(load_aliases()) == ["right"]
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_a_setting_changes_and_everything_else_stays(newline: str) -> None:
+    path = written(profile_path("rex"), PROFILE.replace("\n", newline))
+    profile = load_profile("rex")
+    assert profile is not None
+    assert profile.limits.angles == {3: (20, 160), 4: (0, 90)}
+    settings = BoardSettings(depth=2, byte_order="big", unsupported=profile.settings.unsupported)
+    limits = SafetyLimits(angles={**profile.limits.angles, 4: (5, 90)})
+    save_profile("rex", BoardProfile(settings=settings, limits=limits))
+    expected = PROFILE.replace("depth=4", "depth=2").replace("# byte_order =", 'byte_order = "big"')
+    expected = expected.replace("4   = [ 0, 90 ]", "4   = [5, 90]").replace("\n", newline)
+    assert path.read_bytes().decode().startswith(expected.partition("# end")[0])
+    assert f"{newline}# end{newline}" in path.read_bytes().decode()
+
+
+def test_a_setting_that_becomes_unknown_has_a_line_without_a_value_and_comes_back_there() -> None:
+    known = BoardProfile(settings=BoardSettings(depth=4, memory_unit=1024))
+    path = save_profile("rex", known)
+    text = path.read_bytes()
+    save_profile("rex", BoardProfile(settings=BoardSettings(memory_unit=1024)))
+    assert path.read_bytes() == text.replace(b"depth = 4", b"# depth =")
+    save_profile("rex", known)
+    assert path.read_bytes() == text
+
+
+@pytest.mark.parametrize("text", ODD_FORMS)
+def test_each_form_of_a_table_can_be_changed(text: str) -> None:
+    written(profile_path("rex"), text)
+    found = load_profile("rex")
+    assert found is not None
+    assert (found.settings.depth, found.settings.byte_order) == (4, "big")
+    profile = BoardProfile(
+        settings=BoardSettings(depth=7, clear_seconds=1.5),
+        limits=SafetyLimits(speed_caps={3: 90}),
+        evidence={"depth": Evidence("certain", 'a "text"\n[settings]\x1b\u202e')},
+    )
+    save_profile("rex", profile)
+    assert load_profile("rex") == profile
+
+
+def test_the_same_profile_changes_nothing() -> None:
+    path = save_profile("rex", BoardProfile(settings=BoardSettings(depth=4)))
+    text = path.read_bytes() + b"\n# mine"
+    path.write_bytes(text)
+    found = load_profile("rex")
+    assert found is not None
+    save_profile("rex", found)
+    assert path.read_bytes() == text + b"\n"
+
+
+def test_a_file_that_cannot_be_changed_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save_profile("rex", BoardProfile())
+    text = path.read_bytes()
+    monkeypatch.setattr("servolink.profiles.store.changed_toml", lambda text, _: text)
+    with pytest.raises(ProfileError, match="has a form that cannot be changed by a command"):
+        save_profile("rex", BoardProfile(settings=BoardSettings(depth=4)))
+    assert path.read_bytes() == text
+
+
+def without_empty(tables: dict[str, Any]) -> dict[str, Any]:
+    """Return the tables without those that hold nothing, which need not be written."""
+    inner = {name: without_empty(value) if isinstance(value, dict) else value for name, value in tables.items()}
+    return {name: value for name, value in inner.items() if value != {}}
+
+
+@given(TABLES, TABLES)
+def test_any_tables_become_any_others(before: dict[str, Any], after: dict[str, Any]) -> None:
+    text = changed_toml("", before)
+    assert without_empty(tomllib.loads(text)) == without_empty(before)
+    assert without_empty(tomllib.loads(changed_toml(text, after))) == without_empty(after)
+
+
+def test_tomlkit_is_loaded_only_when_a_file_is_written() -> None:
+    program = "import sys, servolink.discovery.names, servolink.profiles.store; sys.exit('tomlkit' in sys.modules)"
+    subprocess.run([sys.executable, "-c", program], check=True)
