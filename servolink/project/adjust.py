@@ -23,9 +23,16 @@ def scale_project(
 ) -> tuple[Project, list[str]]:
     """Return `project` with durations multiplied by `factor`, and the list of changes; 2 halves the speed.
 
-    With `action_ids`, only these actions are scaled, and `fix_project` corrects the durations of macros with these
-    actions. Without, all actions and pauses are scaled. A duration of 0 stays 0; any other is at least 10 ms. Raise
-    ProjectError for a factor outside 0 to 1e9, a missing action, and a duration too long for the protocol.
+    A duration of 0 stays 0; any other duration becomes at least 10 ms.
+
+    Args:
+        project: Project to scale.
+        factor: Factor above 0, up to 1e9.
+        action_ids: Actions to scale; `fix_project` then corrects the durations of macros with these actions. If
+            None, all actions and pauses are scaled.
+
+    Raises:
+        ProjectError: The factor is out of range, an action is missing, or a duration gets too long for the protocol.
     """
     factor = as_number(factor)
     if not is_number(factor) or not 0 < factor <= _MAX_FACTOR:

@@ -24,12 +24,20 @@ def preflight(
     interval_unit: float = INTERVAL_UNIT,
     start: Mapping[int, int] | None = None,
 ) -> list[Diagnostic]:
-    """Return where `records` and all records run (None: everything) exceed `speed_cap`, `angle_limits` or `limits`.
+    """Return where movements of a project exceed `speed_cap`, `angle_limits` or `limits`.
 
-    `speed_cap` is in degrees per second, `angle_limits` in degrees, both for all servos or by servo id. `limits` are
-    further limits, such as `board.profile.limits`. An interval of 1 stands for `interval_unit` seconds. `start` is the
-    pose before the first movement, degrees by servo id; without a pose, first movements are not checked. Raise
-    ProjectError for a duplicate id, and EncodeError for limits without any permitted value.
+    Args:
+        project: Project to check.
+        records: Actions and macros to check, together with all records run by them; None for the whole project.
+        speed_cap: Highest speed in degrees per second, for all servos or by servo id.
+        angle_limits: Lowest and highest angle in degrees, for all servos or by servo id.
+        limits: Further limits, such as `board.profile.limits`.
+        interval_unit: Seconds of an interval of 1.
+        start: Pose before the first movement, degrees by servo id; without a pose, first movements are not checked.
+
+    Raises:
+        ProjectError: An id is used twice.
+        EncodeError: The limits permit no value at all.
     """
     all_limits = motion_limits(angle_limits, speed_cap).tightened(limits or MotionLimits())
     found = [*_too_far(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]

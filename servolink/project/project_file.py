@@ -114,9 +114,15 @@ def save_project(
 ) -> None:
     """Write `project` to the file `path`, whole or not at all.
 
-    Raise ProjectError if the writing fails, or if `load_project` would refuse the file. `unchecked` marks the file as
-    an export with values outside the ranges written by servolink: `servolink apply` then writes the values unchanged.
-    Without `figure`, a replaced project file keeps the previous figure.
+    Args:
+        path: File to write.
+        project: Project to write, in the order of `project.sorted()`.
+        unchecked: Whether to mark the file as an export with values outside the ranges written by servolink:
+            `servolink apply` then writes the values unchanged.
+        figure: Shape of the robot; if None, a replaced project file keeps the previous figure.
+
+    Raises:
+        ProjectError: The writing fails, or `load_project` would refuse the file.
     """
     if isinstance(path, Project):
         raise TypeError("save_project(path, project): the path comes first, then the project")

@@ -54,9 +54,16 @@ def validate_project(
 ) -> list[Diagnostic]:
     """Return the problems of `project`, in the order of the project file.
 
-    Values not given are not checked: the ids of existing servos, the highest speed in degrees per second (of all
-    servos, or by servo id), the memory of the board in bytes. `start` is the pose before the first movement, degrees
-    by servo id; `caption_encoding` is the encoding of the board. Raise EncodeError for a speed cap of 0 or less.
+    Args:
+        project: Project to check.
+        servo_ids: Ids of the existing servos; unchecked if None.
+        speed_cap: Highest speed in degrees per second, for all servos or by servo id; unchecked if None.
+        memory: Memory of the board in bytes; unchecked if None.
+        start: Pose before the first movement, degrees by servo id; first movements are unchecked if None.
+        caption_encoding: Caption encoding of the board.
+
+    Raises:
+        EncodeError: A speed cap is 0 or less.
     """
     if errors := list(schema_errors("", project, unchecked=True)):
         return errors  # values of wrong types, unexpected by the other checks

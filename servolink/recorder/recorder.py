@@ -140,12 +140,19 @@ async def record(
 ) -> AsyncIterator[Recorder]:
     """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
 
-    At a hub, the commands of all programs are recorded. The servos are read `hz` times per second (0 to 1000; 0: never,
-    so that no packet is added to those of the programs), shared with all watchers of the servos. With `wire_only`, only
-    bytes are recorded. A separate process writes the file, and the program never waits: messages too many for a slow
-    disk are dropped, counted, and reported in the file. If the program crashes, the file is complete up to the crash.
+    At a hub, the commands of all programs are recorded. A separate process writes the file, and the program never
+    waits: messages too many for a slow disk are dropped, counted, and reported in the file. If the program crashes,
+    the file is complete up to the crash.
 
-    Raise RecordingError, naming the remedy, if the file exists or cannot be written.
+    Args:
+        path: File to create.
+        board: Connected board.
+        hz: Readings of the servos per second, 0 to 1000, shared with all watchers of the servos. With 0, the recorder
+            adds no packet to those of the programs.
+        wire_only: Whether to record bytes only.
+
+    Raises:
+        RecordingError: The file exists or cannot be written; the text names the remedy.
     """
     if not isinstance(board, Board):
         raise TypeError(
@@ -173,7 +180,7 @@ async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[R
     `options` are the options of `connect`. Raise OpenError, and RecordingError, naming the remedy.
     """
     if wanted.ring is None and wanted.path.exists():  # or a board would be opened for nothing
-        raise RecordingError(f"{wanted.path} exists already; remove it or record to another")
+        raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
     address, _ = await resolve_board(url)
     hub = None if address.startswith(_SHARED) else await asyncio.to_thread(hub_of, address)
     shared = address if hub is None else hub.url

@@ -45,7 +45,7 @@ class RecordingFile:
         try:
             self._descriptor = os.open(path, flags, 0o666)
         except FileExistsError as error:
-            raise RecordingError(f"{path} exists already; remove it or record to another") from error
+            raise RecordingError(f"{path} exists already; remove it or record to another file") from error
         except (OSError, ValueError) as error:
             raise RecordingError(f"cannot record to {path}: {reason(error)}; choose another file") from error
 
