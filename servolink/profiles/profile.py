@@ -1,6 +1,6 @@
-"""The profile of a board: what was learnt of it, what its user decided, and how certain each part is.
+"""Profile of a board: measured properties, decisions of the user, and the evidence for each setting.
 
-None means unknown. The names are those of the file; `FieldHelp` says what each of them means there.
+None means unknown. Fields have the same names as in the file; `FieldHelp` has the meaning of each field.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ MOST_DEPTH = 64
 
 
 class FieldHelp(Struct, frozen=True):
-    """Describes a field of a profile to its user."""
+    """Description of a field of a profile, for the user."""
 
     meaning: str
-    """With the unit: the comment above the field in the file."""
+    """Meaning with the unit, written as the comment above the field in the file."""
     wanted: str
-    """The possible values, in words that follow "must be"."""
+    """Possible values, as a phrase to follow "must be"."""
     check: Callable[[Any], object] = lambda value: None
-    """Raises ValueError for a value of the right type that is wrong all the same."""
+    """Further check, which raises ValueError for a wrong value of the right type."""
 
 
 @cache
@@ -79,7 +79,7 @@ AnglesOfServo = Annotated[
 
 
 class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What tells the board from others."""
+    """Identity of a board: properties different from other boards."""
 
     servo_ids: Annotated[
         tuple[_ServoId, ...] | None,
@@ -89,12 +89,12 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         _Natural32 | None,
         FieldHelp("total memory as the board reports it, in units of settings.memory_unit", f"0..{0x7FFF_FFFF}"),
     ] = None
-    vendor_id: Annotated[_U16 | None, FieldHelp("USB vendor id of its port", "0x0000..0xffff")] = None
-    product_id: Annotated[_U16 | None, FieldHelp("USB product id of its port", "0x0000..0xffff")] = None
-    serial_number: Annotated[str | None, FieldHelp("USB serial number of its port", "text")] = None
+    vendor_id: Annotated[_U16 | None, FieldHelp("USB vendor id of the port", "0x0000..0xffff")] = None
+    product_id: Annotated[_U16 | None, FieldHelp("USB product id of the port", "0x0000..0xffff")] = None
+    serial_number: Annotated[str | None, FieldHelp("USB serial number of the port", "text")] = None
 
     def fits(self, found: BoardIdentityRecord) -> bool:
-        """Return whether nothing that is known of both boards differs; the order of servo ids does not count."""
+        """Return whether all properties known of both boards agree; the order of servo ids does not count."""
         ids = self.servo_ids, found.servo_ids
         if None not in ids and set(self.servo_ids or ()) != set(found.servo_ids or ()):
             return False
@@ -102,7 +102,7 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         return all(expected is None or here is None or expected == here for expected, here in others)
 
     def facts(self) -> list[tuple[str, str]]:
-        """Return what is known, in words such as `servos`, `1..16`."""
+        """Return the known properties, in words such as `servos`, `1..16`."""
         facts = []
         if self.servo_ids is not None:
             facts.append(("servos", _ranges(sorted(set(self.servo_ids))) or "none"))
@@ -116,13 +116,13 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def _ranges(ordered: Sequence[int]) -> str:
-    """Return numbers in ascending order as text, such as `1..3, 7`."""
+    """Return the numbers in `ordered`, ascending, as text such as `1..3, 7`."""
     runs = [[number for _, number in run] for _, run in groupby(enumerate(ordered), lambda each: each[1] - each[0])]
     return ", ".join(f"{run[0]}..{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
 class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What the document leaves open, or boards do differently."""
+    """Settings of a board: left open by the document, or different between boards."""
 
     byte_order: Annotated[ByteOrder | None, FieldHelp("byte order of the numbers in packets", '"little" or "big"')] = (
         None
@@ -133,7 +133,7 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = None
     power_up_mode: Annotated[
         Literal[0, 1] | None,
-        FieldHelp("transmission mode after switching on: 1 is the one servolink speaks", "0 or 1"),
+        FieldHelp("transmission mode after switching on: servolink speaks mode 1", "0 or 1"),
     ] = None
     transmission_mode: Annotated[
         Literal["auto", "keep", 1] | None,
@@ -145,36 +145,36 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     unsupported: Annotated[
         tuple[str, ...] | None,
         FieldHelp(
-            'queries that the board does not answer, such as ["QueryMemorySize"]',
+            'queries without a response of the board, such as ["QueryMemorySize"]',
             "a list of queries",
             _check_unsupported,
         ),
     ] = None
     unknown_ids: Annotated[
         Literal["empty", "silent"] | None,
-        FieldHelp("how it answers a query of an id that is not there", '"empty" or "silent"'),
+        FieldHelp("response of the board to a query of an unknown id", '"empty" or "silent"'),
     ] = None
     turnaround: Annotated[
         _Seconds | None,
-        FieldHelp("seconds from the end of a query to the beginning of its response", "0..3600 seconds"),
+        FieldHelp("seconds from the end of a query to the beginning of the response", "0..3600 seconds"),
     ] = None
-    depth: Annotated[_Depth | None, FieldHelp("most queries that may be under way at once", _DEPTH)] = None
-    write_depth: Annotated[_Depth | None, FieldHelp("most writes that may be under way at once", _DEPTH)] = None
-    memory_unit: Annotated[
-        Literal[1, 1024] | None, FieldHelp("bytes in the unit in which it counts its memory", "1 or 1024")
-    ] = None
-    project_id_bits: Annotated[
-        Literal[0, 16, 32] | None, FieldHelp("bits of the project id that it keeps", "0, 16 or 32")
-    ] = None
+    depth: Annotated[_Depth | None, FieldHelp("most queries in progress at the same time", _DEPTH)] = None
+    write_depth: Annotated[_Depth | None, FieldHelp("most writes in progress at the same time", _DEPTH)] = None
+    memory_unit: Annotated[Literal[1, 1024] | None, FieldHelp("bytes in one unit of reported memory", "1 or 1024")] = (
+        None
+    )
+    project_id_bits: Annotated[Literal[0, 16, 32] | None, FieldHelp("stored bits of the project id", "0, 16 or 32")] = (
+        None
+    )
     on_duplicate: Annotated[
         Literal["replace", "append", "reject"] | None,
-        FieldHelp("what it does when a record with an id it has is added", '"replace", "append" or "reject"'),
+        FieldHelp("effect of adding a record with a stored id", '"replace", "append" or "reject"'),
     ] = None
     clear: Annotated[
         Literal["all", "records"] | None,
-        FieldHelp("what clearing deletes: all, or all but servo captions and corrections", '"all" or "records"'),
+        FieldHelp("extent of clearing: all, or all but servo captions and corrections", '"all" or "records"'),
     ] = None
-    clear_seconds: Annotated[_Seconds | None, FieldHelp("seconds that clearing takes", "0..3600 seconds")] = None
+    clear_seconds: Annotated[_Seconds | None, FieldHelp("seconds needed to clear the board", "0..3600 seconds")] = None
     interval_unit: Annotated[
         _IntervalUnit | None,
         FieldHelp("seconds in one unit of the time of a movement; 0.01 in the document", "0.0001..10 seconds"),
@@ -182,13 +182,14 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     when_started: Annotated[
         Literal["stays", "turns"] | None,
         FieldHelp(
-            'what a servo does that is started: "stays", or "turns" to the target it had before', '"stays" or "turns"'
+            'effect of starting a stopped servo: the servo "stays", or "turns" to the previous target',
+            '"stays" or "turns"',
         ),
     ] = None
 
 
 class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What its user allows. A program can only tighten it."""
+    """Limits set by the user, which programs can only tighten."""
 
     speed_cap: Annotated[_Speed | None, FieldHelp("highest speed of any servo, in degrees per second", _SPEED)] = None
     soft_start: Annotated[
@@ -197,11 +198,11 @@ class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     ] = None
     angles: Annotated[
         dict[ServoKey, AnglesOfServo],
-        FieldHelp("lowest and highest angle of a servo in degrees, by its id, such as 3 = [20, 160]", "a table"),
+        FieldHelp("lowest and highest angle of a servo in degrees, by servo id, such as 3 = [20, 160]", "a table"),
     ] = {}
     speed_caps: Annotated[
         dict[ServoKey, SpeedOfServo],
-        FieldHelp("highest speed of a servo in degrees per second, by its id, such as 3 = 90", "a table"),
+        FieldHelp("highest speed of a servo in degrees per second, by servo id, such as 3 = 90", "a table"),
     ] = {}
 
 
@@ -209,11 +210,11 @@ Confidence = Literal["certain", "likely", "guess"]
 
 
 class Evidence(Struct, frozen=True, forbid_unknown_fields=True):
-    """Why a setting is what it is."""
+    """Evidence for the value of a setting."""
 
     confidence: Annotated[Confidence, FieldHelp("", '"certain", "likely" or "guess"')]
     text: Annotated[str, FieldHelp("", "text")]
-    """What was observed."""
+    """Observation, in one sentence with figures."""
     learnt_at: Annotated[datetime | None, FieldHelp("", "a date and time such as 2026-01-31T12:00:00Z")] = None
 
 
@@ -226,7 +227,7 @@ SettingName = Annotated[str, FieldHelp("", "the name of a setting", _check_setti
 
 
 BY_HAND = "set with `servolink board set`"
-"""The text of the evidence of a setting that the user has set."""
+"""Evidence text of a setting made by the user."""
 
 
 class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -234,48 +235,50 @@ class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     identity: Annotated[
         BoardIdentityRecord | None,
-        FieldHelp("What tells this board from others: with another one nothing is moved or written.", "a table"),
+        FieldHelp("Identity of this board: with another board nothing is moved or written.", "a table"),
     ] = None
     settings: Annotated[
         BoardSettings,
-        FieldHelp("What was measured, or set by you. Options of a program and of the address override it.", "a table"),
+        FieldHelp(
+            "Settings, measured or set by you. Options of a program and of the address take precedence.", "a table"
+        ),
     ] = BoardSettings()
     limits: Annotated[
         SafetyLimits,
-        FieldHelp("What you allow. Programs cannot allow more, only less.", "a table"),
+        FieldHelp("Limits set by you. Programs cannot allow more, only less.", "a table"),
     ] = SafetyLimits()
     evidence: Annotated[
         dict[SettingName, Evidence],
-        FieldHelp("Why each setting is believed: by its name, with the confidence and the time.", "a table"),
+        FieldHelp("Evidence for each setting, by name, with confidence and time.", "a table"),
     ] = {}
 
 
 class ProfileInUse(NamedTuple):
-    """The profile that a connection uses."""
+    """Profile in use by a connection."""
 
     name: str | None
-    """The name of the board, None for a profile without one."""
+    """Name of the board, None for an unnamed profile."""
     profile: BoardProfile
 
     def __str__(self) -> str:
-        """Return what errors call it, such as `profile "rex"`."""
+        """Return the profile as named in errors, such as `profile "rex"`."""
         return "the profile" if self.name is None else f'profile "{self.name}"'
 
     @property
     def settings(self) -> BoardSettings:
-        """Its settings."""
+        """Settings of the board, in use by the connection."""
         return self.profile.settings
 
     @property
     def limits(self) -> MotionLimits:
-        """Its limits of movements, as all who check movements use them."""
+        """Limits of movements, for every check of a movement."""
         limits = self.profile.limits
         return MotionLimits(limits.angles, limits.speed_cap, limits.speed_caps, limits.soft_start, str(self))
 
 
 @cache
 def fields_of(kind: type[Struct]) -> dict[str, tuple[Any, FieldHelp]]:
-    """Return type and description of each field of a part of the profile, in their order."""
+    """Return type and description of each field of a part of the profile, in order."""
     hints = get_type_hints(kind, include_extras=True)
     return {name: (hints[name], about(hints[name])) for name in kind.__struct_fields__}
 
@@ -292,7 +295,7 @@ class Measured(Struct, frozen=True):
     """Measured setting of a board."""
 
     setting: str
-    """Its name in the profile."""
+    """Name of the setting in the profile."""
     value: Any
     """Measured value; None if unknown."""
     confidence: Confidence
@@ -303,10 +306,10 @@ class Measured(Struct, frozen=True):
 def merge_profile(
     profile: BoardProfile, measured: Iterable[Measured], identity: BoardIdentityRecord, now: datetime
 ) -> BoardProfile:
-    """Return `profile` with what was measured; limits, and what could not be learnt, stay.
+    """Return `profile` with measured settings; limits, and settings without a new measurement, stay.
 
-    What is kept already is replaced unless the same value is kept with better evidence, or the user has set another
-    value and the new one is not certain.
+    An old value is replaced, except by the same value with weaker evidence, and except if the user has set another
+    value and the measurement is not certain.
     """
     settings, evidence = profile.settings, dict(profile.evidence)
     for each in measured:
@@ -325,5 +328,5 @@ def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> b
 
 
 def _merged(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> BoardIdentityRecord:
-    """Return what is known of the same board now: what a bad line did not tell this time stays."""
+    """Return the identity with new properties; properties lost on a bad line keep their old values."""
     return replace(kept or found, **{name: value for name, value in asdict(found).items() if value is not None})

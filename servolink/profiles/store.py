@@ -1,4 +1,4 @@
-"""Profiles in files: one of documented TOML for each board, by its name."""
+"""Files of profiles: documented TOML, one file for each board."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MARK = "\ufeff"  # put by some editors before a text
 
 
 def profile_path(name: str) -> Path:
-    """Return where the profile of the board `name` is kept. Raise ProfileError for a user without a home."""
+    """Return the path of the profile of the board `name`. Raise ProfileError for a user without a home."""
     if not is_name(name):
         raise ProfileError(f"{quote(name)} cannot be a board's name: names have only letters, digits, - and _")
     return _folder() / f"{name}{_ENDING}"
@@ -39,9 +39,9 @@ def profile_names() -> list[str]:
 
 
 def load_profile(name: str) -> BoardProfile | None:
-    """Return the profile of the board `name`, None if it has none.
+    """Return the profile of the board `name`, None without a profile.
 
-    Raise ProfileError, which names file and line, if it cannot be used.
+    Raise ProfileError, with file and line, for an unusable profile.
     """
     try:
         path = profile_path(name)
@@ -53,13 +53,15 @@ def load_profile(name: str) -> BoardProfile | None:
         text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
     except FileNotFoundError as error:
         if path.is_symlink():
-            raise ProfileError(f"{path} cannot be used: it is a link to nothing; correct it or remove it") from error
+            raise ProfileError(
+                f"{path} cannot be used: the link leads to no file; correct or remove the link"
+            ) from error
         return None
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise ProfileError(f"{path}, line {line}: is not text in UTF-8; save it as UTF-8") from error
+        raise ProfileError(f"{path}, line {line}: is not text in UTF-8; save the file as UTF-8") from error
     except OSError as error:
-        raise ProfileError(f"{path} cannot be used: {reason(error)}; correct it or remove it") from error
+        raise ProfileError(f"{path} cannot be used: {reason(error)}; correct or remove the file") from error
     try:
         return parse_profile(text)
     except TextError as error:
@@ -67,9 +69,9 @@ def load_profile(name: str) -> BoardProfile | None:
 
 
 def save_profile(name: str, profile: BoardProfile) -> Path:
-    """Keep the profile of the board `name`, whole or not at all; return the file.
+    """Write the profile of the board `name` atomically; return the path of the file.
 
-    Raise ProfileError if it cannot be written, ValueError for a profile that could not be read again.
+    Raise ProfileError if the file cannot be written, ValueError for a profile that could not be read again.
     """
     path = profile_path(name)
     text = _changed(path, name, profile)
@@ -83,7 +85,7 @@ def save_profile(name: str, profile: BoardProfile) -> Path:
 
 
 def remove_profile(name: str) -> bool:
-    """Remove the profile of the board `name`, damaged or not. Return whether there was one."""
+    """Remove the profile of the board `name`, damaged or not. Return whether a profile existed."""
     path = profile_path(name)
     try:
         path.unlink()
@@ -98,14 +100,14 @@ def _folder() -> Path:
     try:
         return user_folder("config") / "profiles"
     except OSError as error:
-        raise ProfileError(f"profiles of boards cannot be kept: {reason(error)}") from error
+        raise ProfileError(f"profiles of boards cannot be stored: {reason(error)}") from error
 
 
 # --- reading --------------------------------------------------------------------------------------------------------
 
 
 def parse_profile(text: str) -> BoardProfile:
-    """Return the profile in the text of a file. Raise TextError, which is a ValueError, with the line."""
+    """Return the profile in the text of a file. Raise TextError, a ValueError with the line."""
     try:
         return _struct(BoardProfile, read_toml(text), ())
     except _Fault as fault:
@@ -113,7 +115,7 @@ def parse_profile(text: str) -> BoardProfile:
 
 
 def setting_from_text(name: str, text: str) -> Any:
-    """Return the value of the setting `name` in `text`, a list with commas. Raise ValueError for an impossible one."""
+    """Return the value in `text`, lists with commas, for the setting `name`. Raise ValueError for a wrong value."""
     value: object = text
     if name == "unsupported":
         value = [each for each in text.split(",") if each]
@@ -130,12 +132,12 @@ def setting_from_text(name: str, text: str) -> Any:
 
 
 def in_shell(text: str) -> str:
-    """Return what `About` says of values as people write them in a shell: without the quotes and brackets of TOML."""
+    """Return a description of values as written in a shell, without the quotes and brackets of TOML."""
     return re.sub(r'["\[\]]', "", text)
 
 
 class _Fault(Exception):
-    """Why the value at `path` is wrong."""
+    """Error with the reason why the value at `path` is wrong."""
 
     def __init__(self, path: tuple[str, ...], text: str) -> None:
         self.path = path
@@ -143,7 +145,7 @@ class _Fault(Exception):
 
 
 def _struct(kind: type[S], value: object, path: tuple[str, ...]) -> S:
-    """Return the part of the profile that a table holds."""
+    """Return the part of the profile in a table."""
     fields, table = fields_of(kind), _table(value, path)
     for key in table:
         if key not in fields:
@@ -196,7 +198,7 @@ def _table(value: object, path: tuple[str, ...]) -> dict[str, object]:
 
 
 def _label(path: tuple[str, ...]) -> str:
-    """Return the last part of a path; inside a table of a setting, with the name of that."""
+    """Return the last part of a path; inside a table of a setting, with the name of the setting."""
     in_setting = len(path) > 2 or path[:1] == ("evidence",)
     return escape(".".join(path[-2:] if in_setting else path[-1:]))
 
@@ -209,7 +211,7 @@ def _quoted(value: object) -> str:
 
 
 def format_profile(name: str, profile: BoardProfile, text: str = "") -> str:
-    """Return the text of a new file, or `text` with the settings of `profile` and otherwise as it is.
+    """Return the text of a new file, or `text` with the settings of `profile` and otherwise unchanged.
 
     A new file has a comment for each setting; unknown settings are commented out.
     """
@@ -232,7 +234,7 @@ _HEAD = (
 
 
 def _changed(path: Path, name: str, profile: BoardProfile) -> str:
-    """Return new text for the file at `path`, based on the present text unless that is unreadable."""
+    """Return new text for the file at `path`, based on the present text if readable."""
     try:
         text = read_file(path, _MOST_BYTES).decode()
         parse_profile(text.removeprefix(_MARK))
@@ -245,7 +247,7 @@ def _changed(path: Path, name: str, profile: BoardProfile) -> str:
 
 
 def _paragraph(part: str, value: Any) -> str:
-    """Return the header of a part with a comment for each setting, to which values are added."""
+    """Return the header of a part, with a comment for each setting in front of the place for its value."""
     head = f"# {fields_of(BoardProfile)[part][1].meaning}\n"
     if value is None:
         return head

@@ -26,10 +26,10 @@ _PLACE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
 
 
 class TextError(ValueError):
-    """Fault in a text, with its line."""
+    """Error in a text, with the line number."""
 
     def __init__(self, text: str, line: int) -> None:
-        """Keep both."""
+        """Store `text` and the number of the line."""
         super().__init__(text)
         self.text = text
         self.line = line
@@ -37,7 +37,7 @@ class TextError(ValueError):
 
 def read_toml(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text. Raise TextError for any other text."""
-    import tomllib  # late: needed for reading only
+    import tomllib  # imported late: needed for reading only
 
     try:
         return tomllib.loads(text)
@@ -48,7 +48,7 @@ def read_toml(text: str) -> dict[str, Any]:
     except RecursionError:
         raise TextError("is nested too deeply", 1) from None
     except ValueError:  # such as an integer of thousands of digits, or the 31st of February
-        raise TextError("is not TOML: it has a number or a date that cannot be", _bad_line(text)) from None
+        raise TextError("is not TOML: a number or a date is impossible", _bad_line(text)) from None
 
 
 def line_of(text: str, path: Sequence[str]) -> int:
@@ -63,9 +63,9 @@ def line_of(text: str, path: Sequence[str]) -> int:
 def changed_toml(text: str, tables: Mapping[str, object]) -> str:
     """Return `text` with the content of `tables`; comments, spacing and the form of other values stay.
 
-    A value of None is unknown: its line becomes a comment, `# name =`, and such a comment becomes a value again.
+    None means unknown: the line becomes a comment, `# name =`, and such a comment becomes a value again.
     """
-    import tomlkit  # late: needed for writing only
+    import tomlkit  # imported late: needed for writing only
 
     newline = "\r\n" if "\r\n" in text else "\n"
     lines = text.replace("\r\n", "\n")
@@ -75,7 +75,7 @@ def changed_toml(text: str, tables: Mapping[str, object]) -> str:
 
 
 def toml_value(name: str, value: object) -> str:
-    """Return a value as TOML has it: USB ids in hexadecimal, and no text that a terminal obeys."""
+    """Return a value as TOML, with USB ids in hexadecimal and control characters escaped."""
     if isinstance(value, str):
         return '"' + _UNUSUAL.sub(_escape_match, value) + '"'
     if isinstance(value, (tuple, list)):
@@ -86,7 +86,7 @@ def toml_value(name: str, value: object) -> str:
 
 
 def _with_values(text: str, tables: Mapping[str, object]) -> str:
-    """Return `text` with a value, to be changed later, in each comment `# name =` whose setting has a value."""
+    """Return `text` with a placeholder value in place of each comment `# name =` for a known setting."""
     lines, table = text.split("\n"), tables
     for number, line in enumerate(lines):
         if header := _HEADER.match(line):
@@ -106,7 +106,7 @@ def _part_of(tables: Mapping[str, object], path: Sequence[str]) -> Mapping[str, 
 
 
 def _change(table: Any, values: Mapping[str, object]) -> None:
-    """Give a table of tomlkit, which has a type for each form of tables, the content `values`."""
+    """Set the content of a table of tomlkit to `values`; tomlkit has a type for each form of tables."""
     from tomlkit import value as parse_value
     from tomlkit.items import InlineTable
 
@@ -125,7 +125,9 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
                 table[name] = _UNKNOWN
         elif value is not None and not (name in table and _is_same(table[name].unwrap(), value)):
             item = parse_value(toml_value(name, value))
-            if name in table or not hasattr(table, "append"):  # or in pieces, which tomlkit puts together
+            if name in table or not hasattr(
+                table, "append"
+            ):  # no `append`: a table in several pieces, joined by tomlkit
                 table[name] = item
             else:
                 _add(table, name, item)
@@ -153,7 +155,7 @@ def _add_table(table: Any, name: str, values: Mapping[str, object]) -> None:
 
 
 def _add(table: Any, name: str, item: Item) -> None:
-    """Add a value or a table in front of the comments at the end, which belong to the next header."""
+    """Add a value or a table in front of the comments at the end: comments there belong to the next header."""
     body = _body(table)
     end: list[Any] = []
     while body and body[-1][0] is None:
@@ -163,7 +165,7 @@ def _add(table: Any, name: str, item: Item) -> None:
 
 
 def _remove(table: Any, name: str) -> None:
-    """Remove a value or a table, without the comments at its end, which belong to the next header."""
+    """Remove a value or a table, but keep the comments at the end: comments there belong to the next header."""
     from tomlkit import ws
     from tomlkit.items import Table
 
@@ -192,9 +194,9 @@ def _body(table: Any) -> list[Any]:
 
 
 def _keys(text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield line and full name of each table and each value, as far as they begin a line."""
+    """Yield line and full name of each table and each value at the beginning of a line."""
     table: list[str] = []
-    in_text = False  # between three quotes, where lines only look like keys
+    in_text = False  # between three quotes, where a line may look like a key
     for number, line in enumerate(text.split("\n"), 1):
         if not in_text:
             if header := _HEADER.match(line):

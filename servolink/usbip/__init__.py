@@ -1,1 +1,1 @@
-"""The virtual board as a USB device, exported over USB/IP."""
+"""Virtual board as a USB device, exported over USB/IP."""

@@ -1,4 +1,4 @@
-"""Endpoint 0: the standard requests of USB, and those of the serial and the HID class."""
+"""Endpoint 0: standard requests of USB, and class requests of serial and HID interfaces."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from servolink.usbip.descriptors import (
 from servolink.usbip.endpoint import Endpoint
 
 STALL = None
-"""The response to a request that the device does not know."""
+"""Response to a request unknown to the device."""
 _OK = b""
 _TO_DEVICE, _TO_INTERFACE, _TO_ENDPOINT = range(3)
 _FROM_DEVICE, _FROM_INTERFACE, _FROM_ENDPOINT = range(0x80, 0x83)
-_KIND, _CLASS = 0x60, 0x20  # bits that distinguish standard requests from those of a class
+_KIND, _CLASS = 0x60, 0x20  # bits to distinguish standard requests from class requests
 _GET_STATUS, _CLEAR_FEATURE, _SET_FEATURE = 0, 1, 3
 _GET_DESCRIPTOR, _GET_CONFIGURATION, _SET_CONFIGURATION, _GET_INTERFACE, _SET_INTERFACE = 6, 8, 9, 10, 11
 _ENDPOINT_HALT = 0
@@ -33,10 +33,10 @@ _INPUT, _OUTPUT = 1, 2  # types of reports
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """The eight bytes that begin a control transfer."""
+    """Setup packet: the first eight bytes of a control transfer."""
 
     kind: int
-    """bmRequestType: direction, standard or class, and recipient."""
+    """Field bmRequestType: direction, standard or class, and recipient."""
     request: int
     value: int
     index: int
@@ -44,7 +44,7 @@ class Setup:
 
     @classmethod
     def parse(cls, data: bytes) -> Self:
-        """Return the setup in eight bytes."""
+        """Return the setup packet in eight bytes."""
         return cls(*struct.unpack("<BBHHH", data))
 
 
@@ -52,12 +52,12 @@ Handler: TypeAlias = Callable[[Setup, bytes], bytes | None]
 
 
 class ControlEndpoint:
-    """Responds to control requests. Values that the host sets are stored and returned, without other effects."""
+    """Responder to control requests. Values set by the host are stored and returned, without other effects."""
 
     def __init__(
         self, serial_number: str, endpoints: Mapping[int, Endpoint], take_report: Callable[[bytes], None]
     ) -> None:
-        """Serve a device with `endpoints`, by address; output reports go to `take_report`."""
+        """Serve a device with `endpoints`, by address, and pass output reports to `take_report`."""
         self._descriptors = device_descriptors(serial_number)
         self._hid_descriptors = hid_descriptors()
         self._endpoints = endpoints
@@ -65,7 +65,7 @@ class ControlEndpoint:
         self._configuration = b"\0"
         self._line_coding = struct.pack("<IBBB", 115200, 0, 0, 8)
         self._idle = b"\0"
-        self._protocol = b"\1"  # that of the report descriptor
+        self._protocol = b"\1"  # report protocol, not boot protocol
         self._standard: dict[tuple[int, int], Handler] = {
             (_FROM_DEVICE, _GET_STATUS): lambda *_: _SELF_POWERED,
             (_FROM_INTERFACE, _GET_STATUS): lambda *_: b"\0\0",
@@ -97,7 +97,7 @@ class ControlEndpoint:
         }
 
     def respond(self, setup: bytes, data: bytes) -> bytes | None:
-        """Return the data for a request, empty if it has none, or STALL if the device does not know the request."""
+        """Return the data for a request, perhaps empty, or STALL for a request unknown to the device."""
         request = Setup.parse(setup)
         of_class = request.kind & _KIND == _CLASS
         known = self._of_class.get(request.index, {}) if of_class else self._standard

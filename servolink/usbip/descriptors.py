@@ -1,7 +1,7 @@
 """Descriptors of the device: USB 2.0 chapter 9, CDC 1.2 and its PSTN 1.2 subclass, HID 1.11.
 
-A full-speed device, like the microcontrollers on such boards, with three functions that all lead to the same board: a
-serial port (CDC-ACM), an HID interface with 64-byte reports and no report ids, and a vendor interface with a bulk pair.
+A full-speed device, like the microcontrollers on such boards, with three functions for the same board: a serial port
+(CDC-ACM), an HID interface with 64-byte reports and no report ids, and a vendor interface with a bulk pair.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from __future__ import annotations
 import struct
 
 VENDOR_ID, PRODUCT_ID = 0x1209, 0x0001
-"""The pair that pid.codes reserves for tests: no product has it."""
+"""Vendor and product id reserved by pid.codes for tests, and used by no product."""
 VERSION = 0x0100
 FULL_SPEED = 2
-"""The number of this speed in USB/IP."""
+"""Number of full speed in USB/IP."""
 PACKET = 64
-"""Bytes in a packet, and in an HID report."""
+"""Size of a packet, and of an HID report, in bytes."""
 CONFIGURATION = 1
 MISCELLANEOUS = (0xEF, 0x02, 0x01)
-"""The class of a device whose functions may span several interfaces."""
+"""Class of a device with functions spanning several interfaces."""
 
 CDC_CONTROL, CDC_DATA, HID, VENDOR = range(4)
-"""The numbers of the interfaces."""
+"""Interface numbers of the device."""
 INTERFACE_CLASSES = {
     CDC_CONTROL: (0x02, 0x02, 0x00),
     CDC_DATA: (0x0A, 0x00, 0x00),
@@ -39,7 +39,7 @@ REPORT = bytes.fromhex(
     "0903 9102"  # usage 3: output report
     "c0"
 )
-"""The HID report descriptor."""
+"""Report descriptor of the HID interface."""
 
 _DEVICE, _CONFIGURATION, _STRING, _INTERFACE, _ENDPOINT, _ASSOCIATION, _CLASS_INTERFACE = 1, 2, 3, 4, 5, 11, 0x24
 _HID, _REPORT = 0x21, 0x22
@@ -52,7 +52,7 @@ _LONGEST_STRING = 126  # UTF-16 units
 
 
 def device_descriptors(serial_number: str) -> dict[int, bytes]:
-    """Return the descriptors for GET_DESCRIPTOR, by its wValue: type and index."""
+    """Return the descriptors for GET_DESCRIPTOR, by wValue: type and index."""
     texts = {_MANUFACTURER: "servolink", _PRODUCT: "Virtual servo board", _SERIAL_NUMBER: serial_number}
     texts |= dict(_NAMES.values())
     return {

@@ -1,4 +1,4 @@
-"""The USB device: takes URBs from a host and returns each when it is completed, as a host controller does."""
+"""USB device: accepts URBs from a host and returns each completed URB, like a host controller."""
 
 from __future__ import annotations
 
@@ -29,58 +29,58 @@ from servolink.usbip.endpoint import (
 )
 
 MAX_UNREAD = 64 * 1024
-"""Bytes that wait for the host to fetch them, at which its requests have to wait."""
+"""Bytes unread by the host, from which requests of the host have to wait."""
 MAX_WAITING = 1024 * 1024
-"""Bytes that may wait for the host; data beyond that is lost."""
+"""Most bytes unread by the host; further data is lost."""
 
 
 class Pipe:
-    """A pair of endpoints that programs on the host read and write. Each `send` is one transfer of packets."""
+    """Pair of endpoints, read and written by programs on the host. Each `send` is one transfer of packets."""
 
     def __init__(self, complete: Complete, cut: Callable[[bytes], list[bytes]]) -> None:
-        """Return URBs to `complete`; `cut` makes packets of the data to be sent."""
+        """Return URBs to `complete`; `cut` divides data to be sent into packets."""
         self.to_host = InEndpoint(complete)
         self.from_host = OutEndpoint(complete, self.take, self.ready)
         self.receive: Callable[[bytes], None] = _ignore
-        """Takes the data that the host sends; must not raise."""
+        """Callback for data from the host; must not raise."""
         self._cut = cut
 
     def send(self, data: bytes) -> None:
-        """Send `data` to the host; it is lost if MAX_WAITING is exceeded."""
+        """Send `data` to the host; beyond MAX_WAITING bytes, data is lost."""
         if self.to_host.waiting + len(data) <= MAX_WAITING:
             self.to_host.send(self._cut(data))
 
     def take(self, data: bytes) -> None:
-        """Take data that the host sent, through an endpoint or as a report."""
+        """Receive data from the host, through an endpoint or as a report."""
         self.receive(data)
 
     def ready(self) -> bool:
-        """Return whether data is taken from the host: not while it leaves too much unread."""
+        """Return whether data from the host is accepted: not while the host leaves MAX_UNREAD bytes unread."""
         return self.to_host.waiting < MAX_UNREAD
 
 
 def transfers(data: bytes) -> list[bytes]:
-    """Cut `data` as a bulk transfer, which ends with a short packet, an empty one if necessary."""
+    """Cut `data` into packets of a bulk transfer, with a short packet at the end, empty if necessary."""
     return [data[at : at + PACKET] for at in range(0, len(data) + 1, PACKET)]
 
 
 def reports(data: bytes) -> list[bytes]:
-    """Cut `data` into HID reports; the last one is padded with zeros."""
+    """Cut `data` into HID reports, the last report padded with zeros."""
     return [data[at : at + PACKET].ljust(PACKET, b"\0") for at in range(0, len(data), PACKET)]
 
 
 def _ignore(data: bytes) -> None:
-    """Ignore data that nobody receives yet."""
+    """Ignore data before a receiver is set."""
 
 
 _CONTROL_OUT, _CONTROL_IN = 0x00, 0x80
 
 
 class UsbDevice:
-    """One device with three pipes; its owner sets what they receive and send."""
+    """USB device with three pipes; the owner sets `receive` of each pipe and calls `send`."""
 
     def __init__(self, serial_number: str, complete: Complete) -> None:
-        """Return every URB to `complete`, once, unless it is unlinked."""
+        """Plug in a device, and return every URB to `complete`, once, unless unlinked."""
         self._complete = complete
         self._outstanding: dict[int, Urb] = {}
         self.serial = Pipe(self._finish, transfers)
@@ -99,21 +99,21 @@ class UsbDevice:
 
     @property
     def pipes(self) -> tuple[Pipe, Pipe, Pipe]:
-        """The three ways to the board."""
+        """Serial, HID and vendor pipe, all to the same board."""
         return self.serial, self.hid, self.bulk
 
     @property
     def outstanding(self) -> int:
-        """The number of URBs that have not been returned."""
+        """Number of URBs not returned yet."""
         return len(self._outstanding)
 
     @property
     def held(self) -> int:
-        """The bytes that the host has sent and the device has not taken."""
+        """Number of bytes sent by the host and not accepted yet."""
         return sum(len(urb.data) - urb.taken for urb in self._outstanding.values())
 
     def submit(self, urb: Urb) -> None:
-        """Take a URB. Raise DecodeError if one with its number is outstanding."""
+        """Accept a URB. Raise DecodeError if another URB with this number is outstanding."""
         if urb.number in self._outstanding:
             raise DecodeError(f"URB {urb.number} is outstanding already")
         self._outstanding[urb.number] = urb
@@ -126,9 +126,9 @@ class UsbDevice:
             self._finish(urb, NO_RESPONSE)
 
     def unlink(self, number: int) -> int:
-        """Withdraw a URB for the host. Return UNLINKED, or DONE if the URB was or is now returned itself.
+        """Withdraw a URB for the host. Return UNLINKED, or DONE if the URB was returned before or is returned now.
 
-        A URB that has transferred some bytes is returned with them: on a bus, too, programs do not lose them.
+        A URB with some transferred bytes is returned: as on a bus, programs do not lose these bytes.
         """
         urb = self._outstanding.get(number)
         if urb is None:
@@ -141,11 +141,11 @@ class UsbDevice:
         return UNLINKED
 
     def halt(self, address: int) -> None:
-        """Halt an endpoint, as failed firmware does, until the host clears it."""
+        """Halt an endpoint, as failed firmware does, until the host clears the halt."""
         self._endpoints[address].halt()
 
     def advance(self) -> None:
-        """Take the data that had to wait because a pipe was not ready."""
+        """Accept data that waited for a pipe to be ready."""
         for pipe in self.pipes:
             pipe.from_host.advance()
 

@@ -1,4 +1,4 @@
-"""Endpoints: how a host controller carries out transfers (URBs), packet by packet."""
+"""Endpoints: transfers (URBs) carried out packet by packet, as by a host controller."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TypeAlias
 from servolink.usbip.descriptors import PACKET
 
 DONE = 0
-"""The status of a completed URB. The others are errors of Linux, whose numbers USB/IP uses on every system."""
+"""Status of a completed URB. Other statuses are error numbers of Linux, used by USB/IP on every system."""
 STALLED = -32
 NO_RESPONSE = -71
 OVERFLOW = -75
@@ -22,40 +22,40 @@ _TOWARDS_HOST = 0x80
 
 @dataclass(slots=True, eq=False)
 class Urb:
-    """A transfer that the host requests (USB request block)."""
+    """Transfer requested by the host (USB request block)."""
 
     number: int
-    """The number by which the host refers to it."""
+    """Number of the URB, chosen by the host."""
     endpoint: int
-    """The endpoint's address, with bit 7 for the direction towards the host."""
+    """Address of the endpoint, with bit 7 for the direction towards the host."""
     length: int
-    """The bytes that the host has room for, or sends."""
+    """Bytes to send, or room of the host for received bytes."""
     setup: bytes = b""
-    """The eight bytes that begin a control transfer."""
+    """Setup packet of a control transfer, eight bytes."""
     data: bytes = b""
-    """The data from the host."""
+    """Data from the host."""
     received: bytearray = field(default_factory=bytearray)
-    """The data for the host."""
+    """Data for the host."""
     taken: int = 0
-    """The bytes of `data` that the device has taken."""
+    """Bytes of `data` accepted by the device so far."""
 
     @property
     def inward(self) -> bool:
-        """Whether data goes to the host."""
+        """Whether the direction is towards the host."""
         return bool(self.endpoint & _TOWARDS_HOST)
 
     @property
     def moved(self) -> int:
-        """The bytes that have been transferred."""
+        """Number of bytes transferred so far."""
         return len(self.received) if self.inward else self.taken
 
 
 Complete: TypeAlias = Callable[[Urb, int], None]
-"""Returns a URB to the host, with a status from above."""
+"""Callback to return a URB to the host, with one of the statuses above."""
 
 
 class Endpoint(ABC):
-    """An endpoint, with its URBs in the order in which they came."""
+    """Endpoint with a queue of URBs."""
 
     def __init__(self, complete: Complete) -> None:
         """Return completed URBs to `complete`."""
@@ -65,21 +65,21 @@ class Endpoint(ABC):
 
     @property
     def halted(self) -> bool:
-        """Whether every URB is completed with STALL."""
+        """Whether the endpoint completes every URB with STALL."""
         return self._halted
 
     def halt(self) -> None:
-        """Complete every URB with STALL from now on, including those that wait."""
+        """Complete every URB with STALL from now on, including waiting URBs."""
         self._halted = True
         while self._urbs:
             self._complete(self._urbs.popleft(), STALLED)
 
     def clear_halt(self) -> None:
-        """Serve URBs again."""
+        """Serve URBs again after a halt."""
         self._halted = False
 
     def submit(self, urb: Urb) -> None:
-        """Take a URB."""
+        """Add a URB to the queue."""
         if self._halted:
             self._complete(urb, STALLED)
         else:
@@ -87,39 +87,39 @@ class Endpoint(ABC):
             self.advance()
 
     def unlink(self, urb: Urb) -> None:
-        """Withdraw a URB that waits."""
+        """Withdraw a waiting URB."""
         self._urbs.remove(urb)
 
     @abstractmethod
     def advance(self) -> None:
-        """Transfer the packets that can be transferred now."""
+        """Transfer as many packets as possible now."""
 
 
 class InEndpoint(Endpoint):
-    """An endpoint towards the host: packets wait for URBs, and URBs for packets."""
+    """Endpoint towards the host: packets wait for URBs, and URBs for packets."""
 
     def __init__(self, complete: Complete) -> None:
         """Return completed URBs to `complete`."""
         super().__init__(complete)
         self.waiting = 0
-        """The bytes that no URB has fetched yet."""
+        """Number of bytes waiting for a URB."""
         self._packets: deque[bytes] = deque()
 
     def send(self, packets: Iterable[bytes]) -> None:
-        """Send `packets`; a short packet ends a transfer."""
+        """Queue `packets` for the host; a short packet ends a transfer."""
         for packet in packets:
             self._packets.append(packet)
             self.waiting += len(packet)
         self.advance()
 
     def advance(self) -> None:
-        """Fill URBs with packets."""
+        """Fill URBs with waiting packets, and complete full URBs."""
         while self._urbs and self._packets:
             urb, packet = self._urbs[0], self._packets.popleft()
             self.waiting -= len(packet)
             room = urb.length - len(urb.received)
             fits = len(packet) <= room
-            if fits:  # a packet that does not fit is lost, as on a bus
+            if fits:  # a packet larger than the URB is lost, as on a bus
                 urb.received += packet
             if len(packet) < PACKET or len(packet) >= room:
                 self._urbs.popleft()
@@ -127,21 +127,21 @@ class InEndpoint(Endpoint):
 
 
 class OutEndpoint(Endpoint):
-    """An endpoint from the host: packets are taken while the device is ready for them."""
+    """Endpoint from the host: packets are accepted while the device is ready."""
 
     def __init__(self, complete: Complete, take: Callable[[bytes], None], ready: Callable[[], bool]) -> None:
-        """Pass packets to `take` while `ready()` is true; call `advance` when it becomes true."""
+        """Pass packets to `take` while `ready()` is true; call `advance` when `ready()` becomes true."""
         super().__init__(complete)
         self._take = take
         self._ready = ready
 
     def advance(self) -> None:
-        """Take packets while the device is ready."""
+        """Pass packets to the device while the device is ready."""
         while self._urbs and self._ready():
             urb = self._urbs[0]
             packet = urb.data[urb.taken : urb.taken + PACKET]
             urb.taken += len(packet)
-            if urb.taken == len(urb.data):  # returned first: on a bus no response can come before that
+            if urb.taken == len(urb.data):  # returned first: on a bus no response can arrive before the URB is returned
                 self._urbs.popleft()
                 self._complete(urb, DONE)
             if packet:

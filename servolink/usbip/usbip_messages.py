@@ -1,4 +1,4 @@
-"""The messages of USB/IP, between a host and a machine that exports devices."""
+"""Messages of USB/IP between a host and a machine with exported devices."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ OPENING_SIZE = 8
 COMMAND_SIZE = 48
 BUS_ID_SIZE = 32
 LIST, IMPORT = 0x8005, 0x8003
-"""The requests with which a host can begin."""
+"""Codes of the first request of a host: list of devices, or import of a device."""
 BUS_ID = "1-1"
-"""The port at which the device claims to be plugged in."""
+"""Port of the exported device, as reported to hosts."""
 BUSY, UNKNOWN = 2, 4
-"""Reasons why a device cannot be imported."""
+"""Statuses of a refused import of a device."""
 MAX_DATA = 4 * 1024 * 1024
-"""The bytes that one URB may send."""
+"""Most bytes in a URB."""
 
 _PROTOCOL = 0x0111  # USB/IP 1.1.1, the version of Linux since 3.17
-_RESPONSE = 0x8000  # the code of a response is that of the request less this
+_RESPONSE = 0x8000  # difference between the codes of a request and its response
 _SUBMIT, _UNLINK, _SUBMITTED, _UNLINKED = 1, 2, 3, 4
 _INWARD = 0x80
 _OPENING = struct.Struct(">HHI")
@@ -42,14 +42,14 @@ _UNLINKED_REST = struct.Struct(">i24x")
 
 
 class Unlink(NamedTuple):
-    """A request to withdraw a URB."""
+    """Request to withdraw a URB."""
 
     number: int
     urb: int
 
 
 def parse_opening(data: bytes) -> int:
-    """Return the code of the first request. Raise DecodeError if the host speaks another version."""
+    """Return the code of the first request. Raise DecodeError for another version of USB/IP."""
     version, code, _ = _OPENING.unpack(data)
     if version != _PROTOCOL:
         raise DecodeError(f"the USB/IP version must be {_PROTOCOL:#06x}, not {version:#06x}", data)
@@ -63,19 +63,19 @@ def device_list() -> bytes:
 
 
 def import_granted() -> bytes:
-    """Return the response that gives the host the device until the connection ends."""
+    """Return the response to an accepted import, valid until the connection ends."""
     return _OPENING.pack(_PROTOCOL, IMPORT - _RESPONSE, 0) + _device()
 
 
 def import_refused(reason: int) -> bytes:
-    """Return the response that refuses a device for a `reason`."""
+    """Return the response to an import refused for `reason`."""
     return _OPENING.pack(_PROTOCOL, IMPORT - _RESPONSE, reason)
 
 
 def parse_command(data: bytes) -> Urb | Unlink:
-    """Return the command of a host that has the device. Raise DecodeError for one that no host sends.
+    """Return the command of a host after an import. Raise DecodeError for an impossible command.
 
-    The data of an outgoing URB follows the command: `length` bytes.
+    The command of an outgoing URB is followed by its data, `length` bytes.
     """
     command, number, _, direction, endpoint = _HEADER.unpack_from(data)
     rest = data[_HEADER.size :]
@@ -92,12 +92,12 @@ def parse_command(data: bytes) -> Urb | Unlink:
 
 
 def submitted(urb: Urb, status: int) -> bytes:
-    """Return the message that returns a completed URB."""
+    """Return the message with a completed URB."""
     return _HEADER.pack(_SUBMITTED, urb.number, 0, 0, 0) + _RESULT_REST.pack(status, urb.moved, 0, 0, 0) + urb.received
 
 
 def unlinked(unlink: Unlink, status: int) -> bytes:
-    """Return the message with the status of a URB that the host withdrew."""
+    """Return the message with the status of a URB withdrawn by the host."""
     return _HEADER.pack(_UNLINKED, unlink.number, 0, 0, 0) + _UNLINKED_REST.pack(status)
 
 

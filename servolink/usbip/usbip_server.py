@@ -1,4 +1,4 @@
-"""Export a USB device over USB/IP, to one host at a time."""
+"""Server of USB/IP, exporting a USB device to one host at a time."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from servolink.usbip.device import UsbDevice
 from servolink.usbip.endpoint import Urb
 
 MAX_OUTSTANDING = 4096
-"""The URBs that a host may have outstanding; the drivers of Linux have some dozens."""
+"""Most outstanding URBs of a host; the drivers of Linux use some dozens."""
 MAX_HELD = 16 * 1024 * 1024
-"""The bytes of a host that the device has not taken yet; Linux allows all its USB programs as many."""
+"""Most unaccepted bytes of a host: the limit of Linux for all programs together."""
 
 HID_INTERVAL = 0.001
-"""Seconds between two reports, as in the descriptor of their endpoint."""
+"""Seconds between two reports, as in the descriptor of the endpoint."""
 
 _OPENING_LIMIT = 10.0  # seconds for the first request of a host
 
@@ -30,15 +30,15 @@ class Attachment:
     """Attachment of the device to a host, from the import to the end of the connection."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, serial_number: str) -> None:
-        """Plug a new device with `serial_number` into the host."""
+        """Attach a new device with `serial_number` to the host."""
         self.device = UsbDevice(serial_number, self._return_urb)
         self._reader = reader
         self._writer = writer
-        self._reports: deque[bytes] = deque()  # to the host, which polls for them
+        self._reports: deque[bytes] = deque()  # reports to the host, fetched by polling
         self._poll: asyncio.TimerHandle | None = None
 
     async def serve(self) -> None:
-        """Carry out commands until the connection ends: raise OSError or EOFError, or DecodeError for a wrong one."""
+        """Execute commands until an OSError or EOFError ends the connection. Raise DecodeError for a wrong command."""
         try:
             while True:
                 self._carry_out(await self._command())
@@ -55,7 +55,7 @@ class Attachment:
     def _carry_out(self, command: Urb | usbip_messages.Unlink) -> None:
         if isinstance(command, usbip_messages.Unlink):
             status = self.device.unlink(command.urb)
-            self._end_polling()  # the returned URBs come before the message about them
+            self._end_polling()  # returned URBs must precede the message about their withdrawal
             self._write(usbip_messages.unlinked(command, status))
             return
         self.device.submit(command)
@@ -66,7 +66,7 @@ class Attachment:
         if urb.endpoint != HID_IN:
             self._write(usbip_messages.submitted(urb, status))
             return
-        # A bus transfers one report each millisecond. All at once, they would overrun the 64 for which Linux has room.
+        # A bus transfers one report each millisecond. Many at once would overrun the buffer of Linux for 64 reports.
         self._reports.append(usbip_messages.submitted(urb, status))
         if self._poll is None:
             self._fetch_report()
@@ -90,30 +90,30 @@ class Attachment:
 
 
 Use: TypeAlias = Callable[[UsbDevice], AbstractContextManager[None]]
-"""Makes the context in which a device works: something handles what its pipes receive, and sends."""
+"""Maker of the context of a device, inside which the pipes of the device are used."""
 
 
 class UsbIpServer:
-    """A port at which hosts find the device and attach it."""
+    """Server at a port, for hosts to find and attach the device."""
 
     def __init__(self, use: Use, serial_number: str) -> None:
-        """Export a device with `serial_number`; each time that it is attached, a new one works in `use`."""
+        """Export a device with `serial_number`; each attachment uses a new device inside a context of `use`."""
         self._use = use
         self._serial_number = serial_number
         self._host: asyncio.StreamWriter | None = None
 
     @property
     def attached(self) -> bool:
-        """Whether a host has the device."""
+        """Whether the device is attached to a host."""
         return self._host is not None
 
     def unplug(self) -> None:
-        """Pull the plug: the host loses the device at once. Any host can attach it again."""
+        """Unplug the device: the host loses the device immediately. Any host can attach the device again."""
         if self._host is not None:
             self._host.transport.abort()
 
     async def converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Serve one connection until it ends."""
+        """Serve a connection until its end."""
         try:
             async with asyncio.timeout(_OPENING_LIMIT):
                 await self._welcome(reader, writer)
@@ -122,13 +122,13 @@ class UsbIpServer:
                 with self._use(attachment.device):
                     await attachment.serve()
         except (DecodeError, OSError, EOFError):
-            return  # usual end, also for anything that is not a host
+            return  # usual end, also for connections of other programs than hosts
         finally:
             if self._host is writer:
                 self._host = None
 
     async def _welcome(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Respond to the first request of a host: for the list, or for the device, which it then has."""
+        """Respond to the first request of a host, for the list of devices or for an import, and serve the import."""
         code = usbip_messages.parse_opening(await reader.readexactly(usbip_messages.OPENING_SIZE))
         if code == usbip_messages.IMPORT:
             bus_id = (await reader.readexactly(usbip_messages.BUS_ID_SIZE)).rstrip(b"\0")

@@ -150,7 +150,7 @@ DAMAGES = [
     ("[settings]\ndepth = 1\ndepth = 2", 3, "is not TOML: Cannot overwrite a value"),
     ("[settings", 1, "is not TOML: Expected ']' at the end of a table declaration"),
     ("a = '\x07'", 1, "is not TOML: Found invalid character '\\x07'"),
-    (f"a = 1\nb = {'9' * 5000}", 2, "is not TOML: it has a number or a date that cannot be"),
+    (f"a = 1\nb = {'9' * 5000}", 2, "is not TOML: a number or a date is impossible"),
     (f"a = {'[' * 3000}", 1, "is nested too deeply"),
 ]
 
@@ -169,7 +169,7 @@ def test_other_bytes_than_text_are_refused(path: Path) -> None:
     path.write_bytes(b"\xef\xbb\xbf[settings]\ndepth = 2\n")
     assert load_profile("rex") == BoardProfile(settings=BoardSettings(depth=2))
     path.write_bytes(b"[settings]\n# \xff\n")
-    with pytest.raises(ProfileError, match=r"rex\.toml, line 2: is not text in UTF-8; save it as UTF-8$"):
+    with pytest.raises(ProfileError, match=r"rex\.toml, line 2: is not text in UTF-8; save the file as UTF-8$"):
         load_profile("rex")
 
 
@@ -187,7 +187,7 @@ def test_what_is_no_file_is_refused_at_once(path: Path) -> None:
         save_profile("rex", FULL)
     path.unlink()
     path.symlink_to("nothing")
-    _refused("it is a link to nothing")
+    _refused("the link leads to no file")
     path.unlink()
     path.write_bytes(b"#" * (1 << 16) + b"\n")
     _refused("is larger than 65,536 bytes, the limit")
@@ -259,7 +259,7 @@ def test_a_user_without_a_home_has_no_profiles(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("platformdirs.user_config_path", no_home)
     assert load_profile("rex") is None
     assert profile_names() == []
-    with pytest.raises(ProfileError, match="profiles of boards cannot be kept: no home; set HOME"):
+    with pytest.raises(ProfileError, match="profiles of boards cannot be stored: no home; set HOME"):
         save_profile("rex", FULL)
 
 

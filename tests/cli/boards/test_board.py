@@ -70,7 +70,7 @@ def test_limits_and_settings_are_set_and_unset(say: type) -> None:
 def test_the_help_writes_values_as_a_shell_takes_them(say: type) -> None:
     told = " ".join(say("board set --help").out.split("settings (and")[1].split())
     assert "auto (if the board is silent), 1 (always) or keep (never)" in told
-    assert "--unsupported NAME,... queries that the board does not answer, such as QueryMemorySize" in told
+    assert "--unsupported NAME,... queries without a response of the board, such as QueryMemorySize" in told
     assert '"' not in told
     say("board set rex --unsupported QueryMemorySize,QueryRemainPower --transmission-mode auto")
     assert profile().settings.unsupported == ("QueryMemorySize", "QueryRemainPower")
