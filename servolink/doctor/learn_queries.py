@@ -281,7 +281,7 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
             break
         works = depth
     else:
-        seen = "more were not tried, as useless"
+        seen = "more were not tried, without a gain to expect"
     kept = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
     return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{kept}{seen}; {quality}")
 

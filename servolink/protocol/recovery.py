@@ -64,7 +64,7 @@ class Recovery:
         self._inner: InnerParser | None = None  # searches for a frame that reaches from `last` into the padding
         self._inside: list[Frame] = []  # frames found by `_inner` so far
         self.rereads: list[int] = []
-        """Position in the buffer of the end of the bytes read again, for each rescan under way."""
+        """End position, in the buffer, of the bytes read again in each rescan under way."""
 
     def accept(self, frame: Frame, end: int) -> None:
         """Record that `frame` ends at `end` of the buffer, in sync."""

@@ -1,6 +1,6 @@
 """The wire of a recording as a capture for Wireshark: pcapng with a packet for each frame.
 
-A frame becomes a packet, however it was cut into chunks, because Wireshark shows a line, a time and a response time
+A frame becomes a packet, for any chunks on the line, because Wireshark shows a line, a time and a response time
 for each packet. The chunks stay in the recording. Bytes outside of frames are captured as well.
 """
 

@@ -172,7 +172,7 @@ class RingWriter:
         )
 
     def close(self) -> None:
-        """End, after writing failures of the last seconds. Raise RecordingError if the writing fails."""
+        """End, after writing a file still due after a failure. Raise RecordingError if the writing fails."""
         self._closing.set()
         self._thread.join()
         if self._problem:

@@ -40,7 +40,7 @@ class Marker:
         self._on_progress = on_progress
 
     async def put(self, before: int) -> None:
-        """Write the marker over the project id `before`, and set `bits`. Raise ProjectError if another import runs."""
+        """Write the marker over the project id `before`, and set `bits`. Raise ProjectError for a foreign marker."""
         self._before = before
         found = await self._write(self._marker, "marking")
         if found == self._marker:
@@ -70,7 +70,7 @@ class Marker:
             await self.finish(self.found, phase)
 
     async def finish(self, project_id: int, phase: Phase = "finishing") -> None:
-        """Write `project_id`, kept with as many bits as the marker. Raise ProjectError if the board keeps fewer."""
+        """Write `project_id`, kept with as many bits as the marker. Raise ProjectError if another id is read."""
         if not is_same_id(await self._write(project_id, phase), project_id, self.bits):
             raise ProjectError(not_taken(self._board, f"project id {project_id}"))
 

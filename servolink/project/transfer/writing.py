@@ -1,4 +1,4 @@
-"""Writing of a project to a board: requests in an order without any reason for a refusal, and their sending."""
+"""Writing of a project to a board: requests in an order that gives the board no reason to refuse, and the sending."""
 
 from __future__ import annotations
 
