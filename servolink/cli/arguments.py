@@ -25,7 +25,7 @@ def not_empty(text: str) -> str:
 
 
 def file_path(text: str) -> Path:
-    """Return the path that `text` is; an empty one would be the folder that people are in."""
+    """Return `text` as a path; an empty path would mean the current folder."""
     return Path(not_empty(text))
 
 

@@ -1,4 +1,4 @@
-"""A command, declared once, beside its code: name, topic, help, examples, options and the function that runs it."""
+"""A command, declared once, beside the code: name, topic, help, examples, options and function to run."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ class Option(NamedTuple):
     settings: dict[str, Any]
 
     def add_to(self, parser: Any) -> None:
-        """Add it to a parser or a group of one."""
+        """Add the declaration to a parser or to a group of a parser."""
         parser.add_argument(*self.names, **self.settings)
 
 
 class Group(NamedTuple):
-    """Options under a title of their own, or of which one at most may be given."""
+    """Options under a separate title, or mutually exclusive options."""
 
     options: tuple[Option | Group, ...]
     title: str = ""
@@ -56,7 +56,7 @@ class Group(NamedTuple):
     required: bool = False
 
     def add_to(self, parser: Any) -> None:
-        """Add it to a parser or a group of one."""
+        """Add the declaration to a parser or to a group of a parser."""
         add = parser.add_argument_group if self.title else parser.add_mutually_exclusive_group
         into = add(self.title) if self.title else add(required=self.required)
         for each in self.options:
@@ -64,7 +64,7 @@ class Group(NamedTuple):
 
 
 def late(place: str) -> Run:
-    """Return the function at `place`, such as `stored.edit:run_add`; its module is imported when it runs."""
+    """Return the function at `place`, such as `stored.edit:run_add`; the module is imported at the first call."""
     module, _, function = place.partition(":")
 
     def run(args: argparse.Namespace) -> int:
@@ -107,7 +107,7 @@ def one_of(*options: Option, required: bool = False) -> Group:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command. It is the decorator of the function that runs it; without one, it has subcommands."""
+    """Declaration of a command, and decorator of the function to run; a command without a function has subcommands."""
 
     name: str
     """As it is typed, such as `move` or `project show`."""
@@ -117,14 +117,14 @@ class Command:
     details: str = ""
     """Further paragraphs of its own help."""
     examples: tuple[str, ...] = ()
-    """Words after `servolink`, each for a board of its own; a test runs all of them on virtual boards."""
+    """Words after `servolink`, each for a fresh board; a test runs all examples on virtual boards."""
     options: tuple[Option | Group, ...] = ()
     defaults: Mapping[str, Any] = field(default_factory=dict)
     """Further values of the arguments passed to `run`."""
     takes_board: bool = True
     """Whether it has the options `--board` and `--timeout`."""
     patience: str = PATIENCE
-    """Default of `--timeout` in seconds, as its help says."""
+    """Default of `--timeout` in seconds, shown in the help."""
     needs_records: bool = False
     """Whether its examples need something stored on the board."""
     hint: str = ""

@@ -41,7 +41,7 @@ COMMON = (
     option("--byte-order", "little|big", "of numbers in packets (little)"),
     option("--caption-encoding", "NAME", "of captions, such as big5 (utf-8)", caption_encoding),
 )
-"""Options of all commands, which may stand before the command and after it."""
+"""Options of all commands, accepted before and after the name of the command."""
 BOARD = option(
     "-b --board --url",
     "BOARD",
@@ -67,7 +67,7 @@ WHOLE = Command(
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser of one command; the one without a name is that of the whole command line."""
+    """Parser of a command; the command without a name is the whole command line."""
 
     def __init__(self, command: Command) -> None:
         """Take the declaration."""
@@ -107,7 +107,7 @@ class Parser(argparse.ArgumentParser):
         return parsed, []
 
     def _check_option(self, word: str) -> None:
-        """End as wrong usage if `word` is an option that does not exist, which argparse may take for a value."""
+        """End as wrong usage if `word` is an unknown option: argparse may read an unknown option as a value."""
         name = word.partition("=")[0]
         known = self._option_string_actions
         if not name.startswith("-") or name == "-" or " " in word or _NEGATIVE.match(word) or name in known:
@@ -166,7 +166,7 @@ class _HelpFormatter(argparse.HelpFormatter):
 
 
 def _filled(line: str, width: int) -> str:
-    """Return a line in several; those of a list begin below the text of the first one."""
+    """Return a line wrapped; further lines of a list item begin below the text of the first line."""
     item = re.match(r"  \S+ +", line)
     return fill(line, width, subsequent_indent=" " * len(item[0]) if item else "")
 

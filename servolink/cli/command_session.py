@@ -1,4 +1,4 @@
-"""A command and its board: which board, how the command ends, and what Ctrl-C reports."""
+"""A command and its board: choice of the board, end of the command, and report after Ctrl-C."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:  # and imported late: `--help` of a command needs none of it
     from servolink.transports.device_info import DeviceInfo
 
 Talk: TypeAlias = "Callable[[argparse.Namespace, Board, Interruption], Awaitable[int]]"
-"""Does what a command is for on its board, and returns the exit code."""
+"""Function that performs a command on a board and returns the exit code."""
 
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
 UNTOUCHED = "nothing was changed on the board"
 ENDLESS = "Ctrl-C ends it with exit code 0. If an option sets the end, Ctrl-C before that ends it with 130."
-"""Said in the help of commands that show something until they are ended; they set `Interruption.code` accordingly."""
+"""Help of commands that run until Ctrl-C; such commands set `Interruption.code` accordingly."""
 _UNMOVED = "no servo was moved"
 _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
@@ -67,7 +67,7 @@ class Interruption:
 
 
 def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED) -> int:
-    """Run `main` until it returns the exit code, or until Ctrl-C, SIGTERM or a closed terminal ends it.
+    """Run `main` until `main` returns the exit code, or until Ctrl-C, SIGTERM or a closed terminal.
 
     The first signal cancels `main`, a second one ends the process at once.
     """
@@ -134,12 +134,12 @@ def run_with_board(
 def interruptible(
     state: str = _UNMOVED,
 ) -> Callable[[Callable[[argparse.Namespace, Interruption], Awaitable[int]]], Run]:
-    """Return a decorator of what a command does without a board: see `run_interruptible`."""
+    """Return a decorator for the function of a command without a board: see `run_interruptible`."""
     return lambda main: lambda args: run_interruptible(partial(main, args), state)
 
 
 def on_board(*, state: str = _UNMOVED, **options: Any) -> Callable[[Talk], Run]:
-    """Return a decorator of what a command does on its board: see `run_with_board`."""
+    """Return a decorator for the function of a command with a board: see `run_with_board`."""
 
     def decorated(talk: Talk) -> Run:
         return lambda args: run_with_board(args, partial(talk, args), state=state, **options)
@@ -154,7 +154,7 @@ def is_answered(board: Board, query: str) -> bool:
 
 
 def refuse_without_answer(args: argparse.Namespace) -> None:
-    """End as wrong usage if nobody can be asked and `--yes` was not given."""
+    """End as wrong usage without `--yes` and without a terminal for the question."""
     if args.yes:
         return
     if args.json:
@@ -164,7 +164,7 @@ def refuse_without_answer(args: argparse.Namespace) -> None:
 
 
 def refuse_unasked(args: argparse.Namespace, text: str) -> None:
-    """End as wrong usage, with `text`, if `--yes` was not given and nobody can be asked."""
+    """End as wrong usage, with `text`, without `--yes` and without a terminal for the question."""
     if not args.yes and (args.json or not can_ask()):
         usage_error(args, text)
 
@@ -178,7 +178,7 @@ async def agreed(args: argparse.Namespace, interruption: Interruption, question:
 
 
 def choose_board(args: argparse.Namespace) -> str:
-    """Return the board given in `args`, the only one here, or the one chosen at the terminal.
+    """Return the board given in `args`, the only connected board, or the board chosen at the terminal.
 
     Raise OpenError if there is none. Without a terminal, several boards are a usage error.
     """
@@ -201,7 +201,7 @@ def choose_board(args: argparse.Namespace) -> str:
 
 
 def _pick(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
-    """Ask which of the boards to use, and return its address."""
+    """Ask for the number of a board, and return the address of the board."""
     rows = [(str(number), board.url, board.product, board.problem) for number, board in enumerate(found, 1)]
     terminal = console(stderr=True)
     show_table(Table(("", "address", "product", "problem"), rows), terminal)

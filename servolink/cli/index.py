@@ -1,4 +1,4 @@
-"""Index of all commands, so that only the module of the command that was typed is imported.
+"""Index of all commands: only the module of the typed command is imported.
 
 `commands.json` is made from the declarations: `python -m docs.command_index` writes it anew.
 """
@@ -22,13 +22,13 @@ class IndexEntry(NamedTuple):
     """A command as `servolink --help` and completion need it."""
 
     module: str
-    """Module below `servolink.cli` that declares it."""
+    """Module with the declaration, below `servolink.cli`."""
     topic: str
     help: str
     options: dict[str, str | None]
     """Metavar of the value of each option, or choices with `|` between them; None for a flag."""
     arguments: list[str]
-    """Metavar of each argument, or its choices; a repeatable one ends in `...`."""
+    """Metavar or choices of each argument; repeatable arguments end in `...`."""
 
 
 @cache

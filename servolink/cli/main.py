@@ -32,7 +32,7 @@ def run(argv: Sequence[str] | None = None) -> int:
     open_missing_stderr()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # captions may hold what this terminal cannot show
+            stream.reconfigure(errors="backslashreplace")  # captions may hold characters unknown to the terminal
     verbosity = 0
     as_json = "--json" in takewhile(lambda word: word != "--", sys.argv[1:] if argv is None else argv)
     try:

@@ -44,7 +44,7 @@ def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
 
 
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:
-    """End as wrong usage if one of `outputs` is the file that is read, `source`, under whatever name."""
+    """End as wrong usage if any of `outputs` is the input file `source`, under whatever name."""
     for path in outputs:
         with suppress(OSError, ValueError):  # missing file
             if path.samefile(source):
@@ -63,6 +63,6 @@ def refuse_board(args: argparse.Namespace, text: str) -> None:
 
 
 def named_board(args: argparse.Namespace) -> str | None:
-    """Return the board that the command line names; None if only a variable names one, or nothing does."""
+    """Return the board named on the command line; None for a board named by a variable, or by nothing."""
     named: str | None = args.url
     return None if named in map(os.environ.get, VARIABLES) else named

@@ -1,1 +1,1 @@
-"""Commands that find boards, name them, describe them and examine them."""
+"""Commands that find, name, describe and examine boards."""

@@ -35,7 +35,7 @@ _DUMMY = bytes(range(16))
 )
 @on_board(state=UNTOUCHED)
 async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
-    """Print the project id, or write another one and read it back."""
+    """Print the project id, or write a new id and read the id back."""
     from servolink.project.model import is_unfinished
 
     if args.id is not None:

@@ -1,4 +1,4 @@
-"""`servolink list`, `use` and `info`: which boards there are, their names, and what one of them reports."""
+"""`servolink list`, `use` and `info`: connected boards, names of boards, and the report of a board."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _aliases() -> dict[str, Alias]:
 
 
 def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:
-    """Return the names of `devices` that have one, by address."""
+    """Return the names of `devices` by address, without unnamed devices."""
     names: dict[str, str] = {}
     for name, alias in aliases.items():
         try:
@@ -98,7 +98,7 @@ def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[
 
 
 def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: Sequence[ProbeResult]) -> Table:
-    """Return a row for each device, with the columns in which there is something: most are often empty."""
+    """Return a row for each device, without empty columns."""
     columns: dict[str, list[str]] = {
         "address": [device.url for device in devices],
         "name": [names.get(device.url, "") for device in devices],

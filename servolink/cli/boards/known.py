@@ -1,4 +1,4 @@
-"""`servolink board`: its commands, and those that list, show and forget what is known of boards. Nothing is opened."""
+"""`servolink board`: commands that list, show and forget profiles of boards. No board is opened."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`servolink doctor NAME --learn`: measure what the document leaves open about a board, and keep it under its name."""
+"""`servolink doctor NAME --learn`: measure the undocumented behaviour of a board, and save a profile under its name."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ class _Lesson:
         )
 
     async def _opened(self, *, may_wait: bool) -> SharedTransport:
-        """Open the board; the port of one that was just switched on may take a while to be there again."""
+        """Open the board; the port of a board just switched on may take a while to appear again."""
         loop = asyncio.get_running_loop()
         end = loop.time() + (_REOPENING if may_wait else 0.0)
         while True:
@@ -166,7 +166,7 @@ class _Lesson:
             await asyncio.sleep(0.2)
 
     async def _may_keep(self, identity: BoardIdentityRecord) -> bool:
-        """Return whether this is the board of the profile, or may take its place."""
+        """Return whether the board is the board of the profile, or may replace the board of the profile."""
         kept = self._profile.identity
         if kept is None or kept.fits(identity):
             return True
@@ -271,7 +271,7 @@ def _confidence(measured: Measured) -> str:
 
 
 def _fitted(rows: Iterable[tuple[str, str, str, str]]) -> Iterator[tuple[str, str, str, str]]:
-    """Yield `rows` with long cells wrapped, so that they fit a terminal of 80 columns; unchanged elsewhere."""
+    """Yield `rows` with long cells wrapped to fit a terminal of 80 columns; unchanged elsewhere."""
     for setting, value, confidence, evidence in rows:
         if not is_terminal():
             yield setting, value, confidence, evidence

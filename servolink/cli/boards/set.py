@@ -1,4 +1,4 @@
-"""`servolink board set`: limits that no program can exceed, and what a user knows of a board.
+"""`servolink board set`: limits for all programs, and facts known to the user of a board.
 
 Limits are kept by servo id: a caption is looked up on the board when they are set. Otherwise nothing is opened.
 """
@@ -114,7 +114,7 @@ def _setting(name: str, about: FieldHelp) -> Option:
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:
-    """Change the profile and keep it. What a user sets is certain."""
+    """Change and save the profile. Settings of a user have full confidence."""
     from servolink.profiles.profile import BoardSettings
 
     name, url = known_name(args)
@@ -191,7 +191,7 @@ def _set(
 
 
 def _missing_servos(profile: BoardProfile) -> list[int]:
-    """Return the servos that have limits and are not on the board, if its servos are known."""
+    """Return the servos with limits that are missing on the board, if the servos of the board are known."""
     if profile.identity is None or profile.identity.servo_ids is None:
         return []
     return sorted({*profile.limits.angles, *profile.limits.speed_caps} - set(profile.identity.servo_ids))

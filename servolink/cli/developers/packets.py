@@ -108,7 +108,7 @@ def parse_object(line: bytes) -> Any:
 @contextmanager
 def _open(path: str) -> Iterator[BufferedReader]:
     try:
-        # By its descriptor: sys.stdin is text, and None when standard input is closed.
+        # Opened by descriptor: sys.stdin is text, and None when standard input is closed.
         with open(0 if path == "-" else path, "rb", closefd=path != "-") as source:
             yield source
     except OSError as error:
@@ -117,7 +117,7 @@ def _open(path: str) -> Iterator[BufferedReader]:
 
 
 def _lines(path: str) -> Iterator[tuple[int, bytes]]:
-    """Yield number and content of each line that is not blank, and only the start of a line that is too long."""
+    """Yield number and content of each line except blank lines; an overlong line is cut."""
     with _open(path) as source:
         number = 0
         while line := source.readline(_MAX_LINE + 1):
@@ -205,7 +205,7 @@ def _skipped(data: bytes | bytearray) -> dict[str, Any]:
 
 
 def lines_for(result: dict[str, Any]) -> list[str]:
-    """Return `result` for people: a packet with a line for each of its records, or why it is not a packet."""
+    """Return `result` for people: a packet with a line for each record, or the reason why decoding failed."""
     if "error" in result:
         return [f"error: {result['error']}  {_shortened(result['bytes'])}".rstrip()]
     if "skipped" in result:

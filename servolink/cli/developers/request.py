@@ -33,7 +33,7 @@ _OVERWRITES: tuple[type[Packet], ...] = (
     AddServoParameterRequest,
     *(kind.add_class for kind in RECORD_TYPES),
 )
-"""Requests after which something that is on the board may be gone."""
+"""Requests that may delete content of the board."""
 
 
 @Command(

@@ -1,4 +1,4 @@
-"""`servolink spy`: look on while another program uses a board, and say what was learnt of it."""
+"""`servolink spy`: show the traffic of another program with a board, and report the findings about the board."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from servolink.transports.stream import StreamTransport
 
 _PATIENCE = 2.0  # seconds, at the end, to decode the backlog
-_SWITCH = 0.0002  # seconds for which the thread that looks on may keep the relay waiting
+_SWITCH = 0.0002  # seconds for which the watching thread may delay the relay
 
 
 @Command(
@@ -75,7 +75,7 @@ _SWITCH = 0.0002  # seconds for which the thread that looks on may keep the rela
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:
-    """Look on until Ctrl-C, or until the board is gone."""
+    """Relay traffic until Ctrl-C or the loss of the board."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(_SWITCH)
     try:
@@ -159,7 +159,7 @@ async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTra
 
 
 def _follow(args: argparse.Namespace, board: StreamTransport, baudrate: int) -> None:
-    """Set the board's port to the baud rate that the program has set on its own."""
+    """Set the board's port to the baud rate set by the program on the pseudo-terminal."""
     if args.baudrate is not None:
         return
     if board.set_baudrate(baudrate):
@@ -195,7 +195,7 @@ async def _until(stop: asyncio.Event, relay: Relay) -> ConnectionLost | None:
 async def _report(
     args: argparse.Namespace, learner: Learner, recording: SpyRecording | None, *, overlooked: int
 ) -> None:
-    """Print what was learnt, and write it at the end of the recording."""
+    """Print the findings, and write the findings at the end of the recording."""
     from servolink.cli.recordings.record_view import status_json, summary
     from servolink.spy.verdict import verdict
 
@@ -232,7 +232,7 @@ _SHOWN = 16  # bytes of anything but a packet
 
 
 class PacketPrinter:
-    """Shows what passes, one after the other."""
+    """Printer of relayed packets, in order."""
 
     def __init__(self, *, as_json: bool) -> None:
         """Start; times count from the first."""

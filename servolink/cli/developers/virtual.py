@@ -146,7 +146,7 @@ def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[
 
 
 def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:
-    """Announce the board, so that `servolink list` finds it: once, at the address for several hosts if there is one."""
+    """Announce the board to `servolink list`: once, at the address for several hosts where available."""
     reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
     if not reachable:
         return nullcontext()
@@ -155,7 +155,7 @@ def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[N
 
 
 def _stop_on_signals() -> asyncio.Event:
-    """Return the event that Ctrl-C, SIGTERM and a closed terminal set, unless they are ignored.
+    """Return the event set by Ctrl-C, SIGTERM and a closed terminal, unless the signals are ignored.
 
     The handlers stay until the program ends, so that a second signal does not keep the board from being saved.
     """

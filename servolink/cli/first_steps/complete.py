@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _FILES = {"FILE", "OTHER", "OUT", "FOLDER", "LINK", "BACKUP"}  # metavars
 _PORTS = ("transports.serial_ports", "discovery.announcements", "discovery.hubs")
-"""Modules that find boards without opening anything; those for HID and USB take too long to import."""
+"""Modules that find boards without opening ports; modules for HID and USB take too long to import."""
 _PLAIN = re.compile(r"[^\w@%+=:,./-]")
 
 
@@ -65,7 +65,7 @@ def _words(line: str) -> list[str]:
 
 
 def _in_bash(word: str, last: str) -> str:
-    """Return a word in place of `last`, quoted, without what is before the last sign at which bash divides words."""
+    """Return a word in place of `last`, quoted, without the part before the last word break of bash."""
     start = max(last.rfind("="), last.rfind(":")) + 1
     return _PLAIN.sub(r"\\\g<0>", word[start:])
 
@@ -74,7 +74,7 @@ class _TypedLine:
     """A command line up to the cursor."""
 
     def __init__(self, words: Sequence[str]) -> None:
-        """Take the words; the last one, which may be empty, is the one to complete."""
+        """Store the words; the last word, possibly empty, is to be completed."""
         *before, self._last = words
         self._name = ""
         self._given: list[str] = []
@@ -99,7 +99,7 @@ class _TypedLine:
             self._given.append(word)
 
     def possible(self) -> Iterable[str] | None:
-        """Return words that may stand in place of the last one; None if the name of a file may."""
+        """Return candidates for the last word; None for file names."""
         entry = index()[self._name]
         if self._waiting:
             return self._values(self._waiting[0])
@@ -158,12 +158,12 @@ def _boards() -> Iterator[str]:
 
 def _devices() -> Iterator[DeviceInfo]:
     for module in _PORTS:
-        with suppress(Exception):  # a library that is missing or broken, in ways of its own
+        with suppress(Exception):  # missing or broken library, with any exception
             yield from import_module(f"servolink.{module}").candidates()
 
 
 def _addresses(board: str) -> Iterator[str]:
-    """Yield the address of the named or only board, and the address that its hub shares."""
+    """Yield the address of the named or only board, and the address shared by the hub of the board."""
     from servolink.discovery.names import load_aliases
 
     devices = [*_devices()]

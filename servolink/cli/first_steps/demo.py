@@ -1,4 +1,4 @@
-"""`servolink demo`: a virtual board moved, edited, disturbed, and its content brought into another one."""
+"""`servolink demo`: move, edit and disturb a virtual board, and copy the content to another board."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from servolink.virtual.serve import serve
 _SERVOS = 16
 _BOW, _LEAN, _RISE, _WAVE, _PAD, _BUTTON, _PROJECT = 1, 2, 3, 1, 1, 3, 42  # ids on the board
 _FAST = 0.05  # the duration of movements with `--fast`, as a share of the usual one
-_IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a held response, and that it comes after the move
+_IMPATIENT, _LATER = 0.3, 0.3  # seconds that the client waits for a delayed response, and from the move to the response
 _REACTION = 30.0  # seconds in which a button event must have come, however slow the machine
 
 
@@ -115,7 +115,7 @@ async def run_macro(scene: Scene) -> StageResult:
 
 
 async def press_button(scene: Scene) -> StageResult:
-    """Store a joystick table, press a button, and see its event and its macro."""
+    """Store a joystick table, press a button, and check the event and the macro of the button."""
     loop, virtual = asyncio.get_running_loop(), scene.virtual
     await scene.board.add_joystick_table(JoystickTable(_PAD, "Pad", (Button(_BUTTON, "Wave", _WAVE),)))
     await scene.board.set_active_joystick_table(_PAD)
@@ -161,7 +161,7 @@ async def survive_damage(scene: Scene) -> StageResult:
 
 
 async def survive_delay(scene: Scene) -> StageResult:
-    """Hold one response back until it is wrong: nobody waits for it, and the servos are elsewhere."""
+    """Delay a response until the request has timed out and the servos have moved."""
     await scene.board.servos()  # no response to an earlier repetition may be outstanding
     loop, before, held, old = asyncio.get_running_loop(), scene.counters(), scene.line.held, scene.angles
     scene.stage.say(
@@ -319,7 +319,7 @@ async def _served(board: VirtualBoard) -> AsyncIterator[str]:
 
 
 async def _steps(scene: Scene) -> list[str]:
-    """Play the steps and return the names of those that failed; an error ends the play."""
+    """Play the steps and return the names of failed steps; an error ends the demo."""
     failed: list[str] = []
     for name, title, play in STEPS:
         scene.stage.begin(title)

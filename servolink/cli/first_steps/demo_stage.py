@@ -1,4 +1,4 @@
-"""The stage of the demo: who takes part, a line with faults, and what is shown, as text or as JSON."""
+"""Stage of the demo: the boards, a line with faults, and the output as text or as JSON."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class Stage:
             await asyncio.sleep(_READING)
 
     def end(self, result: dict[str, Any]) -> None:
-        """Show how it went and what to try next: `ok`, `failed`, `seconds`, `next`."""
+        """Show the result of the demo and the commands to try next: `ok`, `failed`, `seconds`, `next`."""
         if self._as_json:
             print_json({"step": "end", **result})
             return
@@ -160,7 +160,7 @@ class FaultyLine(WrappedTransport):
         self._break("the cable was pulled")
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on `chunk`, or what the faults make of it."""
+        """Pass on `chunk`, altered by the faults."""
         if self._damage:
             self._damage = False
             self.damaged += 1
@@ -202,12 +202,12 @@ class Scene:
         return max(1, round(seconds * self.pace * 100))
 
     def action(self, action_id: int, caption: str, angle_of: Callable[[int], float]) -> Action:
-        """Return an action that moves each servo to the angle of its id."""
+        """Return an action that moves each servo to the angle equal to the servo id."""
         interval = self.interval(0.7)
         return Action(action_id, caption, tuple(Step(each, round(angle_of(each)), interval) for each in self.angles))
 
     async def watch(self, targets: dict[int, int], seconds: float) -> float:
-        """Show the servos until they are at `targets`; return how long that took."""
+        """Show the servos until all are at `targets`; return the elapsed time in seconds."""
         start = asyncio.get_running_loop().time()
         with self.stage.motion() as draw:
             await follow(self.board, targets, seconds, draw)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 )
 @interruptible("nothing was changed")
 async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Print every board that the broker knows; return 0 if one is connected."""
+    """Print every board known to the broker; return 0 if any board is connected."""
     async with fleet_of(args) as fleet:
         boards = await fleet.list()
     if args.json:
@@ -134,7 +134,7 @@ _UNCHANGED = "nothing was forgotten"
     takes_board=False,
 )
 def run_forget(args: argparse.Namespace) -> int:
-    """Remove what the broker keeps of boards that are offline, after asking."""
+    """Remove the retained messages of offline boards from the broker, after asking."""
     refuse_without_answer(args)
     boards = list(dict.fromkeys(args.boards))
 

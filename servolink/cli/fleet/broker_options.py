@@ -1,4 +1,4 @@
-"""Options of `servolink fleet` that say where the broker is, and which boards are meant."""
+"""Options of `servolink fleet` for the address of the broker and the choice of boards."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ BROKER = (
 
 
 def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
-    """Return how to get into the broker at `url`. Raise InvalidAddress or ServolinkError, which say what to correct."""
+    """Return the credentials for the broker at `url`. Raise InvalidAddress or ServolinkError with the correction."""
     from servolink.fleet.access import broker_access
 
     return broker_access(
@@ -66,7 +66,7 @@ GROUPS = (
 
 
 def fleet_of(args: argparse.Namespace, *, servos: bool = False) -> Fleet:
-    """Return the fleet of `args`. Raise InvalidAddress or ServolinkError, which say what to correct."""
+    """Return the fleet of `args`. Raise InvalidAddress or ServolinkError with the correction."""
     from servolink import fleet
     from servolink.fleet.topics import PREFIX
 

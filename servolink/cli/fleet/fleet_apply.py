@@ -54,7 +54,7 @@ _CHOICE = (
     takes_board=False,
 )
 def run_apply(args: argparse.Namespace) -> int:
-    """Show what would change on each board, ask, and write to all that differ."""
+    """Show the changes of each board, ask, and write to all boards with changes."""
     from servolink.project.project_file import read_project_file
 
     project, unchecked, _ = read_project_file(args.file)  # a missing file ends the command before a question is asked
@@ -243,7 +243,7 @@ async def _export(args: argparse.Namespace, fleet: Fleet, interruption: Interrup
 
 @contextmanager
 def _progress(label: str, total: int, *, quiet: bool) -> Iterator[tuple[_OnStep, _OnOutcome]]:
-    """Yield callbacks that draw a bar of the boards that are done, and what the latest of the others does."""
+    """Yield callbacks that draw a bar of finished boards and the progress of the latest unfinished board."""
     import sys
 
     if quiet or not total or sys.stderr is None or not sys.stderr.isatty():

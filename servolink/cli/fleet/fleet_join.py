@@ -107,7 +107,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
 
         def joined() -> None:
             _print_joined(fleet, members, str(access.address), topics.prefix, as_json=args.json)
-            gc.freeze()  # what is there stays: to look through it takes longer than to start the boards of a machine
+            gc.freeze()  # examining earlier objects takes longer than starting the boards
 
         await fleet.join(members, joined)
     return OK

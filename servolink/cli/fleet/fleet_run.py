@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 )
 @interruptible()
 async def run_together(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Prepare all boards, and start them with one message."""
+    """Prepare all boards, and start the prepared boards with a single message."""
     async with boards_of(args) as fleet:
         interruption.state = "boards may have been started; `servolink fleet stop` stops all"
         ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)

@@ -1,4 +1,4 @@
-"""`servolink fleet watch`: all boards in one table that stays."""
+"""`servolink fleet watch`: all boards in a table redrawn in place."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ _STYLES = ("bold red", "yellow", "", "dim")
 
 
 def _rank(seen: BoardSeen) -> int:
-    """Return how much a board needs a look: 0 most of all, 3 for one that is away."""
+    """Return the urgency of a board: 0 for the most urgent, 3 for an absent board."""
     if not seen.is_online:
         return 3
     if seen.now is None or seen.problem or seen.now.connection != "connected":
@@ -144,7 +144,7 @@ def _table(boards: Sequence[BoardSeen]) -> Table:
 
 
 def _hottest(seen: BoardSeen) -> int | None:
-    """Return the highest temperature of the servos, as the raw number that the board sends; None if it is unknown."""
+    """Return the highest raw temperature of the servos; None for unknown temperatures."""
     if not seen.is_online or (frame := seen.servos) is None:
         return None
     return max((servo.temperature_raw for servo in frame.servos), default=None)

@@ -1,1 +1,1 @@
-"""Commands that move servos, or show them moving."""
+"""Commands that move servos or show movements."""

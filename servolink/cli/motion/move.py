@@ -1,4 +1,4 @@
-"""`servolink move`, `stop` and `release`: what moves servos or keeps them from moving."""
+"""`servolink move`, `stop` and `release`: start and end movements of servos."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def run_move(args: argparse.Namespace) -> int:
         targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         pace = _speeds(board, targets) if args.speed is None and args.duration is None else args.speed
-        # `move` checks this as well, but no servo must be started for a move that is then refused.
+        # `move` checks the limits too, but no servo must be started for a refused move.
         await board.move(targets, duration=args.duration, speed=pace, dry_run=True)
         await make_ready(board, [before[servo_id] for servo_id in targets], interruption, start=args.start)
         interruption.state = f"the move may have been sent: if so, it was sent whole, {_FINISHING}"
@@ -128,7 +128,7 @@ def run_move(args: argparse.Namespace) -> int:
 
 
 def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:
-    """Return the speed of each servo if nobody asked for one: no cap refuses it."""
+    """Return the default speed of each servo, within all caps."""
     return {servo_id: min(DEFAULT_SPEED, board.limits.cap_of(servo_id) or DEFAULT_SPEED) for servo_id in servo_ids}
 
 
@@ -258,7 +258,7 @@ async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:
 
 
 async def find_chosen(board: Board, servos: Sequence[int | str]) -> tuple[list[int], dict[int, str]]:
-    """Return the ids of servos, as `chosen_servos` does, and the captions that were read for that, by id."""
+    """Return the ids of servos, like `chosen_servos`, and the captions read on the way, by id."""
     from servolink.client.captions import find_servos
     from servolink.protocol.servos import ALL_SERVOS
 
@@ -278,7 +278,7 @@ async def _release_each(board: Board, servo_ids: Sequence[int]) -> None:
 
 
 def check_can_release(args: argparse.Namespace) -> None:
-    """End as wrong usage if nobody has said --yes and nobody can be asked."""
+    """End as wrong usage without --yes and without a terminal for the question."""
     refuse_unasked(args, f"{_WARNING}; add --yes if they may")
 
 

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
-    """Obey keys, one after the other; a stop overtakes those that wait."""
+    """Obey keys in order; a stop overtakes waiting keys."""
     presses: asyncio.Queue[str] = asyncio.Queue()
     worker = asyncio.create_task(_press(control, captions, presses))
     try:
@@ -137,7 +137,7 @@ _LONG = 0.8  # seconds from press to long press
 
 
 class RemoteControl:
-    """Does what the board does when its buttons are pressed: a tap, or a long press, which the next tap releases.
+    """Imitates the buttons of the board: a tap, or a long press, released by the next tap.
 
     Whether it is a long press is known from the beginning, but its macro is run as late as by a board: after that for
     press, and in its place.
@@ -152,7 +152,7 @@ class RemoteControl:
         self._held: set[int] = set()  # buttons that are down after a long press
         self._runs = 0  # the macro that was started last
         self._ends = 0.0  # when it ends, in seconds of the loop's clock
-        self._after: Button | None = None  # released, and its button-up macro waits for that end
+        self._after: Button | None = None  # released, with the button-up macro waiting for the end
 
     @property
     def pages(self) -> int:
@@ -166,21 +166,21 @@ class RemoteControl:
         return dict(zip(KEYS, self.table.buttons[first:], strict=False))
 
     def turn_page(self) -> None:
-        """Go to the next page, after the last one to the first. Buttons that are held stay down."""
+        """Go to the next page, after the last page to the first. Held buttons stay down."""
         self._page = (self._page + 1) % self.pages
 
     @property
     def wait(self) -> float | None:
-        """Seconds until `run_waiting` is due; None if nothing waits."""
+        """Seconds until `run_waiting` is due; None without a waiting macro."""
         return None if self._after is None else max(0.0, self._ends - asyncio.get_running_loop().time())
 
     async def run_waiting(self) -> str:
-        """Run the button-up macro that waited for the end of a long-press macro, and return what was done."""
+        """Run the button-up macro delayed by a long-press macro, and return a description of the call."""
         button, self._after = self._after, None
         return "" if button is None else f"button {button.button_id}: {await self._run(button.button_up_macro)}"
 
     async def press(self, key: str) -> str:
-        """Do what a key asks, capital for a long press, and return what was done; "" for a key without a button."""
+        """Obey a key, capital for a long press, and return a text about the effect; "" for a key without a button."""
         button = self.buttons.get(key.lower())
         if button is None:
             return ""
@@ -228,7 +228,7 @@ class RemoteControl:
         return f"macro {macro_id}"
 
     def mapping(self, captions: Mapping[int, str]) -> Table:
-        """Return which key of this page presses which button, and what that runs; `captions` are those of macros."""
+        """Return the key, button and macros of each row of the page; `captions` are the captions of macros."""
 
         def name(macro_id: int) -> str:
             if not macro_id:
@@ -252,7 +252,7 @@ class RemoteControl:
 
 
 async def read_control(board: Board, table: int | str | None) -> tuple[RemoteControl, dict[int, str]]:
-    """Read a joystick table, the active one for None, and what its macros run. Return them and the macros' captions.
+    """Read a joystick table, the active table for None, with macros and actions; return all, and the macros' captions.
 
     Raise NotFound if there is no such table, or if it has no buttons.
     """
@@ -273,7 +273,7 @@ async def read_control(board: Board, table: int | str | None) -> tuple[RemoteCon
 
 
 async def _seconds(board: Board, macro_id: int) -> float | None:
-    """Return how long a macro runs, None for ever; 0 if something that it runs is missing."""
+    """Return the duration of a macro in seconds; None for an endless macro, 0 for a missing action."""
     from servolink.cli.motion.run import read_run
 
     with suppress(NotFound):

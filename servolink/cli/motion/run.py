@@ -1,4 +1,4 @@
-"""`servolink run`: run a stored action or macro and, with `--wait`, follow it until it is over."""
+"""`servolink run`: run a stored action or macro and, with `--wait`, follow the movement to the end."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ MACRO_RUN = replace(
 
 
 async def play(board: Board, interruption: Interruption, found: RecordRun, *, shown: bool) -> None:
-    """Run it and wait until it is over, with bars if they are `shown`. An interruption stops all servos."""
+    """Run the record and wait for the end, with bars if `shown`. An interruption stops all servos."""
     name = name_of_run(found)
     async with stopped_by_interruption(board, interruption, f"{name} was started", f"{name} was ended"):
         await start_run(board, found)
@@ -107,7 +107,7 @@ async def start_run(board: Board, found: RecordRun, *, dry_run: bool = False) ->
 
 
 async def read_run(board: Board, word: str, name: int | str) -> RecordRun:
-    """Read an `action` or a `macro` and all that it runs. Raise NotFound if something is missing."""
+    """Read an `action` or a `macro` with all records run by the macro. Raise NotFound for a missing record."""
     from servolink.client.captions import record_id
     from servolink.client.collect import collect
     from servolink.motion.movement import INTERVAL_UNIT
@@ -165,7 +165,7 @@ async def stopped_by_interruption(
 
 
 async def _follow(board: Board, found: RecordRun, *, shown: bool) -> None:
-    """Wait until the run is over, with bars if they are `shown`. Raise TargetNotReached for servos that are late."""
+    """Wait until the run is over, with bars if `shown`. Raise TargetNotReached for late servos."""
     seconds, pose = found.seconds(), found.last_pose()
     if not pose:
         await asyncio.sleep(seconds)

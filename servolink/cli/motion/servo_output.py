@@ -1,4 +1,4 @@
-"""`servolink servos`: what the servos report, also for the commands that move them."""
+"""`servolink servos`: reports of the servos, shared with the commands that move servos."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SERVO_LIST = replace(run, name="servo list", topic="", examples=("servo list", "
 
 
 async def known_captions(board: Board) -> dict[int, str]:
-    """Return the stored captions by servo id. A board that does not answer this query has none, which is said.
+    """Return the stored captions by servo id; for a board without a response, print a remark and return none.
 
     One whose profile says that it does not is not asked.
     """
@@ -76,7 +76,7 @@ def listed(servo_ids: Sequence[int]) -> str:
 
 
 def warn_of_missing(servo_ids: Collection[int]) -> None:
-    """Print that the board does not have these servos of an action, which may be connected later."""
+    """Print a remark about servos of an action that the board lacks; the servos may be connected later."""
     whose = "their" if len(servo_ids) > 1 else "its"
     print_error(f"servolink: the board has no {listed(sorted(servo_ids))} now: {whose} steps move nothing")
 
@@ -102,7 +102,7 @@ def servo_object(servo: Servo, captions: Mapping[int, str]) -> dict[str, Any]:
 
 
 def print_servos(servos: Iterable[Servo], *, as_json: bool, captions: Mapping[int, str]) -> None:
-    """Print what servos report, with the stored `captions`; those that were not read are left out."""
+    """Print the reports of servos, with the stored `captions`; captions not read are left out."""
     if as_json:
         print_json({"servos": [servo_object(servo, captions) for servo in servos]})
         return

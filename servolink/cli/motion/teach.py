@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _record(session: CaptureSession, released: ReleasedServos, interruption: Interruption) -> bool:
-    """Record poses with limp servos and hold them again. Return whether it was not interrupted."""
+    """Record poses with limp servos and hold the servos again. Return False after an interruption."""
     interruption.state = f"{listed(released.ids)} may be limp; `servolink stop` holds all servos"
     lost = False
     with _stop_on_signal() as stop:
@@ -140,7 +140,7 @@ async def _record(session: CaptureSession, released: ReleasedServos, interruptio
 
 @contextmanager
 def _stop_on_signal() -> Iterator[asyncio.Event]:
-    """Yield an event that the first Ctrl-C sets, so that limp servos can be held; a second one cancels the task."""
+    """Yield an event set by the first Ctrl-C, in time to hold limp servos; a second Ctrl-C cancels the task."""
     stop, task = asyncio.Event(), asyncio.current_task()
 
     def interrupt() -> None:
@@ -238,7 +238,7 @@ async def _is_wanted(args: argparse.Namespace, name: str) -> bool:
 
 
 async def _start_carefully(board: Board, interruption: Interruption, servo: Servo) -> None:
-    """Hold a servo, then start it. Raise RequestError, with all servos stopped, if it turns by that."""
+    """Hold and then start a servo. Raise RequestError, with all servos stopped, if the servo turns on starting."""
     await board.set_servo(servo.servo_id, start=False, hold=True)
     before = await board.servo(servo.servo_id)
     interruption.state = f"{are([servo.servo_id])} started and may move; `servolink stop` stops all servos"
@@ -259,7 +259,7 @@ async def _start_carefully(board: Board, interruption: Interruption, servo: Serv
 
 
 async def _keep(board: Board, behaviour: str, evidence: str) -> None:
-    """Record in the profile, if the board has one, how its servos behave when started.
+    """Record the behaviour of started servos in the profile of the board, if present.
 
     That none turned is likely to be so the next time; they may have had no other target.
     """

@@ -1,4 +1,4 @@
-"""The servos that are limp while poses are recorded, and the keys and buttons that record them."""
+"""Limp servos during the recording of poses, and the keys and buttons that record poses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SILENCE_PAUSE = 0.2  # seconds before a board that does not answer is asked aga
 
 
 class ReleasedServos:
-    """Releases servos and holds them again where they are."""
+    """Releases servos and holds the servos again in place."""
 
     def __init__(self, board: Board, servos: Sequence[Servo]) -> None:
         """Remember the state of the `servos` before their release."""
@@ -29,7 +29,7 @@ class ReleasedServos:
         self.ids = [servo.servo_id for servo in servos]
 
     async def release(self) -> None:
-        """Release them: they go limp."""
+        """Release the servos: all go limp."""
         for servo in self._servos:
             await self._board.release(servo.servo_id)
 
@@ -45,7 +45,7 @@ class ReleasedServos:
                 await self._board.set_servo(servo.servo_id, start=True, hold=True)
 
     async def hold_when_back(self) -> None:
-        """Hold them as soon as the board responds, however long that takes."""
+        """Hold the servos as soon as the board responds, without a time limit."""
         while True:
             try:
                 await self.hold()
@@ -73,7 +73,7 @@ class CaptureSession:
     def __init__(
         self, board: Board, lesson: PoseRecorder, servo_ids: frozenset[int], *, button: int | None, json: bool
     ) -> None:
-        """Record poses of `servo_ids`; `button` is the only one that counts, None for any."""
+        """Record poses of `servo_ids` at presses of `button`; None for any button."""
         self._board = board
         self._lesson = lesson
         self._servo_ids = servo_ids
@@ -133,7 +133,7 @@ class CaptureSession:
         async with self._board.button_events() as events:
             async for event in events:
                 if self._button in (None, event.button_id):
-                    # A long press starts as a press, and that recorded a pose: forget it.
+                    # A long press starts as a press, which recorded a pose: remove the pose.
                     wishes: dict[str, list[Wish]] = {"press": ["take"], "long_press": ["undo", "end"]}
                     self._wishes.extend(wishes.get(event.kind, []))
 

@@ -133,7 +133,7 @@ async def _check(board: Board, session: TrimSession, nudges: dict[int, int], ser
 
 
 async def _moving(work: Awaitable[bool], board: Board, interruption: Interruption, session: TrimSession) -> bool:
-    """Return what `work` does, which moves servos. If it is interrupted or fails, say where that leaves them."""
+    """Return the result of `work`, which moves servos. After an interruption or failure, print the moved servos."""
     try:
         stopped = f"the servos were stopped, and {_UNSTORED}"
         async with stopped_by_interruption(board, interruption, _UNSTORED, stopped):
@@ -214,7 +214,7 @@ def _picture() -> Iterator[Callable[[TrimSession, tuple[Servo, ...], str], None]
 
 
 def picture(session: TrimSession, servos: tuple[Servo, ...], said: str, size: tuple[int, int]) -> list[str]:
-    """Return the servos, what the keys do and what there is to say, for a width and a height (`size`)."""
+    """Return the servos, the help for keys and the latest message, for a width and a height (`size`)."""
     width, height = size
     foot = [line for text in _HELP for line in wrap(text, width)]
     rows = max(1, height - len(foot) - _OTHER_LINES)
@@ -256,7 +256,7 @@ class TrimSession:
         self._at = (self._at + step) % len(self._ids)
 
     def nudged(self) -> dict[int, int]:
-        """Return the degrees by which servos were nudged, by servo id, without those that are where they were."""
+        """Return the total nudges in degrees by servo id, without servos back at the start."""
         sums = dict.fromkeys(self._ids, 0)
         for servo_id, degrees in self._nudges:
             sums[servo_id] += degrees
@@ -296,11 +296,9 @@ class TrimSession:
         return self._start[servo_id] + nudged
 
     async def nudge(self, servo_id: int, degrees: int) -> None:
-        """Move a servo by `degrees`, and count it. Raise EncodeError, or MotionRefused, if it must not move there."""
+        """Move a servo by `degrees`, and count the nudge. Raise EncodeError or MotionRefused for a forbidden angle."""
         target = self.check(servo_id, degrees)
-        self._nudges.append(
-            (servo_id, degrees)
-        )  # before the movement, which may have been sent even if it is interrupted
+        self._nudges.append((servo_id, degrees))  # before the movement: an interrupted movement may have been sent
         try:
             await self._board.move({servo_id: target}, speed=SPEED)
         except EncodeError:
@@ -308,7 +306,7 @@ class TrimSession:
             raise
 
     async def undo(self) -> int | None:
-        """Take the last nudge back, select its servo and return its id. Return None if there is no nudge."""
+        """Take the last nudge back, select the servo and return the servo id. Return None without a nudge."""
         if not self._nudges:
             return None
         servo_id, degrees = self._nudges[-1]
@@ -319,7 +317,7 @@ class TrimSession:
         return servo_id
 
     def described(self) -> str:
-        """Return which servos were moved, such as `servo 3 was moved by +4°`; they may still be on their way."""
+        """Return the moved servos as text, such as `servo 3 was moved by +4°`; movements may still continue."""
         moved = [f"servo {servo_id} was moved by {degrees:+}°" for servo_id, degrees in self.nudged().items()]
         return ", ".join(moved) or "no servo was moved"
 

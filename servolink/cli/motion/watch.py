@@ -115,7 +115,7 @@ async def _begin(board: Board, args: argparse.Namespace) -> Watched:
 
 
 class _Watch:
-    """Reads a board and shows what it reports."""
+    """Reads a board and shows the reports of the board."""
 
     def __init__(
         self, board: Board, watched: Watched, args: argparse.Namespace, output: Output, interruption: Interruption
@@ -167,7 +167,7 @@ class _Watch:
                 self._output.note("the board is back")
 
     async def _battery(self) -> None:
-        """Ask for the battery now and then. A board that does not answer is not asked again: that delays readings."""
+        """Ask for the battery now and then, until a response is missing: missing responses delay readings."""
         while is_answered(self._board, "QueryRemainPower"):
             losses = self._losses
             try:
@@ -194,7 +194,7 @@ class Output(Protocol):
     """Shows what is known of a watched board."""
 
     def reading(self) -> None:
-        """Show the latest reading, and what came with it."""
+        """Show the latest reading, with buttons and alarms."""
 
     def note(self, text: str) -> None:
         """Show that something has happened to the connection."""
@@ -240,7 +240,7 @@ class ReadingPrinter:
 
 
 def _described(watched: Watched) -> dict[str, Any]:
-    """Return the latest reading, and what came with it, for `--json`."""
+    """Return the latest reading, with buttons and alarms, for `--json`."""
     reading, stats = watched.reading, watched.stats
     alarms = reading.alarms if reading else ()
     return {
@@ -295,7 +295,7 @@ _CSV_COLUMNS = ("seconds", "servo_id", "angle", "angle_unit", "current_raw", "te
 
 
 def may_replace(path: Path) -> bool:
-    """Return whether `csv_file` may open a file: there is none, it is empty, or it was written in this way."""
+    """Return whether `csv_file` may open a file: a missing or empty file, or a file of the same format."""
     header = ",".join(_CSV_COLUMNS).encode("ascii")
     if not path.is_file():
         return True
@@ -334,7 +334,7 @@ def _csv_rows(watched: Watched) -> Iterator[tuple[object, ...]]:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Raise ServolinkError, which names the file, if it cannot be written."""
+    """Raise ServolinkError with the name of the file for a failed write."""
     try:
         yield
     except OSError as error:

@@ -197,7 +197,7 @@ _PROTECTION = {
         "address, by what is on the board; two programs that import at the same time do not notice each other"
     ),
 }
-"""What protects an import on a board that keeps so many bits of a project id."""
+"""Text about the protection of an import, by the number of bits of a project id stored on the board."""
 _LEFT: dict[Phase, str] = {
     "marking": "the board may say that it holds an unfinished import, but nothing else was changed",
     "finishing": "everything is written, but the board may still say that the import is unfinished",
@@ -205,7 +205,7 @@ _LEFT: dict[Phase, str] = {
 
 
 def question(plan: Plan) -> str:
-    """Return the question before an import, which names the records that will be deleted."""
+    """Return the question before an import, with the records to be deleted."""
     deleted = [one.what for one in plan.changes if one.new is None and not isinstance(one.old, int)]
     if not deleted:
         return "write this to the board?"
@@ -214,5 +214,5 @@ def question(plan: Plan) -> str:
 
 
 def _content(plan: Plan) -> object:
-    """Return what a plan changes, without what that costs."""
+    """Return the changes of a plan, without the costs."""
     return plan.changes, plan.inconsistencies, plan.is_unfinished

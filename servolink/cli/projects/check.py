@@ -163,7 +163,7 @@ def run_preflight(args: argparse.Namespace) -> int:
 
 
 def _profile(args: argparse.Namespace) -> ProfileInUse:
-    """Return the profile that is named, which must exist."""
+    """Return the profile named by `--profile`; a missing profile is wrong usage."""
     from servolink.profiles.store import load_profile
 
     if (profile := load_profile(args.profile)) is None:

@@ -122,7 +122,7 @@ def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int
 
 
 def _dry_run(project: Project) -> DryRun:
-    by_type(project)  # refuses an id that is used twice: the board would play one of the two
+    by_type(project)  # refuses duplicate ids: the board would play either record
     servo_ids = {step.servo_id for action in project.actions for step in action.steps}
     servo_ids |= {one.servo_id for one in project.servo_parameters}
     return DryRun(project.actions, project.macros, sorted(servo_ids))
@@ -249,7 +249,7 @@ _DRAWING_PAUSE = 0.05  # seconds between two drawings
 
 
 def play_on_board(args: argparse.Namespace, project: Project, record: Action | Macro) -> int:
-    """Play `record` on the board of `args`. The first movement is a slow one, unless `args` says how fast it is."""
+    """Play `record` on the board of `args`. The first movement is slow, unless `args` sets the speed."""
     kind = type_of(record)
     name, chosen = name_of(record), f"{kind.label}:{kind.id_of(record)}"
     servo_ids = sorted(servos_used(project, record))
@@ -292,7 +292,7 @@ def _keys(playback: Playback) -> Iterator[None]:
 
 
 def key_handler(playback: Playback, end: Callable[[], object]) -> Callable[[str], None]:
-    """Return a function that takes what is typed, and calls `end` if the servos are to be stopped."""
+    """Return a function for typed keys that calls `end` for a key that stops the servos."""
 
     def typed(text: str) -> None:
         # The code of an arrow key starts with Esc; Esc itself comes alone.
@@ -308,7 +308,7 @@ def key_handler(playback: Playback, end: Callable[[], object]) -> Callable[[str]
 
 @contextmanager
 def _drawn(playback: Playback) -> Iterator[None]:
-    """Show on standard error how far it is, if that is a terminal."""
+    """Show the progress on standard error, if standard error is a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield
         return

@@ -50,7 +50,7 @@ def _records_to_json(records: list[Any]) -> dict[str, Any]:
 
 
 def _to_json(project: Project) -> dict[str, Any]:
-    """Return the project in the form of its file, with its size and the durations by id."""
+    """Return the project in the form of a project file, with the size and the durations by id."""
     durations = {
         ACTION.field: {one.action_id: one.seconds for one in project.actions},
         MACRO.field: macro_seconds(project),
@@ -100,7 +100,7 @@ def _runnable(project: Project) -> Iterator[tuple[Any, Any]]:
 
 
 def _pose_text(action: Action) -> str:
-    """Return the angles by servo, with the duration of those that take less than the whole action."""
+    """Return the angles by servo, with the durations shorter than the whole action."""
     return ", ".join(
         f"{step.servo_id}: {step.degree}" + (f" in {step.seconds:g} s" if step.seconds != action.seconds else "")
         for step in action.steps
@@ -113,7 +113,7 @@ def _with_ratio(command: MacroCommand, captions: Mapping[tuple[str, int], str]) 
 
 
 def _buttons(project: Project, captions: Mapping[tuple[str, int], str]) -> Iterator[tuple[object, ...]]:
-    """Yield a row for each button, with the captions of its macros, and one for each table without buttons."""
+    """Yield a row for each button, with the captions of its macros, and a row for each table without buttons."""
 
     def macro(macro_id: int) -> str:
         return captions.get((MACRO.label, macro_id)) or f"macro {macro_id}" if macro_id else ""

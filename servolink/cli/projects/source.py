@@ -1,4 +1,4 @@
-"""Read the project of a command from a file or a board, and write what the command made of it."""
+"""Read the project of a command from a file or a board, and write the changed project."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def write_edited(args: argparse.Namespace, before: Project, after: Project, chan
 
 
 def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
-    """Write `project` to a file that does not exist yet, or that `args` allows to replace.
+    """Write `project` to a new file, or to an existing file that `args` allows to replace.
 
     Raise ProjectError if no board could store it, with captions in the encoding of `args`.
     """
@@ -97,7 +97,7 @@ def write_new(args: argparse.Namespace, target: Path, project: Project) -> None:
 
 
 def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
-    """Return the file that is edited; for the project of a board, the one that an export would write."""
+    """Return the file being edited; for the project of a board, the file of an export."""
     if is_address(args.source):
         return ProjectFile(before, unchecked=bool(_errors(args, before)))
     return read_project_file(args.source, unchecked=True)

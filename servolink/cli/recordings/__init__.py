@@ -1,1 +1,1 @@
-"""Commands that record what happens, and tell what happened."""
+"""Commands that make, show, replay and convert recordings."""

@@ -85,5 +85,5 @@ def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path,
 
 
 def _beside(path: Path, suffix: str) -> Path:
-    """Return the name for another form of a recording: no part of it but `.mcap` is dropped, as names may have dots."""
+    """Return the name for another form of a recording: only `.mcap` is dropped, as names may have dots."""
     return path.with_name((path.stem if path.suffix.lower() == ".mcap" else path.name) + suffix)

@@ -1,4 +1,4 @@
-"""What `servolink record` says while it records: a line that stays on a terminal, and what a ring has written."""
+"""Output of `servolink record` while recording: a status row on a terminal, and the files written from a ring."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RecordView:
                 await asyncio.sleep(_EVERY)
 
     def end(self) -> str:
-        """Print what has not been printed yet, and return what was recorded, in a sentence."""
+        """Print pending remarks, and return a sentence about the recording."""
         status = self._recorder.status
         self._print_saved(status, print_text)
         if self._as_json:
@@ -46,7 +46,7 @@ class RecordView:
         return summary(status, is_ring=self._is_ring)
 
     def unfinished(self) -> str:
-        """Return what was recorded so far, in a sentence, for a process that ends before all of it is written."""
+        """Return a sentence about the recording so far, for a process that ends before all data is written."""
         status = self._recorder.status
         text = summary(status, is_ring=self._is_ring)
         if self._is_ring:
@@ -82,7 +82,7 @@ class RecordView:
 
 
 def status_line(status: RecorderStatus, width: int, *, is_ring: bool = False) -> str:
-    """Return the line that stays, without the keys where they do not fit, and cut to `width` columns."""
+    """Return the status row, without keys on a narrow terminal, and cut to `width` columns."""
     minutes, seconds = divmod(int(status.seconds), 60)
     parts = [
         f"{minutes}:{seconds:02}{' in memory' if is_ring else ''}",

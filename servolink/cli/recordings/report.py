@@ -1,4 +1,4 @@
-"""`servolink report`: one file for a bug report, without anything private in it."""
+"""`servolink report`: write a file for a bug report, without private content."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ _HZ = 20.0
     ),
 )
 def run(args: argparse.Namespace) -> int:
-    """Collect what is known, show what would be written, ask, and write it."""
+    """Collect the facts, show the content of the report, ask, and write the report."""
     refuse_without_answer(args)
     if args.recording:
         refuse_input(args, Path(args.recording), [Path(args.output)])
@@ -118,7 +118,7 @@ async def _collect(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
 async def _talk(
     args: argparse.Namespace, url: str, path: Path, files: dict[str, bytes], private: PrivateText
 ) -> dict[str, Any]:
-    """Record the board for a while; return its counters and its profile."""
+    """Record the board for a while; return counters and profile of the board."""
     from servolink.client.connect import connect
     from servolink.recorder.recorder import record
 
@@ -148,7 +148,7 @@ async def _project(board: Board) -> bytes:
 
 
 def _of_board(board: Board, private: PrivateText) -> dict[str, Any]:
-    """Return counters, and what is known of the board without what tells it from others."""
+    """Return counters and profile of the board, without identifying facts."""
     known: dict[str, Any] | None = None
     if board.profile is not None:
         if board.profile.name:

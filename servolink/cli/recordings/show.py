@@ -43,7 +43,7 @@ _WHO = 10  # columns
 
 
 def _packet(text: str) -> str:
-    """Return the name of a packet. Refuse a name that no packet has, with those that are like it."""
+    """Return the name of a packet. Refuse an unknown name, and suggest similar names."""
     known = {base_name(name): name for name in PACKETS_BY_NAME}
     if base_name(text) not in known:
         alike = get_close_matches(base_name(text), known, 1)
@@ -139,7 +139,7 @@ def _tell(recording: Recording, wanted: Selection) -> None:
     """Print the story and its figures."""
     print_table(Table((), list(_head(recording))))
     print_text("")
-    # What went wrong is also seen from what is missing, so that the story needs every message.
+    # Missing messages show failures too, so the story needs every message.
     summary = Summary()
     entries = summary.over(recording.entries(msgspec.structs.replace(wanted, only_problems=False)))
     is_all = not wanted.packet and wanted.servo_id is None

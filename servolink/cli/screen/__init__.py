@@ -1,1 +1,1 @@
-"""Everything that draws on the terminal and reads its keys."""
+"""Modules that draw on the terminal and read keys."""

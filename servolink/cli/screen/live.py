@@ -30,7 +30,7 @@ _EVERY = 0.5  # seconds between two looks at what stays
 
 
 async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw: Draw) -> tuple[Servo, ...]:
-    """Draw the servos until they rest at `targets`, and return what they then report (see `Board.follow`)."""
+    """Draw the servos until all rest at `targets`, and return the last report of the servos (see `Board.follow`)."""
     loop = asyncio.get_running_loop()
     start = loop.time()
     servos: tuple[Servo, ...] = ()
@@ -41,7 +41,7 @@ async def follow(board: Board, targets: Mapping[int, int], seconds: float, draw:
 
 @asynccontextmanager
 async def staying_line(status: Callable[[int], tuple[bool, str]]) -> AsyncIterator[Callable[[str, str], None]]:
-    """Yield a function that prints a text in a style, unless it is that of the time before, above a line that stays.
+    """Yield a function that prints a text in a style above a status row, without repeating the latest text.
 
     `status` is asked twice a second for that line, of as many columns as it is given, and whether all is fine.
     """
@@ -59,7 +59,7 @@ async def staying_line(status: Callable[[int], tuple[bool, str]]) -> AsyncIterat
             displayed.print(Text(escape(text), style))
 
     async def draw() -> None:
-        with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
+        with suppress(OSError):  # closed terminal, with SIGHUP soon to arrive
             while True:
                 is_fine, line = status(displayed.width)
                 live.update(Text(line, "bold" if is_fine else "bold red"), refresh=True)
@@ -77,7 +77,7 @@ async def staying_line(status: Callable[[int], tuple[bool, str]]) -> AsyncIterat
 
 @contextmanager
 def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0) -> Iterator[Draw]:
-    """Yield a function that draws the servos, or those in `servo_ids`, as bars; the last ones stay visible.
+    """Yield a function that draws the servos, or the servos in `servo_ids`, as bars; the last bars stay visible.
 
     Below them is the time, as a bar too if it is known that it takes `seconds`.
     """
@@ -126,7 +126,7 @@ def _progress(elapsed: float, seconds: float, block: str, half: int) -> Iterator
 
 
 Line: TypeAlias = "tuple[str, str]"
-"""Text of one line, and its rich style."""
+"""Text and rich style of a row."""
 Picture: TypeAlias = "Callable[[int, int, bool], list[Line]]"
 """Returns the lines for a width and a height, of ASCII unless it may use block characters."""
 
@@ -138,7 +138,7 @@ def can_draw() -> bool:
 
 @contextmanager
 def pictures(picture: Picture) -> Iterator[Callable[[], None]]:
-    """Yield a function that draws `picture` on the other screen of the terminal; the last one stays on the first."""
+    """Yield a function that draws `picture` on the alternate screen; the last picture stays on the main screen."""
     from rich.console import Group
     from rich.live import Live
     from rich.text import Text
@@ -190,7 +190,7 @@ PHASES: dict[Phase, str] = {
 
 @contextmanager
 def shown_progress(board: Board, *, quiet: bool) -> Iterator[ProgressCallback]:
-    """Yield a callback that draws a bar on standard error, or does nothing if that is not a terminal or `quiet`."""
+    """Yield a callback that draws a bar on standard error; without a terminal, or if `quiet`, no bar is drawn."""
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda progress: None
     else:

@@ -36,13 +36,13 @@ def open_missing_stderr() -> None:
 
 
 def flush_stdout() -> None:
-    """Write what standard output still buffers."""
+    """Write the buffered text of standard output."""
     if sys.stdout is not None:
         sys.stdout.flush()
 
 
 def flush_stderr() -> None:
-    """Write what standard error still buffers, if it can be written: argparse prints without a look at the result."""
+    """Flush standard error, and silence a broken stream: argparse prints without checking the result."""
     try:
         sys.stderr.flush()
     except OSError:
@@ -253,7 +253,7 @@ def counted(count: int, noun: str) -> str:
 
 
 def angle_text(angle: int) -> str:
-    """Return an angle as people write it, with its unit if that is known."""
+    """Return an angle as written by people, with the unit if known."""
     return f"{angle}°" if isinstance(angle, Degrees) else f"{angle} ADC" if isinstance(angle, Adc) else str(angle)
 
 

@@ -1,4 +1,4 @@
-"""The picture that `servolink watch` draws: what is known of a watched board, as lines that fit a terminal."""
+"""Picture of `servolink watch`: state of a watched board, as rows for the width of a terminal."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from servolink.motion.limits import MotionLimits
 SCALE = (-180.0, 180.0)
 """Degrees between which a servo without limits is drawn; the protocol's document gives no range."""
 
-_COLUMNS = 37  # for all but label and bar
+_COLUMNS = 37  # columns for all parts of a row except label and bar
 _BETWEEN = 2  # of them, beside a bar
 _ANGLE, _LEAST_ANGLE = 8, 5
 _LEAST_BAR, _GOOD_BAR, _WIDEST_BAR = 8, 13, 61
@@ -57,7 +57,7 @@ class Watched:
     buttons: deque[tuple[float, ButtonEvent]] = field(default_factory=lambda: deque(maxlen=64))
     """The latest button events, with their seconds."""
     new_buttons: list[tuple[float, ButtonEvent]] = field(default_factory=list)
-    """Those that came since the reading before."""
+    """Button events since the reading before."""
     raised: deque[tuple[float, RaisedAlarm]] = field(default_factory=lambda: deque(maxlen=_SHOWN_ALARMS))
     """The latest alarms, with their seconds."""
 
@@ -182,7 +182,7 @@ class _ServoTable:
         return f"{servo.servo_id:3} {caption}".rstrip()
 
     def _bar(self, servo: Servo) -> str:
-        """Return a bar from 0 degrees, or from the end that is nearest to that, to the angle."""
+        """Return a bar from 0 degrees, or from the end nearest to 0 degrees, to the angle."""
         if not self._bar_width or not isinstance(servo.angle, Degrees):
             return ""
         low, high = self._watched.limits.of(servo.servo_id) or SCALE

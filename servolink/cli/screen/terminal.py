@@ -79,7 +79,7 @@ def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
 
 @contextmanager
 def typed_keys() -> Iterator[asyncio.Queue[str] | None]:
-    """Yield a queue of the keys that are typed, named as by `keys_in`; None if there is no keyboard to read."""
+    """Yield a queue of typed keys, named as by `keys_in`; None without a keyboard."""
     keys: asyncio.Queue[str] = asyncio.Queue()
 
     def typed(text: str) -> None:

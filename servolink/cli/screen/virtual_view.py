@@ -1,4 +1,4 @@
-"""The picture that `servolink virtual` draws on a terminal: its servos as they move, and its buttons."""
+"""Picture of `servolink virtual` on a terminal: moving servos and buttons."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ async def shown(board: VirtualBoard, urls: list[str]) -> AsyncIterator[None]:
 async def _draw(board: VirtualBoard, draw: Callable[[], None]) -> None:
     """Draw now and then."""
     loop = asyncio.get_running_loop()
-    with suppress(OSError):  # the terminal is gone, and SIGHUP is on its way
+    with suppress(OSError):  # closed terminal, with SIGHUP soon to arrive
         while True:
             board.advance(loop.time())
             draw()
@@ -51,7 +51,7 @@ def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, bloc
 
 
 def servos_of(board: VirtualBoard) -> Watched:
-    """Return the servos of `board` as they are now."""
+    """Return the present state of the servos of `board`."""
     stored = board.storage.servo_parameters(board.codec)
     watched = Watched("", 0.0, Stats(), captions={one.servo_id: one.servo_caption for one in stored})
     watched.take(ServoReading(0.0, tuple(_reported(servo) for servo in board.servos.values())))
@@ -69,7 +69,7 @@ def _head(board: VirtualBoard, urls: list[str]) -> Iterator[Line]:
 
 
 def _reported(servo: VirtualServo) -> Servo:
-    """Return a servo as a board reports it that is set to degrees."""
+    """Return a servo as reported by a board set to degrees."""
     state = servo.state()
     return Servo(
         servo.servo_id,

@@ -1,4 +1,4 @@
-"""Commands about what is stored on a board: actions, macros, joystick tables, and what it keeps for each servo."""
+"""Commands about the content of a board: actions, macros, joystick tables and settings of servos."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SERVO = Command(
 )
 
 NOUNS = {"action": "actions", "macro": "macros", "table": "joystick tables"}
-"""Types of record as commands name them, and several of each as people read it."""
+"""Types of record as named in commands, and the plural of each for people."""
 
 
 def a(noun: str) -> str:

@@ -1,4 +1,4 @@
-"""Change what is on a board by an import of its own content with the change in it.
+"""Change the content of a board by importing the same content with the change.
 
 So it has the protection of an import: a backup, a mark on the board while it is under way, every record read back, and
 a way back. No board loses a record by it, whatever it does with an id that is stored already.
@@ -32,7 +32,7 @@ from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
 from servolink.protocol.records import ServoParameter
 
 Edit: TypeAlias = Callable[[Project, str], Project]
-"""Takes what is on the board and its caption encoding, and returns what is to be there."""
+"""Function from the content of the board and the caption encoding to the new content."""
 
 _WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
 
@@ -40,7 +40,7 @@ _WAY_OUT = "nothing is lost: `servolink rollback` undoes it"
 def change_board(
     args: argparse.Namespace, edit: Edit, *, prepare: Callable[[Board], Awaitable[None]] | None = None
 ) -> int:
-    """Connect, and make the board hold what `edit` makes of its content, after asking unless `args.yes`.
+    """Connect, and write the content changed by `edit` to the board, after asking unless `args.yes`.
 
     `prepare` reads first what else `edit` has to know.
     """
@@ -54,7 +54,7 @@ def change_board(
 
 
 async def change_content(args: argparse.Namespace, board: Board, interruption: Interruption, edit: Edit) -> int:
-    """Make the board hold what `edit` makes of its content, and return the exit code.
+    """Write the content changed by `edit` to the board, and return the exit code.
 
     Raise ProjectError if it holds an unfinished import, or if another program changes it meanwhile.
     """
@@ -83,7 +83,7 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
 
 
 def _hidden_captions(before: Project, after: Project) -> Iterator[str]:
-    """Yield each new caption that commands take for something else: for an id, for all servos, or for `name:`."""
+    """Yield each new caption that commands would misread: as an id, as all servos, or as `name:`."""
     for kind in STORED_TYPES:
         old, new = ({kind.caption_of(one) for one in kind.by_id(project).values()} for project in (before, after))
         for caption in sorted(new - old):
@@ -113,7 +113,7 @@ def newly_shared_captions(before: Project, after: Project) -> Iterator[str]:
 
 
 def _renamed(change: Change) -> Change:
-    """Return a change that gives a servo its first caption, and no correction, as a change of the caption."""
+    """Return `change`; the first caption of a servo, without correction, becomes a change of the caption."""
     stored = change.new
     if change.old is not None or not isinstance(stored, ServoParameter) or stored.adjusted_degree:
         return change
@@ -121,7 +121,7 @@ def _renamed(change: Change) -> Change:
 
 
 def show_changes(plan: Plan) -> None:
-    """Print what will change, without what that costs."""
+    """Print the planned changes, without the costs."""
     print_changes([_renamed(change) for change in plan.changes])
     if not plan.differs:
         print_text("nothing to change: it is so already")
@@ -133,7 +133,7 @@ async def change_parameters(
     interruption: Interruption,
     changes: Mapping[int, Callable[[ServoParameter], ServoParameter]],
 ) -> int:
-    """Store what `changes`, by servo id, make of what is stored, after a backup, and read it back.
+    """Store servo parameters changed by `changes`, by servo id, after a backup, and read the result back.
 
     Return the exit code.
     """

@@ -88,7 +88,7 @@ def _set_from_file(args: argparse.Namespace, kind: RecordType[Any]) -> int:
 
 
 def _from_file(args: argparse.Namespace, kind: RecordType[Any]) -> tuple[Project, Any]:
-    """Return the project file of `args` and the record that it names. ProjectError if there is none."""
+    """Return the project file and the record named in `args`. Raise ProjectError for a missing record."""
     if any(getattr(args, name, None) is not None for name in ("pose", "seconds", "play", "press", "long_press", "up")):
         usage_error(args, f"{args.needed} and --from are both given; choose one")
     source = load_project(args.source, unchecked=True)
@@ -119,7 +119,7 @@ def run_delete(args: argparse.Namespace) -> int:
 
 @on_board(state=UNTOUCHED)
 async def run_activate(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
-    """Make a joystick table the active one, and read it back."""
+    """Activate a joystick table, and read the active table back."""
     table = await board.joystick_table(args.record)
     interruption.state = f"{name_of(table)} may be active"
     await board.set_active_joystick_table(table.table_id)

@@ -1,4 +1,4 @@
-"""The record that a command line describes: by options, as JSON, or by its name in a project file."""
+"""Record described by a command line: by options, as JSON, or by name in a project file."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from servolink.protocol.record_types import ACTION, MACRO, TABLE, Record, Record
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, MacroCommandType
 
 Make: TypeAlias = Callable[[Any, Project], Any]
-"""Takes the record as it is stored, or an empty one, and what is on the board; returns it as it is to be."""
+"""Function from the stored record, or an empty record, and the content of the board to the new record."""
 
 _PRESSES = {"press": "button_press_macro", "long_press": "button_long_press_macro", "up": "button_up_macro"}
 """Option to field."""
 
 
 def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
-    """Return what makes the record that `args` describes. JSON is read at once, from standard input too."""
+    """Return a function that makes the record described by `args`. JSON is read at once, from standard input too."""
     given = [name for name in ("pose", "seconds", "play", *_PRESSES) if getattr(args, name, None) is not None]
     text = _json_text(args.what)
     if text is None:
@@ -47,7 +47,7 @@ def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
 
 
 def _json_text(what: str | None) -> str | bytes | None:
-    """Return the text of the JSON in `what`, or that it names; None for a caption."""
+    """Return the JSON text in `what`, or in the file named by `what`; None for a caption."""
     if what == "-":
         return sys.stdin.buffer.read(MAX_SIZE + 1) if sys.stdin else b""
     if what and what.startswith("@"):
@@ -133,12 +133,12 @@ _FROM_OPTIONS: dict[RecordType[Any], Callable[[argparse.Namespace, Any, Project]
 
 
 def _id(project: Project, kind: RecordType[Any], name: int | str) -> int:
-    """Return the id of a record; an id is returned as it is, also one that is missing."""
+    """Return the id of a record; an id is returned unchanged, even without such a record."""
     return name if isinstance(name, int) else kind.id_of(stored_record(project, kind, name))
 
 
 def stored_record(project: Project, kind: RecordType[Any], name: int | str) -> Any:
-    """Return a record of the board by id or caption. Raise NotFound, naming those that are there, if it has none."""
+    """Return a record of the board by id or caption. Raise NotFound, with all existing records, if missing."""
     records = kind.by_id(project)
     named = _named(project, kind)
     meant = id_or_caption(name) if isinstance(name, str) else name

@@ -1,4 +1,4 @@
-"""Stored records for people: as tables, and what differs between two of them."""
+"""Stored records for people: as tables, and differences between two records."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _row(part: Step | MacroCommand | Button) -> tuple[object, ...]:
 
 
 def command_text(command: MacroCommand, captions: Mapping[tuple[str, int], str] | None = None) -> str:
-    """Return what a command does once: `wait 0.3 s`, or the record it runs, by caption if `captions` has it.
+    """Return the effect of a macro command: `wait 0.3 s`, or the record to run, by caption where `captions` has the id.
 
     `captions` are by label of the type and id of the record.
     """
@@ -56,7 +56,7 @@ _MOST_COMPARED = 1_000_000
 
 
 def print_changes(changes: Sequence[Change]) -> None:
-    """Print changes, each on one line or more."""
+    """Print changes, each on separate lines."""
     for change in changes:
         for line in lines_of(change):
             print_text(line, _STYLES.get(line.strip()[:1], ""))

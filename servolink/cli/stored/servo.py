@@ -25,7 +25,7 @@ _SERVOS = (option("servos", "SERVO", _ANY, SERVO_NAME, nargs="+"),)
 
 @on_board(state="no servo was changed")
 async def run_state(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
-    """Start servos, or stop and hold them, and print what the servos then report."""
+    """Start servos, or stop and hold servos, and print the reports of the servos afterwards."""
     servo_ids, captions = await _find_servos(board, args.servos)
     for servo_id in servo_ids:
         interruption.state = f"servos may have been {args.done}; `servolink servos` shows them"
@@ -81,7 +81,7 @@ async def run_unit(args: argparse.Namespace, board: Board, interruption: Interru
 async def _find_servos(
     board: Board, servos: list[int | str], *, takes_all: bool = True
 ) -> tuple[list[int], dict[int, str]]:
-    """Return the ids of servos, 255 for all, and the captions that were read for that, by id.
+    """Return the ids of servos, 255 for all, and the captions read on the way, by id.
 
     Raise NotFound, before anything is changed, for a servo that is missing.
     """
@@ -131,7 +131,7 @@ def run_trim(args: argparse.Namespace) -> int:
 
 
 def _change(args: argparse.Namespace, **fields: Any) -> int:
-    """Change what the board stores for one servo."""
+    """Change the stored settings of a servo."""
     from msgspec.structs import replace
 
     from servolink.cli.stored.change import change_parameters

@@ -1,4 +1,4 @@
-"""`add`, `set`, `rename` and `delete` of actions, macros and tables: their options; what runs them is imported late."""
+"""`add`, `set`, `rename` and `delete` of actions, macros and tables: the options; the functions are imported late."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _assigned(text: str) -> tuple[int, int | str]:
 
 
 def _action(seconds: str) -> tuple[Option, ...]:
-    """Return the options that describe an action; it takes `seconds` unless another duration is given."""
+    """Return the options that describe an action; `seconds` is the help text about the default duration."""
     return (
         option(
             "--pose", "SERVO=ANGLE,...", "where servos go, as in 1=30,hip=-10 or all=0", partial(_each, servo_angle)
@@ -97,9 +97,9 @@ class _About(NamedTuple):
     """Differences between actions, macros and tables."""
 
     options: tuple[Option, ...]
-    """Options that say what a record does."""
+    """Options for the content of a record."""
     needed: str
-    """Options of which a new record needs one, in words."""
+    """Options required for a new record, at least one, in words."""
     new: str
     """Example of a new one."""
     in_file: str
@@ -125,7 +125,7 @@ def _source(what: str) -> Option:
 
 
 def _commands(noun: str, about: _About) -> Iterator[Command]:
-    """Yield the commands that change records of one type."""
+    """Yield the commands that change records of a type."""
     defaults = {"yes": True, "needed": about.needed}
     yield Command(
         f"{noun} add",

@@ -1,1 +1,1 @@
-"""Commands that let programs and people use one board together."""
+"""Commands for sharing a board among programs and people."""

@@ -115,7 +115,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
 
 
 def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
-    """Print the addresses, and who can use those over TCP; programs at `watch_url` may only read."""
+    """Print the addresses, and the machines that can reach TCP addresses; programs at `watch_url` may only read."""
     from servolink.listeners.tcp import reached_by
 
     for url in urls:
@@ -137,7 +137,7 @@ _SCHEME = "share://"
 
 @interruptible("nothing was changed")
 async def talk_to_hub(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Do what the options say with a hub that runs."""
+    """Carry out the options on a running hub."""
     name = args.take or args.give or await _chosen(args)
     role: RoleName = "run" if args.take else "watch"
     channel, welcome = await open_channel(name, Greeting(wants="rpc", who=this_program(), role=role))
@@ -154,7 +154,7 @@ async def talk_to_hub(args: argparse.Namespace, interruption: Interruption) -> i
 
 
 async def _chosen(args: argparse.Namespace) -> str:
-    """Return the name of the hub that was named, of the hub of the board, or of the only one that runs."""
+    """Return the name of the hub given by name, of the hub of the board, or of the only running hub."""
     if args.name is not None:
         return str(args.name)
     if args.url is not None:
@@ -193,7 +193,7 @@ async def _show(channel: RpcChannel, session: str, *, as_json: bool) -> None:
 
 
 async def _take(channel: RpcChannel, name: str, *, as_json: bool) -> None:
-    """Take the lease over and give it up at once, so that the next command has it and the former holder has not."""
+    """Take the lease over and end the lease at once, so that the next command can have the lease."""
     before = (await _call(channel, "status", HubStatus)).lease
     if before is not None:
         await _call(channel, "lease.take", LeaseNow, force=True)

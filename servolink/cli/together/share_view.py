@@ -1,4 +1,4 @@
-"""What `servolink share` shows of a hub: a line that stays, lines about what happens, and a table for `--status`."""
+"""View of a hub by `servolink share`: a status row, notices, and a table for `--status`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _ANOTHER = "plug the right one in again, or end this program and start it again 
 
 
 def text_of(notice: Struct, who: str) -> str:
-    """Return a notice that `who` caused as a sentence for people, not escaped; empty if it is for programs."""
+    """Return a notice caused by `who` as a sentence for people, not escaped; empty for a notice to programs."""
     match notice:
         case ProgramNotice("joined" | "left" as event):
             return f"{notice.who} {event}" + (f" ({notice.door})" if notice.door else "")
@@ -111,7 +111,7 @@ def _lease(lease: LeaseStatus | None) -> str:
 
 
 def programs(status: HubStatus) -> Table:
-    """Return a row for each program, with the columns in which there is something: most are often empty."""
+    """Return a row for each program, without empty columns."""
     there = status.programs
     columns: dict[str, list[str | int | None]] = {
         "program": [each.who for each in there],
@@ -141,7 +141,7 @@ Show = Callable[[Struct, str], None]
 
 @contextmanager
 def in_the_log() -> Iterator[Show]:
-    """Yield a function that writes to standard error what matters where nobody watches."""
+    """Yield a function that writes important notices to standard error, for a hub without a terminal."""
 
     def show(notice: Struct, who: str) -> None:
         if is_for_the_log(notice):
@@ -152,7 +152,7 @@ def in_the_log() -> Iterator[Show]:
 
 @asynccontextmanager
 async def on_terminal(look: Callable[[], HubStatus]) -> AsyncIterator[Show]:
-    """Yield a function that prints notices, above a line that shows what `look` returns now and then."""
+    """Yield a function that prints notices above a status row with the regularly read result of `look`."""
     rate, loop = Rate(), asyncio.get_running_loop()
 
     def line(width: int) -> tuple[bool, str]:
