@@ -1,1 +1,1 @@
-"""Between a program and a board: pass every byte on, and learn from what they say (docs/how-to/spy.md)."""
+"""Between a program and a board: pass on every byte, and learn from the packets (docs/how-to/spy.md)."""

@@ -1,4 +1,4 @@
-"""What a conversation shows of a board, collected packet by packet in bounded memory."""
+"""Facts that a conversation shows about a board, collected packet by packet in bounded memory."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from servolink.recorder.round_trips import Times
 from servolink.spy.scanner import Scanner, Seen
 
 PATIENCE = 3.0
-"""Seconds after which a response is not expected any more."""
-_REPEATED = 0.2  # seconds after which the same request again is a repetition, and no second question
+"""Seconds after the request until a response counts as missing."""
+_REPEATED = 0.2  # seconds within which an equal request counts as a repetition, not as a second question
 _MOST_WAITING = 1024
 _MOST_CAPTIONS = 5000
 _MOST_IDS = 1000
@@ -37,17 +37,17 @@ _ID_FIELDS = {"servo_id", "servo_id_list", "action_id", "macro_id", "table_id", 
 
 
 class Passed(NamedTuple):
-    """Packet or other bytes, for people who look on."""
+    """Packet or other bytes, for a live display."""
 
     seconds: float
     direction: Direction
     seen: Seen
     packet: Packet | None = None
-    """None for everything that cannot be decoded."""
+    """Decoded packet; None for bytes that cannot be decoded."""
 
 
 class Unknown(NamedTuple):
-    """A kind of packet that the document does not define."""
+    """Kind of packet that the document does not define."""
 
     direction: Direction
     packet_id: int
@@ -73,19 +73,19 @@ class _Waiting:
     seen: Seen
     request: Request[Response]
     is_overtaken: bool = False
-    """Whether a later one has its response already: boards answer in order, so this one is probably lost."""
+    """Whether a later request has its response already: boards answer in order, so the missing one is probably lost."""
 
 
 class Runs:
-    """The order of what was done, with equal things in a row as one: `AddAction` 12 times."""
+    """Sequence of requests, with equal neighbours as a single step: `AddAction` 12 times."""
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without any recorded step."""
         self.runs: list[list[Any]] = []
         self.is_cut = False
 
     def add(self, name: str) -> None:
-        """Add the next thing."""
+        """Add the next step of the conversation."""
         if self.runs and self.runs[-1][0] == name:
             self.runs[-1][1] += 1
         elif len(self.runs) < _MOST_RUNS:
@@ -98,7 +98,7 @@ class Learner:
     """Reads both directions of a conversation."""
 
     def __init__(self, caption_encoding: str = "utf-8") -> None:
-        """Start at its beginning. The encoding is for what is shown."""
+        """Start at the beginning of a conversation. The encoding is for captions in the display."""
         self._codecs = {order: Codec(order, caption_encoding) for order in _BYTE_ORDERS}
         self._scanners: dict[Direction, Scanner] = {"sent": Scanner(), "received": Scanner()}
         self._waiting: deque[_Waiting] = deque()
@@ -108,11 +108,11 @@ class Learner:
         self.orders: dict[str, Counter[ByteOrder]] = {"sent": Counter(), "received": Counter()}
         """Packets, by direction and byte order."""
         self.packets: Counter[str] = Counter()
-        """By name."""
+        """Number of packets, by name."""
         self.modes: list[Mode] = []
-        """The first settings; `mode_settings` counts them all."""
+        """First settings; `mode_settings` counts all of them."""
         self.echoes: list[int] = []
-        """The first modes that the board said to be in; `mode_echoes` counts them all."""
+        """First modes reported by the board; `mode_echoes` counts all of them."""
         self.captions: set[bytes] = set()
         self.ids: dict[str, set[int]] = {}
         self.times: dict[str, Times] = {}
@@ -123,7 +123,7 @@ class Learner:
         self.most_under_way = 0
         self.writes, self.reads = Runs(), Runs()
         self.refused: Counter[str] = Counter()
-        """Requests with the result 0."""
+        """Number of requests with the result 0."""
         self.unanswered: Counter[str] = Counter()
         self.unsolicited: Counter[str] = Counter()
         self.unknown: dict[Unknown, tuple[int, bytes]] = {}
@@ -154,16 +154,16 @@ class Learner:
 
     @property
     def mode_echoes(self) -> int:
-        """How often the board said which mode it is in."""
+        """Number of times that the board reported its mode."""
         return self.packets[TransmissionModeSettingResponse.__name__]
 
     def feed(self, seconds: float, direction: Direction, data: bytes) -> list[Passed]:
-        """Take bytes that passed; return what is complete by now."""
+        """Take bytes that passed; return the pieces that are complete by now."""
         self.size[direction] += len(data)
         return [self._take(seconds, direction, seen) for seen in self._scanners[direction].feed(seconds, data)]
 
     def finish(self, seconds: float) -> list[Passed]:
-        """End the conversation: what is not answered by now is unanswered."""
+        """End the conversation: requests without a response by now are unanswered."""
         found = [
             self._take(seconds, direction, seen)
             for direction, scanner in self._scanners.items()
@@ -298,7 +298,7 @@ _CHANGES = ("Add", "Delete", "Clear", "Write", "SetActive")
 
 
 def _stored(*verbs: str) -> set[str]:
-    """Return the requests about what is stored that begin with one of these verbs."""
+    """Return the requests about stored content that begin with one of the verbs."""
     return {
         declared.__name__.removesuffix("Request")
         for declared in PACKETS.values()

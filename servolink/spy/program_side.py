@@ -1,4 +1,4 @@
-"""Pseudo-terminal or TCP port to which the program connects in place of the board, one program at a time."""
+"""Pseudo-terminal or TCP port for a program in place of the board, one program at a time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from servolink.listeners.tcp import listening_sockets, place_of
 from servolink.spy.relay import Relay
 
 _NO_BOARD = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"DELETE ", b"OPTIONS ", b"PATCH ", b"CONNECT ", b"\x16\x03")
-"""First bytes of browsers, which any web page can make connect to this port and send frames to the board."""
+"""First bytes of browsers: any web page can make a browser connect to the port and send frames to the board."""
 _LOOK = 0.01  # seconds between looks for a program, whose first bytes wait meanwhile
 
 
@@ -21,7 +21,7 @@ _LOOK = 0.01  # seconds between looks for a program, whose first bytes wait mean
 def on_terminal(
     relay: Relay, link: str | Path | None, baudrate: int, on_baudrate: Callable[[int], object]
 ) -> Iterator[str]:
-    """Serve programs on a new pseudo-terminal, linked at `link` unless None, within this context; yield its URL.
+    """Serve programs on a new pseudo-terminal within this context, linked at `link` unless None; yield the URL.
 
     Programs find this baud rate; `on_baudrate` is called with each other rate that one sets. Raise OpenError if the
     link cannot be made, TransportUnavailable on Windows.
@@ -36,14 +36,14 @@ def on_terminal(
 
 @asynccontextmanager
 async def on_network(relay: Relay, host: str, port: int) -> AsyncIterator[str]:
-    """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if it is not available."""
+    """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if the port is not available."""
     listening = await listening_sockets(host, port)
     async with serve_connections(listening, lambda: _Connection(relay)):
         yield f"tcp://{place_of(listening)}"
 
 
 class _Connection(AcceptedConnection):
-    """Connection of the program; while there is one, others are refused."""
+    """Connection of the present program; others are refused meanwhile."""
 
     def __init__(self, relay: Relay) -> None:
         super().__init__(high=0, low=0)

@@ -1,4 +1,4 @@
-"""The relay: bytes from one side to the other, unchanged, at once, and never more than the other side takes."""
+"""Relay: bytes from one side to the other, unchanged, without delay, and never more than the other side accepts."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from servolink.recorder.channels import Direction
 from servolink.transports.stream import StreamTransport
 
 Tap: TypeAlias = Callable[[float, Direction, bytes], None]
-"""Is called with each chunk after it was passed on: seconds of the loop's clock, direction and bytes. Must not wait."""
+"""Called with each chunk after forwarding: seconds of the loop's clock, direction and bytes. Must not wait."""
 
 
 class Relay:
-    """Handler of one program at a time, which passes bytes to and from the port of the board and adds none."""
+    """Handler of one program at a time: bytes go to and from the port of the board, and none are added."""
 
     waiting = 0
 
     def __init__(self, board: StreamTransport, tap: Tap, on_program: Callable[[bool], object]) -> None:
         """Start with a port that is not open yet; call `on_program` with whether a program is connected."""
         self.sink: Callable[[bytes], object] | None = None
-        """Function that sends to the program, or drops bytes without one, as a serial port that is not open."""
+        """Function that sends to the program; without one, bytes are dropped, as by a closed serial port."""
         self.has_program = False
         """Whether a program is connected."""
         self.is_full = False
-        """Whether reading from the program must pause, because the board does not take its bytes."""
+        """Whether reading from the program must pause, because the board does not accept more bytes."""
         self.on_room: Callable[[], None] | None = None
         """Function to call when `is_full` ends."""
         self._board = board
@@ -69,7 +69,7 @@ class Relay:
     # --- from the program ---------------------------------------------------------------------------------------
 
     def join(self, sink: Callable[[bytes], object]) -> Relay:
-        """Handle a program, to which `sink` sends; return this object."""
+        """Handle a program, with `sink` as the way to it; return this object."""
         self.sink = sink
         self.has_program = True
         self._on_program(True)  # noqa: FBT003 - it is there
@@ -94,7 +94,7 @@ class Relay:
         self._board.resume_reading()
 
     def leave(self) -> None:
-        """Forget the program, which is gone."""
+        """Forget the program after its end."""
         self.on_room = None
         self.has_program = False
         self._board.resume_reading()

@@ -1,4 +1,4 @@
-"""The frames of one direction, of any byte order and id: unlike the parser of a connection, it knows neither.
+"""Frames of one direction, of any byte order and id: a connection's parser knows both, and the scanner neither.
 
 What is damaged or unknown is what a spy looks for, so it is returned too.
 """
@@ -14,16 +14,16 @@ from servolink.protocol.layout import layout
 from servolink.protocol.recovery import next_magic
 
 Kind: TypeAlias = Literal["packet", "unknown", "damaged", "noise"]
-"""A frame of the document, an intact one that the document does not define, one with a wrong sum, or other bytes."""
+"""Kind of piece: frame of the document, intact undefined frame, frame with a wrong sum, or other bytes."""
 
 _BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
 _MOST_UNKNOWN = 1024  # bytes for which an unknown frame may keep others waiting
 _MOST_NOISE = 0x10000
-_SILENCE = 0.5  # seconds after which the rest of a frame is not expected any more
+_SILENCE = 0.5  # seconds after which the rest of a frame counts as lost
 
 
 class Seen(NamedTuple):
-    """A frame, or bytes that belong to none."""
+    """Frame, or bytes that belong to no frame."""
 
     kind: Kind
     data: bytes
@@ -38,7 +38,7 @@ class Seen(NamedTuple):
 
 
 class Scanner:
-    """Finds frames in one direction of a conversation."""
+    """Finder of frames in one direction of a conversation."""
 
     def __init__(self) -> None:
         """Start between two frames."""
@@ -46,14 +46,14 @@ class Scanner:
         self._heard_at = 0.0
 
     def feed(self, seconds: float, data: bytes) -> list[Seen]:
-        """Take bytes that passed at `seconds`; return what is complete now."""
+        """Take bytes that passed at `seconds`; return the pieces that are complete now."""
         found = self.finish() if self._held and seconds - self._heard_at > _SILENCE else []
         self._heard_at = seconds
         self._held += data
         return found + list(self._scan(is_over=False))
 
     def finish(self) -> list[Seen]:
-        """Stop waiting for the rest of a frame; return what has been held back."""
+        """Stop waiting for the rest of a frame; return the bytes held back."""
         return list(self._scan(is_over=True))
 
     def _scan(self, *, is_over: bool) -> Iterator[Seen]:
@@ -108,7 +108,7 @@ def _look(data: bytes, at: int, *, is_over: bool) -> Seen | None:
 
 
 def _damaged(frame: bytes, byte_order: ByteOrder, packet_id: int, *, is_whole: bool) -> Seen:
-    """Return a frame with a wrong sum, or, as a damaged length swallows frames, only the part before the next one."""
+    """Return a frame with a wrong sum, or only its part before the next frame: a damaged length swallows frames."""
     inner = frame.find(MAGIC, len(MAGIC))
     if inner >= 0:
         return Seen("noise", frame[:inner])

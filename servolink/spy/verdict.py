@@ -1,4 +1,4 @@
-"""The verdict: in words and numbers, what a conversation has shown of a board."""
+"""Verdict: facts, in words and numbers, that a conversation has shown about a board."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _UNITS = {0: "degrees", 1: "raw ADC"}
 
 
 class Fact(NamedTuple):
-    """Fact that was learnt."""
+    """Fact learnt about the board."""
 
     name: str
     value: Any
@@ -27,7 +27,7 @@ class Fact(NamedTuple):
 
 
 def verdict(learner: Learner) -> list[Fact]:
-    """Return what was learnt, without what never occurred."""
+    """Return the facts, without kinds that never occurred."""
     return [fact for make in _FACTS for fact in make(learner)]
 
 
@@ -42,7 +42,7 @@ def _byte_order(learner: Learner) -> Iterator[Fact]:
     board, program = learner.orders["received"], learner.orders["sent"]
     if not board:
         tried = " and ".join(f"{count} requests in {order}-endian" for order, count in program.items())
-        text = f"unknown: the board said nothing that is a packet; {tried or 'the program neither'}"
+        text = f"unknown: the board sent no packet; {tried or 'the program neither'}"
         yield Fact("byte_order", None, text)
         return
     order = learner.byte_order

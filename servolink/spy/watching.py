@@ -1,4 +1,4 @@
-"""Observers of a relay, which never waits for them: a thread that learns and shows, and a recording."""
+"""Observers of a relay, never awaited by the relay: a thread that learns and shows, and a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
 from servolink.spy.learning import Learner, Passed
 
-_MOST_WAITING = 16 * 1024 * 1024  # bytes; what passes meanwhile is only counted
+_MOST_WAITING = 16 * 1024 * 1024  # bytes in the queue; further bytes are only counted
 
 
 class Watcher:
@@ -34,14 +34,14 @@ class Watcher:
         self._is_over = False
         self._last = 0.0
         self.overlooked = 0
-        """Bytes that passed while too much was waiting."""
+        """Number of bytes not observed because the queue was full."""
         self.failure: Exception | None = None
-        """Why it has stopped looking on: a defect of ours, or an output that takes no more."""
+        """Reason for the end of observation: a defect of servolink, or an output that is closed."""
         self._thread = threading.Thread(target=self._run, name="spy", daemon=True)
         self._thread.start()
 
     def take(self, seconds: float, direction: Direction, data: bytes) -> None:
-        """Take what passed; never waits."""
+        """Take bytes that passed; never waits."""
         if self._put - self._taken > _MOST_WAITING or self.failure is not None:
             self.overlooked += len(data)
             return
@@ -77,7 +77,7 @@ class Watcher:
 
 
 class SpyRecording:
-    """A recording whose byte order is known only after the first packet; until then it is kept in memory."""
+    """Recording whose byte order is known only after the first packet; kept in memory until then."""
 
     def __init__(self, path: Path, board: str, caption_encoding: str, now: Callable[[], float]) -> None:
         """Start. Raise RecordingError if `path` exists or the library for recordings is missing."""
@@ -102,11 +102,11 @@ class SpyRecording:
         self._backlog.put(seconds, Wire(direction, data, seconds))
 
     def begin(self, byte_order: ByteOrder) -> None:
-        """Create the file, and write to it from now on. Raise RecordingError. Waits for the disk."""
+        """Create the file, and write to the file from now on. Raise RecordingError. Waits for the disk."""
         self._writer = RecordingWriter(self._path, self._about(byte_order), self._clock, backlog=self._backlog)
 
     async def end(self, learnt: str) -> RecorderStatus:
-        """Add what was learnt and write the end of the file; return what is in it. Raise RecordingError."""
+        """Add the facts and write the end of the file; return the summary. Raise RecordingError."""
         if self._writer is None:
             await asyncio.to_thread(self.begin, "little")
         assert self._writer is not None  # noqa: S101 - it has begun

@@ -143,7 +143,7 @@ def test_a_mode_that_nobody_sets() -> None:
     assert learnt["byte_order"] is None
     assert "transmission_mode" not in learnt
     assert silent.text("byte_order") == (
-        "unknown: the board said nothing that is a packet; 1 requests in little-endian"
+        "unknown: the board sent no packet; 1 requests in little-endian"
     )
 
 
