@@ -22,17 +22,17 @@ _OF_THE_HUB = "in use"
 
 
 class FoundBoard(Struct, frozen=True):
-    """A board that is here, as `servolink list` shows it."""
+    """Board of this machine, as `servolink list` shows it."""
 
     url: str
     product: str
     problem: str
     is_ours: bool
-    """Whether it is the board of this studio, or the hub that shares it."""
+    """Whether the studio uses the board, directly or through a hub."""
 
 
 class FoundBoards(Struct, frozen=True):
-    """All of them."""
+    """All boards on this machine."""
 
     boards: tuple[FoundBoard, ...]
 
@@ -44,13 +44,13 @@ class DoctorReport(Struct, frozen=True):
 
 
 class DoctorAsk(Struct, forbid_unknown_fields=True):
-    """What the page knows of the board."""
+    """Description of the board for the page."""
 
     is_connected: bool
 
 
 class LinkList(Struct, frozen=True):
-    """The links that are valid; none if the studio was started without --allow-host."""
+    """Valid links; none if the studio was started without --allow-host."""
 
     links: tuple[LinkAddress, ...]
     is_open_to_others: bool
@@ -58,7 +58,7 @@ class LinkList(Struct, frozen=True):
 
 
 class LinkChange(Struct, forbid_unknown_fields=True):
-    """What to do with the link of a role."""
+    """Action for the link of a role."""
 
     role: LinkRole
     action: Literal["revoke", "renew"]
@@ -76,26 +76,26 @@ async def studio_boards(caller: PageCaller, params: NoParams) -> FoundBoards:
 
 @METHODS.add("studio.doctor", Role.EDIT)
 async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
-    """Examine what lies between this computer and the board, without opening it: a hub has it open."""
+    """Examine the connection to the board without opening the port: a hub has the port open."""
     try:
         found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [caller.url])
-    except InvalidAddress:  # of a kind that only the hub knows
+    except InvalidAddress:  # of a kind known to the hub only
         found = []
-    # While the hub has the board, the program that has it open is the hub.
+    # While the hub uses the board, the port is open in the process of the hub.
     shown = [one for one in found if not (params.is_connected and one.check == _OF_THE_HUB)]
     return DoctorReport(tuple(shown))
 
 
 @METHODS.add("studio.links", Role.EDIT)
 def links(caller: PageCaller, params: NoParams) -> LinkList:
-    """Return the links for other machines. Pages that were opened through one are refused."""
+    """Return the links for other machines. Pages opened through a link are refused."""
     _check_local(caller)
     return _links(caller)
 
 
 @METHODS.add("studio.links.change", Role.EDIT)
 def links_change(caller: PageCaller, params: LinkChange) -> LinkList:
-    """Revoke a link, which closes the pages that were opened through it, or make a new one."""
+    """Revoke a link, which also closes the pages opened through the link, or make a new link."""
     _check_local(caller)
     known = caller.studio.links
     if known is None:

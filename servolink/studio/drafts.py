@@ -1,4 +1,4 @@
-"""Drafts: what people have edited of a board's content and not written yet, kept on this computer record by record.
+"""Drafts: unwritten edits of a board's content, kept on this computer record by record.
 
 Several pages may edit one draft, also those of several studios. Each record has a revision: a save that names an older
 one is a conflict, and is refused with the version that is kept. Every save is on the disk before it is confirmed.
@@ -27,7 +27,7 @@ from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import STORED_TYPES
 
 MOST_RECORDS = 4096
-"""Records in a draft, with those whose edits were given up."""
+"""Most records in a draft, discarded edits included."""
 
 Kind: TypeAlias = Literal[
     "servo_parameters", "actions", "macros", "joystick_tables", "active_joystick_table", "project_id"
@@ -44,22 +44,22 @@ _logger = logging.getLogger(__name__)
 
 
 class Edit(Struct, frozen=True, forbid_unknown_fields=True):
-    """What a record is to become."""
+    """Edit of a record by a page."""
 
     kind: Kind
     id: Annotated[int, Meta(ge=-(2**31), lt=2**32)]
     known: Annotated[int, Meta(ge=0)]
-    """The revision that the page has seen, 0 for none."""
+    """Revision known to the page, 0 for none."""
     base: Any = None
-    """What the board held when the record was first edited, in the form of project files; null for nothing."""
+    """Content of the board at the first edit of the record, in the form of project files; null for nothing."""
     record: Any = None
-    """What the board is to hold; null for nothing."""
+    """Content that the board is to hold; null for nothing."""
     is_discarded: bool = False
-    """Whether the board is to keep what it holds after all."""
+    """Whether the edit is discarded, so that the content of the board stays."""
 
 
 class Kept(Struct, frozen=True, forbid_unknown_fields=True):
-    """An edit that is kept."""
+    """Edit of a record, with revision and author."""
 
     kind: Kind
     id: int
@@ -79,22 +79,22 @@ class _DraftFile(Struct, forbid_unknown_fields=True):
 
 
 class Drafts:
-    """The draft of one board. ProjectError says that its file cannot be read or written."""
+    """Draft of a single board. ProjectError if the file cannot be read or written."""
 
     def __init__(self, board: str) -> None:
-        """Keep the draft of the board of this name; folder and file are made when they are needed."""
+        """Keep the draft of the board with this name; folder and file are created on first use."""
         self._board = board
         self._turn = asyncio.Lock()
-        self._told = 0  # the revision up to which the pages of this studio know all edits
+        self._told = 0  # revision up to which the pages of the studio know all edits
         self._seen = _UNSEEN
 
     async def kept(self) -> tuple[Kept, ...]:
-        """Return all edits that are kept."""
+        """Return all kept edits of the board."""
         async with self._turn:
             return tuple((await asyncio.to_thread(self._read)).records)
 
     async def news(self) -> tuple[Kept, ...]:
-        """Return what other studios have kept since this one looked last; it may hold edits of this one too."""
+        """Return edits kept by other studios since the last call; edits of this studio may be among them."""
         async with self._turn:
             if self._seen == (now := _identity(draft_path(self._board))):
                 return ()
@@ -137,7 +137,7 @@ class Drafts:
         if saved:
             file.records = _fewer(list(records.values()))
             self._write(file)
-            if is_told:  # otherwise `news` finds the edits of others, and these with them
+            if is_told:  # otherwise `news` finds the edits of others, and these too
                 self._told, self._seen = file.revision, _identity(draft_path(self._board))
         return tuple(saved), tuple(conflicts)
 
@@ -157,7 +157,7 @@ class Drafts:
 
     def _write(self, file: _DraftFile) -> None:
         path = draft_path(self._board)
-        content = json.dumps(msgspec.to_builtins(file)).encode()  # ASCII: a caption may have bytes that are not text
+        content = json.dumps(msgspec.to_builtins(file)).encode()  # ASCII: a caption may have bytes without a character
         if len(content) > MAX_SIZE:
             raise ProjectError(f"the draft is larger than {MAX_SIZE >> 20} MiB; write it to the board, or save it")
         try:
@@ -168,7 +168,7 @@ class Drafts:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Keep all others who lock this file waiting. Raise ProjectError if that is impossible."""
+    """Lock the file and make other users of the lock wait. Raise ProjectError if locking is impossible."""
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with path.open("ab", buffering=0) as file:
@@ -180,7 +180,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def draft_path(board: str) -> Path:
-    """Return where the draft of the board of this name is kept. Raise ProjectError for a user without a home."""
+    """Return the path of the draft of a board. Raise ProjectError for a user without a home."""
     try:
         return user_folder("data") / "drafts" / f"{file_name(board)}.json"
     except OSError as error:
@@ -188,7 +188,7 @@ def draft_path(board: str) -> Path:
 
 
 def _identity(path: Path) -> tuple[int, int, int]:
-    """Return what differs when the file was written again."""
+    """Return values that differ after the file was written again."""
     with suppress(OSError):
         status = path.stat()
         return status.st_ino, status.st_mtime_ns, status.st_size
@@ -196,7 +196,7 @@ def _identity(path: Path) -> tuple[int, int, int]:
 
 
 def file_name(board: str) -> str:
-    """Return a name for files of the board of this name, whatever it has in it."""
+    """Return a name for files of a board, whatever characters the board's name has."""
     return board if is_name(board) else f"_{board.encode().hex()[:120]}"
 
 
@@ -209,12 +209,12 @@ def _check(edit: Edit, place: str) -> None:
 
 
 def _says_same(kept: Kept, edit: Edit) -> bool:
-    """Return whether both ask for the same, so that it does not matter who came first."""
+    """Return whether both edits have the same result, so that their order does not matter."""
     return kept.is_discarded == edit.is_discarded and (kept.is_discarded or kept.record == edit.record)
 
 
 def _fewer(records: list[Kept]) -> list[Kept]:
-    """Return the records that fit, without the oldest of the discarded ones."""
+    """Return the records up to the limit, without the oldest of the discarded edits."""
     if len(records) > MOST_RECORDS:
         excess = len(records) - MOST_RECORDS
         given_up = [number for number, one in enumerate(records) if one.is_discarded][:excess]

@@ -1,4 +1,4 @@
-"""Figure of the robot of each board: fitted by its people, kept on this computer, shared by all pages of a studio."""
+"""Figure of each board's robot: fitted by hand, kept on this computer, shared by all pages of a studio."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _logger = logging.getLogger(__name__)
 
 
 def read_figure(board: str) -> Figure | None:
-    """Return the figure of the board of this name; None for a missing or unreadable figure."""
+    """Return the figure of a board by name; None for a missing or unreadable figure."""
     try:
         path = _path(board)
         return figure_from_json(read_json(read_file(path, MAX_SIZE)))
@@ -36,7 +36,7 @@ def read_figure(board: str) -> Figure | None:
 
 
 def write_figure(board: str, figure: Figure | None) -> None:
-    """Keep the figure of a board, None for none. Raise ProjectError if that fails."""
+    """Keep the figure of a board, None for none. Raise ProjectError if saving fails."""
     try:
         path = _path(board)
         if figure is None:
@@ -53,28 +53,28 @@ def _path(board: str) -> Path:
 
 
 class FigureNow(Struct, frozen=True):
-    """The figure of the robot; also the notification `studio.figure`, after another page has saved one."""
+    """Figure of the robot; also the notification `studio.figure`, after another page has saved a figure."""
 
     figure: dict[str, Any] | None
-    """In the form of project files; null if nobody has fitted one, or has opened a file with one."""
+    """Figure in the form of project files; null if nobody has fitted or opened a figure."""
 
 
 class FigureSave(Struct, forbid_unknown_fields=True):
-    """What the robot looks like."""
+    """Figure of the robot, to be saved."""
 
     figure: Figure | None
-    """None for a template."""
+    """None for a template of the page."""
 
 
 @METHODS.add("studio.figure.get", Role.WATCH)
 async def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
-    """Return what the robot looks like, if that is known."""
+    """Return the figure of the robot, null for none."""
     return _now(await asyncio.to_thread(read_figure, caller.studio.hub))
 
 
 @METHODS.add("studio.figure.save", Role.EDIT, in_order=True)
 async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
-    """Keep what the robot looks like. EncodeError names what is wrong with the figure, and where."""
+    """Keep the figure of the robot. EncodeError names the faulty place in the figure."""
     figure = None if params.figure is None else checked_figure(params.figure)
     await asyncio.to_thread(write_figure, caller.studio.hub, figure)
     for page in caller.studio.pages - {caller.page}:

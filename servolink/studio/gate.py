@@ -1,4 +1,4 @@
-"""Gate: which pages of which browsers may talk to the studio.
+"""Gate: pages and browsers that may talk to the studio.
 
 A browser sends requests for any site that it shows. What tells our page from others is the name under which it was
 loaded (`Host`), the page that asks (`Origin`), and a secret that no other page can know (the token). All three are
@@ -24,7 +24,7 @@ Token: TypeAlias = str
 
 
 def address_of(host: str, port: int) -> str:
-    """Return the address of the page for those who reach this machine as `host`, as browsers write it."""
+    """Return the address of the page, as browsers write it, for a machine that reaches the studio as `host`."""
     address = host.rstrip("/") if host.startswith(_TLS) else f"http://{host}:{port}"
     for scheme, default in _DEFAULT_PORTS:
         if address.startswith(scheme):
@@ -33,16 +33,16 @@ def address_of(host: str, port: int) -> str:
 
 
 class Gate:
-    """Knows the names under which the studio is reached, and the tokens that open it."""
+    """Names under which the studio is reached, and tokens of the studio, with their roles."""
 
     def __init__(self, port: int, hosts: Iterable[str] = (), own: str = LOOPBACK[0]) -> None:
-        """Admit pages that were loaded from this machine at `port`, or as one of `hosts`, such as `robot.local`.
+        """Admit pages loaded from this machine at `port`, or from one of `hosts`, such as `robot.local`.
 
         A host may be behind a proxy that encrypts, as in `https://robot.school.example`. This machine itself reaches
         the studio as `own`.
         """
         self.address = address_of(own, port)
-        """The address of the page on this machine."""
+        """Address of the page on this machine."""
         self._origins = {self.address, *(address_of(host, port) for host in (*LOOPBACK, *hosts))}
         self._hosts = {origin.partition("://")[2] for origin in self._origins}
         self._tokens: dict[Token, RoleName] = {}
@@ -52,21 +52,21 @@ class Gate:
         return host is not None and host.lower() in self._hosts
 
     def is_our_page(self, origin: str | None) -> bool:
-        """Return whether a request comes from a page of the studio. Programs that are no browsers send no origin."""
+        """Return whether a request comes from a page of the studio. Programs other than browsers send no origin."""
         return origin is not None and origin.lower() in self._origins
 
     def new_token(self, role: RoleName) -> Token:
-        """Return a new secret that opens the studio for this role."""
+        """Return a new secret token for the role."""
         token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._tokens[token] = role
         return token
 
     def revoke(self, token: Token) -> None:
-        """Close the studio for a token. No effect if it opens nothing."""
+        """Close the studio for a token. No effect for an unknown token."""
         self._tokens.pop(token, None)
 
     def role_of(self, token: str) -> RoleName | None:
-        """Return the role that a token opens the studio for, None if it opens nothing.
+        """Return the role of a token, None for an unknown token.
 
         Takes as long whether or not it is known, or nearly so.
         """

@@ -1,4 +1,4 @@
-"""Links for tablets and other machines, with QR codes for their cameras: one drives, one watches, until revoked."""
+"""Links for tablets and other machines, with QR codes for cameras: one link drives, one watches, until revoked."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msgspec import Meta, Struct
 from servolink.studio.gate import Gate, Token, address_of
 
 _MARGIN = 4
-"""Modules of white around a code, without which cameras do not find it."""
+"""White modules around a code; cameras need the margin."""
 
 
 class QrCode(Struct, frozen=True):
@@ -20,11 +20,11 @@ class QrCode(Struct, frozen=True):
     size: int
     """Width and height, with the margin, in modules."""
     path: str
-    """What is black, as the `d` of a path in SVG."""
+    """Black modules of the code, as the `d` of a path in SVG."""
 
 
 def qr_code(text: str) -> QrCode:
-    """Return the code that cameras read as `text`."""
+    """Return the QR code of `text`."""
     code = segno.make_qr(text, error="m")
     runs: list[str] = []
     for y, row in enumerate(code.matrix, _MARGIN):
@@ -42,7 +42,7 @@ ROLES: tuple[LinkRole, ...] = ("edit", "watch")
 
 
 class LinkAddress(Struct, frozen=True):
-    """A link as people open it."""
+    """Link with role, host and QR code."""
 
     role: LinkRole
     host: str
@@ -51,10 +51,10 @@ class LinkAddress(Struct, frozen=True):
 
 
 class Links:
-    """The links of one studio."""
+    """Links of a studio, by role."""
 
     def __init__(self, gate: Gate, port: int, hosts: tuple[str, ...]) -> None:
-        """Make links for both roles, under each of the names by which other machines reach this one."""
+        """Make links for both roles, for each host name by which other machines reach the studio."""
         self._gate = gate
         self._port = port
         self._hosts = hosts
@@ -70,17 +70,17 @@ class Links:
         )
 
     def is_one(self, token: Token) -> bool:
-        """Return whether a page that showed this token was opened through a link."""
+        """Return whether the token belongs to a link, so that the page was opened through a link."""
         return token in self._tokens.values()
 
     def revoke(self, role: LinkRole) -> Token | None:
-        """Close the link of this role. Return its token, None if it was closed already."""
+        """Close the link of a role. Return the token, None for a link that was closed already."""
         token = self._tokens.pop(role, None)
         if token is not None:
             self._gate.revoke(token)
         return token
 
     def renew(self, role: LinkRole) -> None:
-        """Make a link for this role, unless there is one."""
+        """Make a link for the role, unless a link exists."""
         if self._hosts and role not in self._tokens:
             self._tokens[role] = self._gate.new_token(role)

@@ -1,4 +1,4 @@
-"""One open page: it shows its token, then it speaks the control interface of the hub, and methods of the studio."""
+"""Open page: sends a token, then speaks the control interface of the hub and the methods of the studio."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from servolink.control.share_address import greet
 from servolink.errors import OpenError
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
-from servolink.studio import (  # they add their methods
+from servolink.studio import (  # modules that add their methods on import
     board_methods,
     draft_methods,
     figure_methods,
@@ -41,10 +41,10 @@ __all__ = [
 
 MOST_MESSAGE = MOST_BYTES
 MOST_UNREAD = 64
-"""Messages of the studio that wait until the page reads; then it is sent as little as possible."""
+"""Most unread messages of the studio to a page; beyond the limit, only the necessary ones are sent."""
 _TOKEN_LIMIT = 5.0  # seconds for the first message
-_MOST_LINE = 8 * MOST_BYTES  # of the hub
-_BAD_TOKEN, _NO_BOARD = 4401, 4404  # codes with which the socket is closed
+_MOST_LINE = 8 * MOST_BYTES  # bytes in a line of the hub
+_BAD_TOKEN, _NO_BOARD = 4401, 4404  # codes for closing the socket
 _OWN = "studio."
 
 
@@ -53,11 +53,11 @@ class Hello(Struct, forbid_unknown_fields=True):
 
     token: Annotated[str, Meta(max_length=200)]
     who: Annotated[str, Meta(max_length=MOST_NAME)] = ""
-    """What people call this page, such as `Tablet 2`."""
+    """Name of the page for people, such as `Tablet 2`."""
 
 
 class _Named(Struct):
-    """The part of a message by which it is passed on."""
+    """Part of a message that decides about forwarding."""
 
     method: str = ""
 
@@ -87,7 +87,7 @@ async def _hello(messages: web.WebSocketResponse) -> Hello | None:
 async def _connected(
     studio: Studio, who: str, role: RoleName
 ) -> AsyncIterator[tuple[Welcome, asyncio.StreamReader, asyncio.StreamWriter]]:
-    """Connect to the control interface of the hub for one page. Raise OpenError if there is no hub."""
+    """Connect to the control interface of the hub for a page. Raise OpenError if there is no hub."""
     reader = asyncio.StreamReader(limit=_MOST_LINE)
     protocol = asyncio.StreamReaderProtocol(reader)
     greeting = Greeting(wants="rpc", who=_name_for_hub(who), role=role)
@@ -146,7 +146,7 @@ class _Page:
             if _method(text).startswith(_OWN):
                 self._own.receive(text)
             else:
-                # One line for each message; a line break in JSON is only between its parts.
+                # A line for each message; line breaks in JSON occur only between values.
                 self._writer.write(text.replace("\n", " ").replace("\r", " ").encode("utf-8", "surrogatepass") + b"\n")
                 await self._writer.drain()
 
@@ -168,7 +168,7 @@ class _Page:
             self._own.pause()
 
     def rename(self, who: str) -> None:
-        """Call the page `who` from now on, in the hub too."""
+        """Rename the page to `who`, in the hub too."""
         self.who = who
         params = {"who": _name_for_hub(who)}
         self._writer.write(msgspec.json.encode({"jsonrpc": "2.0", "method": "rename", "params": params}) + b"\n")
@@ -178,7 +178,7 @@ class _Page:
         self._own.notify(name, params)
 
     def close(self) -> None:
-        """Close the page's session; the hub stops what it moves."""
+        """Close the page's session; the hub stops motions of the page."""
         self._abort("")
 
     def _abort(self, _reason: str) -> None:
@@ -190,7 +190,7 @@ def _name_for_hub(who: str) -> str:
 
 
 def _profile_in(welcome: Welcome) -> ProfileInUse | None:
-    """Return the profile of the board; None without a profile, or with one of another version of servolink."""
+    """Return the profile of the board; None without a profile, or with a profile of another version of servolink."""
     with suppress(msgspec.MsgspecError):
         found = msgspec.json.decode(welcome.profile, type=BoardProfile | None)
         return None if found is None else ProfileInUse(welcome.name, found)
@@ -198,10 +198,10 @@ def _profile_in(welcome: Welcome) -> ProfileInUse | None:
 
 
 def _method(text: str) -> str:
-    """Return the method that a message calls, empty if that cannot be told: the hub says what is wrong with it."""
+    """Return the method called by a message; empty if unreadable: the hub then answers with the error."""
     try:
         return msgspec.json.decode(text, type=_Named).method
-    except (msgspec.MsgspecError, RecursionError):  # such as a caption with bytes that are not text: less strictly
+    except (msgspec.MsgspecError, RecursionError):  # such as a caption with bytes outside UTF-8: decoded less strictly
         with suppress(ValueError, RecursionError):
             value = read_json(text)
             method = value.get("method") if isinstance(value, dict) else None

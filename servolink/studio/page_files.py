@@ -19,22 +19,22 @@ _TYPES = {
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
 }
-"""By the end of a name. Files of other kinds, such as those for the type checker, are not served."""
+"""Content types by the end of a name. Files of other kinds, such as type declarations, are not served."""
 _NOT_SERVED = {"tsconfig.json", "vendor.json"}
 _LIBRARIES = "/vendor/"
 _COMMENT = re.compile(rb"^[ \t]*//.*$|/\*(?:(?!\*/)[\s\S])*\*/", re.MULTILINE)
-"""Comments, which are one part in eight of what a browser has to fetch; those behind code only if they are types."""
+"""Comments, an eighth of all bytes for a browser; a comment behind code only if it holds types."""
 _INDENTATION = re.compile(rb"^[ \t]+", re.MULTILINE)
-"""It means nothing in style sheets, nor in texts of our modules: htm leaves out spaces at the beginning of a line."""
+"""Indentation, without meaning in style sheets and in texts of our modules: htm skips leading spaces."""
 
 
 class PageFile(Struct, frozen=True):
-    """One file."""
+    """File of the page, ready to send."""
 
     content: bytes
     content_type: str
     tag: str
-    """Changes with the content."""
+    """Tag that changes with the content."""
 
 
 def page_files() -> dict[str, PageFile]:

@@ -33,18 +33,18 @@ class FileContent(Struct, frozen=True):
 
 
 class SomeProject(Struct, forbid_unknown_fields=True):
-    """A project, in the form of its file."""
+    """Project, in the form of a project file."""
 
     project: ProjectForm
 
 
 class Found(Struct, frozen=True):
-    """One thing that is wrong with a project, or odd."""
+    """Fault or oddity in a project."""
 
     path: str
     text: str
     severity: str
-    """`error` for what no board would store, otherwise `warning`."""
+    """`error` for content that no board would store, otherwise `warning`."""
 
 
 class Checked(Struct, frozen=True):
@@ -61,7 +61,7 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 
 @METHODS.add("studio.file.read", Role.WATCH)
 async def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
-    """Return the project in the text of a file. ProjectError names what is wrong, and where."""
+    """Return the project in the text of a file. ProjectError names the fault and the place."""
     file = await asyncio.to_thread(parse_project_file, params.text)
     return ProjectExported(project_to_form(file.project, unchecked=file.unchecked, figure=file.figure))
 
@@ -76,7 +76,7 @@ async def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
 
 @METHODS.add("studio.check", Role.WATCH)
 async def check(caller: PageCaller, params: SomeProject) -> Checked:
-    """Return what is wrong with a project, or odd, and which movements are too fast or go too far for this board."""
+    """Return faults and oddities of a project, and movements too fast or too far for the board."""
     project = project_from_form(params.project).project
     found = await asyncio.to_thread(findings, project, caller.profile)
     ordered = sorted(found, key=lambda one: one.severity != "error")
@@ -84,9 +84,9 @@ async def check(caller: PageCaller, params: SomeProject) -> Checked:
 
 
 def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]:
-    """Return what is wrong with a project, or odd, on the board with this profile."""
+    """Return faults and oddities of a project on a board with this profile."""
     found = validate_project(project)
-    if any(one.severity == "error" for one in found):  # such as macros without end, which take no time
+    if any(one.severity == "error" for one in found):  # such as endless macros, which take no time
         return found
     if profile is None:
         return found
@@ -96,11 +96,11 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
 
 @METHODS.add("studio.backup", Role.EDIT)
 async def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
-    """Return what a backup holds. ProjectError says that no backup has this number, or that it was changed."""
+    """Return the content of a backup. ProjectError for an unknown number or a changed backup."""
     store = BackupStore()
     path = next((one.path for one in store.backups() if one.number == params.number), None)
     if path is None:
-        raise ProjectError(f"there is no backup {params.number} any more")
+        raise ProjectError(f"there is no backup {params.number}; look at the list of backups again")
     project = await asyncio.to_thread(store.load, path)
     is_odd = any(one.severity == "error" for one in validate_project(project))
     return ProjectExported(project_to_form(project, unchecked=is_odd))

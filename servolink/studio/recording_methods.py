@@ -1,4 +1,4 @@
-"""The method by which a page fetches a recording, piece by piece, for the browser to save it."""
+"""Method by which a page fetches a recording, piece by piece, for the browser to save."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NAME = re.compile(r"[\w][\w.-]{0,120}\.mcap", re.ASCII)
 
 
 class RecordingPart(Struct, forbid_unknown_fields=True):
-    """Which piece of which recording, as named by `recorder.list`."""
+    """Place of a piece in a recording named by `recorder.list`."""
 
     name: Annotated[str, Meta(max_length=128)]
     offset: Annotated[int, Meta(ge=0, le=2**53)] = 0
@@ -29,14 +29,14 @@ class RecordingPiece(Struct, frozen=True):
     """A piece of a recording, at most 256 KiB."""
 
     data: bytes
-    """In base64."""
+    """Bytes of the piece, in base64."""
     size: int
-    """Of the whole file, in bytes. It grows as long as it is recorded."""
+    """Size of the whole file in bytes, growing during recording."""
 
 
 @METHODS.add("studio.recording.read", Role.RUN)
 async def recording_read(caller: PageCaller, params: RecordingPart) -> RecordingPiece:
-    """Return the piece of a recording that begins at `offset`; it is empty at the end."""
+    """Return the piece of a recording that begins at `offset`; an empty piece at the end."""
     if not _NAME.fullmatch(params.name):
         raise RpcError(Code.INVALID_PARAMS, "no recording has such a name; `recorder.list` has the names")
     try:

@@ -1,4 +1,4 @@
-"""The studio's server: the files of the page, and a WebSocket for each page that is open."""
+"""Server of the studio: files of the page, and a WebSocket for each open page."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ HEADERS = {
     "X-Frame-Options": "DENY",
 }
 HEAD_LIMIT = 10.0
-"""Seconds in which the first request must have come; browsers also connect in advance."""
+"""Seconds until the first request must have come; browsers also connect in advance."""
 MOST_SILENT = 32
 """Connections without a request; when there are more, the oldest are closed."""
 _WRONG_HOST = 421
@@ -80,17 +80,17 @@ async def serve_studio(
 
 
 class Connections:
-    """Connections to the server; those without a request are few, and closed after a while.
+    """Connections to the server; connections without a request are few, and closed after a while.
 
     Every program that reaches the port can open connections, and each takes a descriptor that the hub here needs.
     """
 
     def __init__(self) -> None:
-        """Start without any."""
+        """Start without any open connection."""
         self._silent: dict[web.RequestHandler, asyncio.TimerHandle] = {}  # the oldest first
 
     async def serve(self, make: Callable[[], web.RequestHandler], accepted: socket) -> None:
-        """Let a handler that `make` returns serve a connection."""
+        """Let a handler from `make` serve a connection."""
         loop = asyncio.get_running_loop()
         try:
             _, handler = await loop.connect_accepted_socket(make, accepted)
@@ -107,7 +107,7 @@ class Connections:
             timer.cancel()
 
     def close(self) -> None:
-        """Forget all of them."""
+        """Forget all connections that are open."""
         for handler in list(self._silent):
             self.heard(handler)
 
@@ -137,7 +137,7 @@ async def _listening(studio: Studio, host: str, port: int) -> list[socket]:
 
 
 def _own_host(places: Sequence[str]) -> str:
-    """Return as what this machine itself reaches a server that listens at these addresses."""
+    """Return the host by which this machine reaches a server that listens at the addresses."""
     found = [ip_address(place) for place in places]
     for own in ("127.0.0.1", "::1"):
         loopback = ip_address(own)
@@ -147,7 +147,7 @@ def _own_host(places: Sequence[str]) -> str:
 
 
 def application(studio: Studio, gate: Gate, connections: Connections) -> web.Application:
-    """Return the application that serves the page and its WebSocket."""
+    """Return the application with the page and the WebSocket."""
     app = web.Application(middlewares=[_checked(gate, connections)])
     files = page_files()
 
@@ -199,7 +199,7 @@ _MOST_PORTS, _MOST_PORT_BYTES = 4, 32
 
 
 def last_ports(board: str) -> list[int]:
-    """Return the ports of the last studios of the board of this name, the latest first; empty if they are not known.
+    """Return the ports of earlier studios of a board, the latest first; empty for unknown ports.
 
     There are several if one studio was started beside another.
     """
@@ -211,7 +211,7 @@ def last_ports(board: str) -> list[int]:
 
 
 def keep_port(board: str, port: int) -> None:
-    """Note the port for the next studio. No effect if that cannot be written."""
+    """Store the port for the next studio. No effect if writing fails."""
     with suppress(OSError):
         path = _port_file(board)
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)

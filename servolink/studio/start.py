@@ -30,7 +30,7 @@ _SHARED = "share://"
 
 @asynccontextmanager
 async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -> AsyncIterator[Studio]:
-    """Yield the studio of `board`: an address, a name, or None for the only one here, else for a virtual one.
+    """Yield the studio of `board`: an address, a name, or None for the only present board, else for a virtual board.
 
     A hub that shares the board is used. Otherwise the board is shared from here, with the `options` of `connect`, so
     that other programs can use it meanwhile. With `demo`, or if no board is here, it is a new virtual board that holds
@@ -75,7 +75,7 @@ async def _store_demo(board: Board) -> None:
 
 
 def _name_of(address: str, board: str | None) -> str | None:
-    """Return a name for the hub; None for the one that the board has."""
+    """Return a name for the hub; None for the name stored on the board."""
     if address == VIRTUAL or (board is not None and board.startswith("virtual:")):
         taken = {hub.url for hub in hubs.candidates()}
         return "virtual" if f"{_SHARED}virtual" not in taken else f"virtual-{os.getpid()}"

@@ -1,4 +1,4 @@
-"""The methods that the studio adds to the control interface of the hub, and the studio that they work on."""
+"""Methods that the studio adds to the control interface of the hub, and the shared state of the methods."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ MOST_NAME = 60
 
 
 class OpenPage(Protocol):
-    """A page that is open."""
+    """Page that is open in a browser."""
 
     token: Token
     """Token with which the page was opened."""
     who: str
-    """What people call it."""
+    """Name of the page for people."""
 
     def rename(self, who: str) -> None:
         """Give the page the name `who`."""
@@ -38,22 +38,22 @@ class OpenPage(Protocol):
         """Send a notification."""
 
     def close(self) -> None:
-        """Close it from here."""
+        """Close the page from the studio."""
 
 
 class Studio:
-    """State that all pages share."""
+    """State shared by all pages of a studio."""
 
     def __init__(self, hub: str) -> None:
-        """Serve the board that is shared as `hub`."""
+        """Serve the board shared as `hub`."""
         self.hub = hub
         self.drafts = Drafts(hub)
         self.pages: set[OpenPage] = set()
         self.links: Links | None = None
-        """None if only this machine reaches the studio."""
+        """Links of the studio; None if only this machine reaches the studio."""
 
     async def welcome(self, welcome: Welcome) -> Welcomed:
-        """Return what a page is told first, when the hub has let it in.
+        """Return the first message for a page, after the hub has admitted the page.
 
         Whether the board is virtual is found out each time: another hub of this name may share another board by now.
         """
@@ -63,7 +63,7 @@ class Studio:
 
 
 def _is_virtual(address: str) -> bool:
-    """Return whether a board is made of software, as far as this machine knows."""
+    """Return whether a board is simulated, as far as this machine knows."""
     return address.startswith("virtual:") or any(one.url == address for one in announcements.candidates())
 
 
@@ -71,36 +71,36 @@ class Welcomed(Struct, frozen=True):
     """The first message to a page."""
 
     session: str
-    """Its session with the hub, by which it finds itself in the status."""
+    """Id of the page's session with the hub, as in the status."""
     role: RoleName
     name: str
     url: str
     is_virtual: bool
-    """Whether nothing real moves."""
+    """Whether the board is virtual, so that nothing real moves."""
     profile: msgspec.Raw
 
 
 class About(Struct, frozen=True):
-    """The studio."""
+    """Description of the studio for a page."""
 
     version: str
 
 
 class PageName(Struct, forbid_unknown_fields=True):
-    """What people call a page."""
+    """Name of a page for people."""
 
     who: Annotated[str, Meta(max_length=MOST_NAME)]
 
 
 class PageCaller(NamedTuple):
-    """The page that calls a method."""
+    """Page that calls a method."""
 
     studio: Studio
     url: str
     """The address of the board."""
     page: OpenPage
     profile: ProfileInUse | None = None
-    """What the hub knows of the board."""
+    """Description of the board in the hub."""
 
 
 METHODS: Methods[PageCaller] = Methods()
@@ -108,7 +108,7 @@ METHODS: Methods[PageCaller] = Methods()
 
 @METHODS.add("studio.rename", Role.WATCH)
 def rename(caller: PageCaller, params: PageName) -> PageName:
-    """Change what people call the page."""
+    """Change the name of the page for people."""
     caller.page.rename(params.who)
     return params
 
