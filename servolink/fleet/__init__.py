@@ -24,7 +24,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> object:
-    """Return a public name, whose module is imported when it is first used: the extra `fleet` may be missing."""
+    """Return a public name and import the module on first use: the extra `fleet` may be missing."""
     if name not in _MODULES:
         raise AttributeError(f"module 'servolink.fleet' has no attribute {name!r}")
     from importlib import import_module

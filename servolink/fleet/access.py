@@ -1,4 +1,4 @@
-"""Where the broker of a fleet is, and how a program proves who it is."""
+"""Address of a fleet's broker, and credentials of a program."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from servolink.files import read_file, reason
 PASSWORD_VARIABLE = "SERVOLINK_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _MOST_PORT = 65535
-_MOST_PASSWORD = 4096  # bytes
+_MOST_PASSWORD = 4096  # bytes in a password file at most
 _FORMS = "write it as mqtt://HOST, mqtts://HOST:8883 or mqtt://USER@HOST"
 
 
@@ -30,13 +30,13 @@ class BrokerAddress:
     user: str | None = None
 
     def __str__(self) -> str:
-        """Return the address as people write it, without the user."""
+        """Return the address for people, without the user."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'mqtts' if self.is_encrypted else 'mqtt'}://{host}:{self.port}"
 
 
 def parse_broker(url: str) -> BrokerAddress:
-    """Return the address in `url`. Raise InvalidAddress, which says what to write instead."""
+    """Return the address in `url`. Raise InvalidAddress with a remedy."""
     if not url.isprintable() or any(map(str.isspace, url)):
         _refuse(url, "holds spaces or control characters")
     try:
@@ -50,14 +50,14 @@ def parse_broker(url: str) -> BrokerAddress:
         _refuse(url, "names no host")
     if parts.password is not None:
         raise InvalidAddress(
-            "a password in an address can be read by every user of this machine: give it with --password-file, in "
-            f"{PASSWORD_VARIABLE} or in the keyring of the system"
+            "a password in an address can be read by every user of this machine: give the password with "
+            f"--password-file, in {PASSWORD_VARIABLE} or in the keyring of the system"
         )
     if parts.path.strip("/") or parts.query or parts.fragment:
         _refuse(url, "has something behind the host")
     port = _PORTS[parts.scheme] if port is None else port
     if not 0 < port <= _MOST_PORT:
-        _refuse(url, f"has no port from 1 to {_MOST_PORT}")
+        _refuse(url, f"has a port outside 1 to {_MOST_PORT}")
     user = None if parts.username is None else unquote(parts.username)
     return BrokerAddress(parts.hostname, port, parts.scheme == "mqtts", user)
 
@@ -85,7 +85,7 @@ def broker_access(
     certificate: Path | None = None,
     key: Path | None = None,
 ) -> BrokerAccess:
-    """Return how to get into the broker at `url`. Blocks: it reads files, and may ask the keyring of the system.
+    """Return the access to the broker at `url`. Blocks: reads files, and may ask the keyring of the system.
 
     The user is that of `url` unless given. The password is in the first line of `password_file`, in the environment
     (SERVOLINK_MQTT_PASSWORD) or in the keyring of the system, where it belongs to the address of the broker. `ca` holds
@@ -98,7 +98,7 @@ def broker_access(
     if not address.is_encrypted and (ca or certificate or key):
         raise InvalidAddress(f"certificates are for mqtts://, and {address} is not encrypted")
     if key and not certificate:
-        raise InvalidAddress("a key needs the certificate that belongs to it: give both")
+        raise InvalidAddress("a key needs its certificate: give both")
     user = user or address.user
     tls = _tls(ca, certificate, key) if address.is_encrypted else None
     return BrokerAccess(address, user, _password(address, user, password_file), tls)
@@ -121,7 +121,7 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
 
 
 def _no_password() -> str:
-    """Answer OpenSSL, which would ask at the terminal otherwise."""
+    """Answer OpenSSL, which otherwise asks at the terminal."""
     return ""
 
 

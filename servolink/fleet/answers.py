@@ -1,4 +1,4 @@
-"""Answers: the one result of each command, on its way to whoever sent the command."""
+"""Answers: the result of each command, on the way to the sender of the command."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _LONGEST_NOTED = 65536  # bytes of a result that is remembered for the case of a
 
 
 class Sender(NamedTuple):
-    """To whom a result goes."""
+    """Destination of a result: response topic and correlation data."""
 
     response_topic: str | None
     correlation: bytes | None
 
 
 class Answers:
-    """Answers for one board."""
+    """Sender of answers for a board."""
 
     def __init__(self, board: str, topics: Topics, outbox: Outbox, command_log: CommandLog | None = None) -> None:
-        """Answer through `outbox`; what is noted in `command_log` is over when the broker has its answer."""
+        """Answer through `outbox`; a noted command ends in `command_log` when the broker has the answer."""
         self._board = board
         self._topics = topics
         self._outbox = outbox
@@ -44,7 +44,7 @@ class Answers:
     def refuse(
         self, command_id: str | None, sender: Sender, error: Exception, on_sent: Callable[[], None] | None = None
     ) -> str:
-        """Send why something was not accepted, and not noted; `command_id` is None if it cannot be read.
+        """Send the refusal of a command that was not noted; `command_id` is None if unreadable.
 
         `on_sent` is called when the broker has the answer, which is returned, to be repeated.
         """
@@ -57,7 +57,7 @@ class Answers:
         self._put(sender, self._text(command_id, {"progress": progress}))
 
     def repeat(self, command_id: str, sender: Sender, text: str) -> None:
-        """Send a result again, which the broker may not have."""
+        """Send a result again, because the broker may not have the first copy."""
         self._put(sender, text, self._over(command_id))
 
     def _finish(self, command_id: str, sender: Sender, answer: dict[str, Any]) -> None:
@@ -74,7 +74,7 @@ class Answers:
         return encode({"id": command_id, "board": self._board, **answer}).decode()
 
     def _over(self, noted: str) -> Callable[[], None] | None:
-        """Return what to call when the broker has the answer to a command that was noted."""
+        """Return the callback for the broker's confirmation of the answer to a noted command."""
         command_log = self._command_log
         return None if command_log is None else lambda: command_log.over(noted)
 

@@ -1,4 +1,4 @@
-"""Bridge: one board, between its hub and the broker."""
+"""Bridge between the hub of a board and the broker."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from servolink.fleet.topics import OFFLINE, ONLINE, Topics
 from servolink.motion.ticket import StopCounter
 
 SESSION_SECONDS = 300
-"""How long the broker keeps commands for a board that has lost its connection; most expire long before."""
+"""Seconds for which the broker keeps commands for a board after a lost connection; most expire long before."""
 
 
 class Bridge:
-    """Connects a board that a hub of this machine shares with a broker."""
+    """Bridge between a broker and a board that a hub of this machine shares."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class Bridge:
         *,
         hz: float,
     ) -> None:
-        """Connect the board shared as `hub_name`, as `board`; `hz` is how often its servos are sent."""
+        """Connect the board shared as `hub_name`, as `board`; `hz` is the rate of servo states in Hz."""
         self.board = board
         self.hub = HubSession(hub_name, policy, f"the fleet at {access.address}")
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
@@ -70,7 +70,7 @@ class Bridge:
         self.pulse = Pulse(self._send_pulse)
         self._link = PulseLink(self.pulse)
         self.barrier = StopBarrier(self.pulse)
-        """Put up for each stop."""
+        """Barrier that is raised by each stop."""
         self.stops = StopHandler(self.hub, self.prepared, self.barrier, stops)
         self._answers = Answers(board, topics, self.outbox, command_log)
         self.commands = CommandHandler(
@@ -79,7 +79,7 @@ class Bridge:
         self.commands.on_change = self.telemetry.look_again
 
     def announce(self, home_assistant: HomeAssistant, kept: Mapping[str, bytes]) -> None:
-        """Announce the board to Home Assistant; `kept` is what the broker holds from an earlier time, by topic."""
+        """Announce the board to Home Assistant; `kept` holds earlier documents retained by the broker, by topic."""
         self._announcer = Announcer(
             home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.broker, kept
         )
@@ -100,19 +100,19 @@ class Bridge:
             group.create_task(self._announcer.send_vitals())
 
     async def leave(self) -> None:
-        """Answer what is under way, and say that the board is not available any more."""
+        """Answer commands under way, and publish the board as unavailable."""
         await self.stops.close()
         await self.commands.close()
         self.outbox.put(self._available)
         await self.outbox.flush()
 
     async def _begin(self) -> None:
-        """Say that the board is there, on a new connection."""
+        """Publish the board as available, on a new connection."""
         self._link.begin()
         if self.barrier.is_up:
             self.barrier.put_up()
             self.barrier.send_word()
-        with suppress(Denied):  # reported by the connection; an access list can be corrected while this goes on
+        with suppress(Denied):  # reported by the connection; an access list can be corrected meanwhile
             await self.broker.send(self._available._replace(payload=ONLINE))
         self.telemetry.resend()
 

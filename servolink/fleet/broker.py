@@ -1,4 +1,4 @@
-"""BrokerConnection: the connection of a program with a broker, which comes back by itself.
+"""BrokerConnection: connection of a program with a broker, renewed after each loss.
 
 The reason that the broker gives for each refusal is passed on, so that a topic which it denies can be named.
 """
@@ -20,7 +20,7 @@ from servolink.pauses import Pauses, Reconnecting
 FIRST_PAUSE = 0.2
 """Seconds from a loss to the first attempt."""
 LONGEST_PAUSE = 20.0
-_QUIET = 0.3  # seconds without a message after which the broker has sent all that it keeps
+_QUIET = 0.3  # seconds without a message after which the retained messages count as complete
 
 
 class Denied(OpenError):
@@ -28,10 +28,10 @@ class Denied(OpenError):
 
 
 class BrokerConnection:
-    """One connection with a broker."""
+    """Connection with a broker, renewed after each loss."""
 
     def __init__(self, access: BrokerAccess, options: MqttOptions) -> None:
-        """Use `run`, in a task of its own, after the functions are set."""
+        """Use `run`, in a separate task, after the functions are set."""
         self.access = access
         self.subscriptions: list[tuple[str, int]] = []
         """Topics and QoS, subscribed to on each connection."""
@@ -42,7 +42,7 @@ class BrokerConnection:
         self.on_state: Callable[[bool, str], None] = lambda is_connected, text: None
         """Called when the connection is there or lost, with the reason."""
         self.on_problem: Callable[[str], None] = lambda text: None
-        """Called with what people should look at, such as a topic that is denied; once for each text."""
+        """Called with a notice for people, such as a denied topic; once for each text."""
         self._options = options
         self._client: MqttClient | None = None
         self._was_connected = False
@@ -61,7 +61,7 @@ class BrokerConnection:
 
     async def run(self) -> None:
         """Connect, and again after each loss. Raise OpenError if the first attempt fails."""
-        # With jitter, so that not all programs come at once when the broker has restarted.
+        # With jitter, so that programs do not all reconnect together after a restart of the broker.
         pauses = Pauses(FIRST_PAUSE, LONGEST_PAUSE, lambda: self._jitter.uniform(0.5, 1))
         async for client in Reconnecting(self._open, pauses, self._may_come_back):
             self._was_connected = True
@@ -73,13 +73,13 @@ class BrokerConnection:
             self._report_loss(client.ended.result())
 
     async def send(self, message: Publication) -> None:
-        """Send a message; return when the system has it or, with QoS 1, when the broker has it.
+        """Send a message; return when the system accepts the message or, with QoS 1, when the broker confirms.
 
         Raise ConnectionLost if there is no connection, or it is lost meanwhile: then the broker may have it or not.
         Raise Denied if the broker does not allow the topic, which it says for QoS 1 only.
         """
         if self._client is None:
-            raise ConnectionLost(f"there is no connection with {self.access.address}")
+            raise ConnectionLost(f"not connected to {self.access.address}")
         refusal = await self._client.publish(message)
         if refusal is not None:
             text = f"the broker does not allow writing to {escape(message.topic)}: {refusal}; correct its access list"
@@ -87,12 +87,12 @@ class BrokerConnection:
             raise Denied(text)
 
     def acknowledge(self, message: Received) -> None:
-        """Tell the broker that a message with QoS 1 need not be delivered again."""
+        """Acknowledge a message with QoS 1 at the broker, which then does not deliver the message again."""
         if self._client is not None:
             self._client.acknowledge(message)
 
     async def _open(self) -> MqttClient:
-        """Return a connection on which the topics are subscribed to."""
+        """Return a connection with subscriptions to the topics."""
         client = MqttClient(self.access, self._options, self.on_message)
         try:
             await client.open()
@@ -104,7 +104,7 @@ class BrokerConnection:
         return client
 
     def _drop(self, client: MqttClient) -> None:
-        """Close a connection, so that senders and subscribers wait for the next one."""
+        """Close a connection, so that senders and subscribers wait for the next connection."""
         client.close()
         self._client = None
         self._ready.clear()
@@ -138,7 +138,7 @@ class BrokerConnection:
 
 
 def explain(error: Exception) -> str:
-    """Return why a broker cannot be reached, and what to do."""
+    """Return the reason why a broker cannot be reached, with a remedy."""
     text = escape(str(error)) or type(error).__name__
     if "CERTIFICATE_VERIFY_FAILED" in text:
         return f"the broker's certificate is not trusted ({text}): name the authority that has signed it with --ca"
@@ -148,19 +148,19 @@ def explain(error: Exception) -> str:
 
 
 async def retained(access: BrokerAccess, filters: Sequence[str]) -> dict[str, bytes]:
-    """Return the retained messages of one or more topics. Raise OpenError if the broker cannot be asked."""
+    """Return the retained messages of one or more topics. Raise OpenError if the broker does not answer."""
     found: dict[str, bytes] = {}
     heard = asyncio.Event()
 
     def take(message: Received) -> None:
-        if message.is_retained:  # who sends all the time cannot keep this waiting
+        if message.is_retained:  # a program that sends all the time cannot prolong the wait
             found[message.topic] = message.payload
             heard.set()
 
     broker = BrokerConnection(access, MqttOptions(f"servolink-look-{secrets.token_hex(8)}", sees_retained=False))
     broker.on_message = take
-    # A broker answers in order: when it confirms the first one again, all retained messages have come before. With
-    # QoS 1 it would wait for acknowledgements in between.
+    # A broker answers in order: after the second confirmation of the first topic, all retained messages are here. With
+    # QoS 1 the broker would wait for acknowledgements in between.
     broker.subscriptions = [(each, 0) for each in (*filters, filters[0])]
     connection = asyncio.create_task(broker.run())
     connected = asyncio.create_task(broker.until_connected())

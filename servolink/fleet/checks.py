@@ -1,4 +1,4 @@
-"""What is wrong with a fleet: the broker, the network, and the boards."""
+"""Checks of a fleet: broker, network, and boards."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from servolink.fleet.each import for_each
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.topics import Echo
 
-_PATIENCE = 3.0  # seconds
+_PATIENCE = 3.0  # seconds for the messages of the check
 _SLOW = 0.25
-"""Seconds of a round trip from which on movements that are commanded by hand feel late."""
+"""Seconds of a round trip above which manual control feels late."""
 _SKEW = 5.0
-"""Seconds by which clocks may differ; commands expire by the clock of the broker alone, but logs are compared."""
+"""Seconds by which clocks may differ; commands expire by the broker's clock only, but logs are compared."""
 
 
 class Check(Struct, frozen=True):
-    """One thing that is wrong."""
+    """Problem of a fleet, with a remedy."""
 
     about: str
     """The name of a board, or `broker`, or `fleet`."""
@@ -45,7 +45,7 @@ async def examine_fleet(controller: Controller) -> tuple[Check, ...]:
         if (error := outcomes.failed.get(seen.name)) is not None:
             found.append(_silent(seen, error))
         elif seen.name in delays and delays[seen.name] > _SLOW:
-            text = f"a message to it and back takes {delays[seen.name] * 1000:.0f} ms"
+            text = f"a round trip takes {delays[seen.name] * 1000:.0f} ms"
             found.append(Check(seen.name, text, "use a cable or a better wireless network; a stop takes as long"))
     return tuple(found)
 
@@ -66,9 +66,7 @@ def _of_the_fleet(controller: Controller) -> Iterator[Check]:
         yield Check("fleet", text, "run `servolink fleet join` on the machine of a board, with the same --prefix")
     if controller.roster.refused:
         text = f"{controller.roster.refused} messages were too long, or of boards beyond the first 5,000"
-        yield Check(
-            "fleet", text, "find out who writes to the broker, and keep everybody else out with its access list"
-        )
+        yield Check("fleet", text, "find the other writer at the broker, and allow only known users in the access list")
     versions = {seen.now.version for seen in controller.roster if seen.is_online and seen.now is not None}
     if len(versions) > 1:
         text = f"boards are joined by different versions of servolink: {', '.join(sorted(versions))}"
@@ -88,15 +86,15 @@ def _of_state(seen: BoardSeen) -> Iterator[Check]:
         )
         return
     if seen.now is None:
-        yield Check(seen.name, "has not said what it is", "restart `servolink fleet join` on its machine")
+        yield Check(seen.name, "has not published its state", "restart `servolink fleet join` on its machine")
         return
     if seen.now.connection != "connected":
         text = f"the connection of {seen.now.host} to the board is {seen.now.connection}"
         yield Check(
-            seen.name, text, f"look at its cable and its power; `servolink doctor` on {seen.now.host} finds more"
+            seen.name, text, f"check cable and power of the board; `servolink doctor` on {seen.now.host} finds more"
         )
     for problem in seen.now.problems:
-        yield Check(seen.name, problem, f"look at it on {seen.now.host}")
+        yield Check(seen.name, problem, f"look at the board on {seen.now.host}")
     ahead = seen.now.at - time.time()
     if ahead > _SKEW:
         text = f"the clock of {seen.now.host} is {ahead:.0f} s ahead of this machine's"
@@ -107,5 +105,5 @@ def _silent(seen: BoardSeen, error: ServolinkError) -> Check:
     return Check(
         seen.name,
         f"does not answer: {error}",
-        "look whether its machine is overloaded, and whether the access list of the broker allows its topics",
+        "check the load of the machine, and the topics of the board in the access list of the broker",
     )

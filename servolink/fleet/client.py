@@ -26,22 +26,22 @@ from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
 from servolink.project.model import Project
 
 On = str | Iterable[str]
-"""Which boards: `all`, and names of boards and groups, in one text with commas or in several."""
+"""Selection of boards: `all`, or names of boards and groups, as a text with commas or as several texts."""
 
 
 _KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by the last, others forget the board, too
 
 
 class Fleet:
-    """The boards that a broker knows. Use `connect`."""
+    """Boards known to a broker. Use `connect`."""
 
     def __init__(self, access: BrokerAccess, prefix: str, groups: Groups, *, with_servos: bool = False) -> None:
-        """Enter it to connect."""
+        """Enter the fleet with `async with` to connect."""
         self.groups = groups
         self.controller = Controller(access, Topics(prefix), with_servos=with_servos)
 
     async def __aenter__(self) -> Self:
-        """Connect with the broker, and learn which boards are there. Raise OpenError if that fails."""
+        """Connect with the broker, and learn the names of the boards. Raise OpenError on failure."""
         await self.controller.__aenter__()
         return self
 
@@ -50,7 +50,7 @@ class Fleet:
         await self.controller.__aexit__()
 
     def boards(self, on: On = ALL) -> tuple[str, ...]:
-        """Return the names of the boards that `on` means. Raise NotFound for what is neither a board nor a group."""
+        """Return the board names for `on`. Raise NotFound for any name that is neither board nor group."""
         roster = self.controller.roster
         return chosen_boards(on, roster.online, self.groups, (board.name for board in roster))
 
@@ -60,7 +60,7 @@ class Fleet:
         return tuple(self.controller.roster)
 
     async def watch(self, hz: float = 1.0) -> AsyncGenerator[tuple[BoardSeen, ...], None]:
-        """Yield what is known of every board, `hz` times a second."""
+        """Yield the known state of every board, `hz` times a second."""
         await self.controller.settle()
         while True:
             yield tuple(self.controller.roster)
@@ -69,7 +69,7 @@ class Fleet:
     async def call(
         self, board: str, method: str, params: Mapping[str, Any] | None = None, *, patience: float | None = None
     ) -> Any:
-        """Return the result of a method of the control interface. Raise the error of the library that it reports."""
+        """Return the result of a method of the control interface. Raise the library's error for a reported failure."""
         return await self.controller.call(board, method, params, patience=patience)
 
     async def run(
@@ -132,14 +132,14 @@ class Fleet:
         return await boards.apply(project, replace=replace, unchecked=unchecked, backup=backup)
 
     async def export(self, folder: str | Path, on: On = ALL, *, parallel: int = PARALLEL) -> Outcomes[Path]:
-        """Write the content of each board to `BOARD.servolink.json` in `folder`, which is created if it is missing."""
+        """Write the content of each board to `BOARD.servolink.json` in `folder`, created if missing."""
         await self.controller.settle()
         path = Path(folder)
         await asyncio.to_thread(path.mkdir, parents=True, exist_ok=True)
         return await Transfer(self.controller, self.boards(on), parallel=parallel).export(path)
 
     async def forget(self, *boards: str) -> None:
-        """Remove what the broker keeps of boards that have left for good. One that joins again is known again.
+        """Remove retained messages of boards that have left for good. A board that joins again becomes known again.
 
         Raise NotFound for a board that is unknown, ServolinkError for one that is connected: then none is removed.
         Raise OpenError if the broker does not allow it.
@@ -152,11 +152,11 @@ class Fleet:
         for name in names:
             for topic in _KEPT:
                 if controller.roster.get(name) is not None:
-                    _check_away(controller, name)  # it may have joined meanwhile
+                    _check_away(controller, name)  # the board may have joined meanwhile
                 await controller.broker.send(Publication(controller.topics.board(name, topic), b"", 1, retain=True))
 
     async def doctor(self) -> tuple[Check, ...]:
-        """Return what is wrong with the broker, the network and the boards; empty if nothing is."""
+        """Return the problems of the broker, the network and the boards; empty if there are none."""
         return await examine_fleet(self.controller)
 
 
@@ -167,7 +167,7 @@ def connect(
     groups: Groups | str | Path | None = None,
     servos: bool = False,
 ) -> Fleet:
-    """Return the boards that join `broker` under `prefix`, to be used with `async with`.
+    """Return the fleet at `broker` under `prefix`, to be used with `async with`.
 
     `broker` is its address, or what `servolink.fleet.access.broker_access` returns, with certificates and a password.
     `groups` are names by group, or the file they are in: the user's `fleet.toml` unless given. `servos` subscribes to
@@ -182,10 +182,10 @@ def connect(
 
 
 def _check_away(controller: Controller, name: str) -> None:
-    """Raise NotFound for a board that is unknown, ServolinkError for one that is connected."""
+    """Raise NotFound for an unknown board, ServolinkError for a connected board."""
     seen = controller.roster.get(name)
     if seen is None:
-        raise NotFound(f"{quote(name)} is not known to the broker, so there is nothing to forget")
+        raise NotFound(f"{quote(name)} is unknown to the broker; nothing was forgotten")
     if seen.is_online:
         raise ServolinkError(
             f"{name} is connected, and cannot be forgotten: end `servolink fleet join` on its machine first"

@@ -1,4 +1,4 @@
-"""CommandLog: which commands a board has taken on, so that none is carried out twice, even after a crash.
+"""CommandLog: commands accepted by a board, so that none is carried out twice, even after a crash.
 
 A command is on the disk before it is carried out. What is found unfinished when the log is opened was interrupted:
 nobody knows whether it was done, so it is not repeated, and its sender is told.
@@ -23,9 +23,9 @@ from servolink.files import reason, user_folder, write_atomically
 from servolink.platforms.locks import lock
 
 MOST_KEPT = 4096
-"""Commands that are remembered; the oldest are forgotten first."""
+"""Most commands in the log; the oldest are forgotten first."""
 LONGEST_KEPT = 24 * 3600.0
-"""Seconds after which a command is forgotten when the log is opened, but for the latest."""
+"""Seconds after which a command is forgotten when the log is opened, except the latest."""
 
 _ALWAYS_KEPT = 256  # even if the clock was set
 _PRIVATE = 0o700
@@ -33,7 +33,7 @@ _ENCODER = msgspec.json.Encoder()
 
 
 class LogEntry(Struct, omit_defaults=True):
-    """A command, or the news of one."""
+    """Line of the log: a new command, or a change of a known command."""
 
     id: str
     digest: str = ""
@@ -42,22 +42,22 @@ class LogEntry(Struct, omit_defaults=True):
     response_topic: str | None = None
     correlation: bytes | None = None
     answer: str | None = None
-    """The result, as soon as it is known."""
+    """Result of the command, as soon as known."""
     is_over: bool = False
     """Whether the broker has the result."""
 
 
 class CommandLog:
-    """Commands of one board, in a file."""
+    """Log file with the commands of a board."""
 
     def __init__(self, path: Path) -> None:
         """Use `opened_command_log`."""
         self._path = path
         self._entries: dict[str, LogEntry] = {}
         self._buffer: list[tuple[str, bytes]] = []
-        """The ids and lines of the commands that are to be written next."""
+        """Ids and lines of the commands for the next write."""
         self._written: asyncio.Future[None]
-        """Done when the lines are on the disk; unset while there are none."""
+        """Future of the next write to disk; unset without queued lines."""
         self._writer: asyncio.Task[None] | None = None
         self._file: FileIO | None = None
         self._lines = 0
@@ -69,7 +69,7 @@ class CommandLog:
         self._entries = {entry.id: entry for entry in kept}
 
     def close(self) -> None:
-        """Write what is left."""
+        """Write the queued lines and close the file."""
         if self._file is not None:
             self._append([line for _, line in self._taken()])
             self._file.close()
@@ -79,11 +79,11 @@ class CommandLog:
         return [entry for entry in self._entries.values() if not entry.is_over]
 
     def find(self, command_id: str) -> LogEntry | None:
-        """Return the command with this id, None if it is not known."""
+        """Return the command with the id, None for an unknown id."""
         return self._entries.get(command_id)
 
     def note(self, entry: LogEntry, *, only_reads: bool = False) -> Awaitable[None]:
-        """Make a command known at once, and return what ends when it is on the disk.
+        """Make a command known immediately, and return the awaitable of the write to disk.
 
         That, or this call, raises OSError if it cannot be written: then the command is not known any more.
 
@@ -106,7 +106,7 @@ class CommandLog:
         return asyncio.shield(self._written)  # shielded: a canceled waiter must not end the wait of the others
 
     def answered(self, command_id: str, answer: str) -> None:
-        """Remember the result of a command until it is over."""
+        """Remember the result of a command until the broker has confirmed."""
         self._add(command_id, LogEntry(command_id, answer=answer))
 
     def over(self, command_id: str) -> None:
@@ -119,7 +119,7 @@ class CommandLog:
         if entry is None:
             return
         _update(entry, news)
-        with suppress(OSError, ValueError):  # ValueError: it is being shortened, which writes the news too
+        with suppress(OSError, ValueError):  # ValueError: the file is being shortened, with the line included
             self._append([_ENCODER.encode(news)])
 
     @property
@@ -140,12 +140,12 @@ class CommandLog:
         return taken
 
     async def _write_batches(self) -> None:
-        """Write queued commands, and those that come meanwhile. All commands of a batch are noted, or none."""
+        """Write queued commands, including commands queued meanwhile. All commands of a batch are noted, or none."""
         while self._buffer:
             written, batch = self._written, self._taken()
             try:
                 await asyncio.to_thread(self._write, [line for _, line in batch])
-            except (OSError, ValueError) as error:  # ValueError: it was closed
+            except (OSError, ValueError) as error:  # ValueError: the log was closed meanwhile
                 for command_id, _ in batch:
                     self._entries.pop(command_id, None)
                 written.set_exception(error)
@@ -164,7 +164,7 @@ class CommandLog:
     def _append(self, lines: list[bytes]) -> None:
         if self._file is None:
             return
-        # A line break before, too: a line that did not fit on the disk must not spoil the next one.
+        # A line break before, too: a line cut short by a full disk must not spoil the next line.
         text = b"\n" + b"\n".join(lines) + b"\n"
         if self._file.write(text) != len(text):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -187,7 +187,7 @@ class CommandLog:
                 _update(entry, news)
 
     def _compact(self) -> list[LogEntry]:
-        """Write only what is still worth keeping, and return it."""
+        """Write only commands worth keeping, and return them."""
         oldest = time.time() - LONGEST_KEPT
         entries = list(self._entries.values())[-MOST_KEPT:]
         late, latest = entries[:-_ALWAYS_KEPT], entries[-_ALWAYS_KEPT:]
@@ -207,7 +207,7 @@ def _update(entry: LogEntry, news: LogEntry) -> None:
 
 @contextmanager
 def opened_command_log(board: str) -> Iterator[CommandLog]:
-    """Open the log of a board, for the exclusive use of this program. Raise OpenError if that cannot be."""
+    """Open the log of a board, for exclusive use by this program. Raise OpenError on failure."""
     try:
         folder = user_folder("data") / "fleet"
         folder.mkdir(mode=_PRIVATE, parents=True, exist_ok=True)

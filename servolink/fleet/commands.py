@@ -1,4 +1,4 @@
-"""Commands: carries out what comes from afar, each once, in time, and within the policy, and answers each.
+"""Commands from remote programs: carried out once, in time, and within the policy, with an answer to each.
 
 A command passes these in their order: it is read and checked, its age is known, it is not one that came before, there
 is room for it, it is noted on the disk, its turn comes. Only then the hub gets it, which checks it like any other.
@@ -40,19 +40,19 @@ from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks
 
 MOST_WAITING = 64
-"""Most unfinished commands of one board; further ones are answered with `busy`."""
+"""Most unfinished commands of a board; further commands are answered with `busy`."""
 LONGEST_MOTION = 60
-"""Seconds that a command which moves something may take to arrive, whatever its expiry."""
+"""Seconds until a motion command must arrive, whatever expiry the message has."""
 
 Level: TypeAlias = Literal["info", "warning", "error"]
 Log: TypeAlias = Callable[[Level, str], None]
 
 _IN_ORDER = {name for name, method in METHODS.items() if method.in_order} | set(OWN)
-_INTERRUPTED = "the command was interrupted, and nobody knows whether it was done; it is not repeated"
+_INTERRUPTED = "the command was interrupted, and the outcome is unknown; the command is not repeated"
 
 
 class _Accepted(NamedTuple):
-    """A command that will be carried out."""
+    """Accepted command, to be carried out."""
 
     command: Command
     sender: Sender
@@ -68,7 +68,7 @@ class _Refused(NamedTuple):
 
 
 class CommandHandler:
-    """Takes the commands of one board."""
+    """Receiver of the commands of a board."""
 
     def __init__(
         self,
@@ -82,9 +82,9 @@ class CommandHandler:
         barrier: StopBarrier,
         log: Log,
     ) -> None:
-        """Take commands as `policy` allows, and note them in `command_log`."""
+        """Accept commands within `policy`, and note the commands in `command_log`."""
         self.on_change: Callable[[], None] = lambda: None
-        """Called when a command may have changed what is stored on the board."""
+        """Called when a command may have changed the stored content of the board."""
         self._board = board
         self._role = Role.parse(policy.allow)
         self._hub = hub
@@ -100,7 +100,7 @@ class CommandHandler:
         self._refused: OrderedDict[str, _Refused] = OrderedDict()
 
     def finish_interrupted(self) -> None:
-        """Answer what an earlier program was carrying out when it was killed."""
+        """Answer the commands that an earlier program was carrying out when killed."""
         for entry in self._command_log.unfinished():
             sender = Sender(entry.response_topic, entry.correlation)
             if entry.answer is None:
@@ -113,7 +113,7 @@ class CommandHandler:
 
         `acknowledge` is called when it need not be delivered again.
         """
-        if message.is_retained and not message.payload:  # somebody has removed what was retained
+        if message.is_retained and not message.payload:  # retained message removed by somebody
             acknowledge()
             return
         sender = Sender(message.response_topic, message.correlation)
@@ -131,13 +131,13 @@ class CommandHandler:
                 acknowledge()
                 return
         except Exception as error:  # noqa: BLE001 - whatever is wrong with a message is an answer
-            # The broker sends no more than it has acknowledgements for: a backlog cannot outrun its answers.
+            # The broker sends no more than the acknowledgements allow: a backlog cannot outrun the answers.
             self._answers.refuse(command_id, sender, error, acknowledge)
             self._log("warning", f"a command was refused: {error}")
             return
         try:
             accepted = _Accepted(command, sender, self._checked(message, command, link), acknowledge)
-            noted = self._note(command, digest, sender)  # known from now on: copies may come in this very turn
+            noted = self._note(command, digest, sender)  # known from now on: copies may come in the same loop turn
         except Exception as error:  # noqa: BLE001 - likewise
             self._refuse(command.id, digest, sender, error, acknowledge)
             self._log("warning", f"a command was refused: {error}")
@@ -145,7 +145,7 @@ class CommandHandler:
         self._tasks.begin(self._carry_out(accepted, digest, noted))
 
     async def close(self) -> None:
-        """End what is under way; what was begun is answered as interrupted."""
+        """End commands under way; a command that has begun is answered as interrupted."""
         await self._tasks.close()
         for entry in self._command_log.unfinished():
             if entry.answer is None:
@@ -155,7 +155,7 @@ class CommandHandler:
     # --- checks ------------------------------------------------------------------------------------------------
 
     def _is_repeated(self, message: Received, command: Command, digest: str, sender: Sender) -> bool:
-        """Return whether a command came before, and is not to be judged again. One that was refused stays so."""
+        """Return whether a command came before, and must not be judged again. A refused command stays refused."""
         if message.is_retained:
             if command.id in self._refused_retained:
                 return True
@@ -179,7 +179,7 @@ class CommandHandler:
         return True
 
     def _checked(self, message: Received, command: Command, link: PulseLink) -> Ticket:
-        """Return the ticket of a command. Raise RpcError if it may not be carried out."""
+        """Return the ticket of a command. Raise RpcError for a forbidden command."""
         self._check_method(command.method)
         if command.method in _IN_ORDER and self._barrier.rejects(command.pulse):
             raise _stopped()
@@ -233,7 +233,7 @@ class CommandHandler:
             self._answers.succeed(command.id, sender, result)
 
     def _note(self, command: Command, digest: str, sender: Sender) -> Awaitable[None]:
-        """Make a command known, and return what ends when it is noted."""
+        """Make a command known, and return the awaitable of the log entry."""
         entry = LogEntry(command.id, digest, time.time(), sender.response_topic, sender.correlation)
         try:
             return self._command_log.note(entry, only_reads=_role(command.method) is Role.WATCH)
@@ -248,14 +248,14 @@ class CommandHandler:
         error: Exception,
         on_sent: Callable[[], None] | None = None,
     ) -> None:
-        """Refuse a command, for good: who is told so may send another, and both would be carried out."""
+        """Refuse a command, for good: a sender told so may send another, and both would be carried out."""
         answer = self._answers.refuse(command_id, sender, error, on_sent)
         self._refused[command_id] = _Refused(digest, answer)
         if len(self._refused) > MOST_KEPT:
             self._refused.popitem(last=False)
 
     async def _done(self, accepted: _Accepted) -> Any:
-        """Return the result of a command, when its turn has come. Raise what is the matter with it."""
+        """Return the result of a command, in turn. Raise RpcError for a failure."""
         command = accepted.command
         async with self._turn(accepted):
             self._check_ticket(accepted)
@@ -279,7 +279,7 @@ class CommandHandler:
 
     @asynccontextmanager
     async def _turn(self, accepted: _Accepted) -> AsyncIterator[None]:
-        """Wait for the commands before this one, or for a stop. Commands that only read need not wait."""
+        """Wait for the commands before this one, or for a stop. Read-only commands need not wait."""
         if accepted.command.method not in _IN_ORDER:
             yield
             return
@@ -303,7 +303,7 @@ class CommandHandler:
 
 
 def _role(method: str) -> Role:
-    """Return the role that a method needs."""
+    """Return the role required by a method."""
     return Role(METHODS[method].role) if method in METHODS else Role.RUN
 
 
@@ -325,7 +325,7 @@ def _converted(value: Any, kind: Any) -> Any:
 
 
 def _id_in(value: Any) -> str | None:
-    """Return the command id of a message, or None if it has no valid one."""
+    """Return the command id of a message, or None for a message without a valid id."""
     found = value.get("id") if isinstance(value, dict) else None
     try:
         return msgspec.convert({"id": found, "method": ""}, Command).id
@@ -341,15 +341,15 @@ def _stopped() -> RpcError:
     return RpcError(
         Code.INVALID_REQUEST,
         "the board was stopped before this began",
-        remedy="send it again, if it is still wanted",
+        remedy="send the command again, if still wanted",
     )
 
 
 def _expired() -> RpcError:
     return RpcError(
         Code.INVALID_REQUEST,
-        "the command has expired: it took too long to arrive, or to have its turn; nothing was done",
-        remedy="send it again, if it is still wanted",
+        "the command has expired on the way, or before its turn; nothing was done",
+        remedy="send the command again, if still wanted",
     )
 
 

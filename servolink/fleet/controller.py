@@ -1,4 +1,4 @@
-"""Controller: one program's connection with the broker of a fleet, through which it sees boards and commands them."""
+"""Controller: connection of a program with the broker of a fleet, to observe and command boards."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from servolink.fleet.topics import (
 from servolink.platforms.process import login_name
 
 OnChange = Callable[[BoardSeen], None]
-"""Called with a board of which something but the servos has changed."""
+"""Called with a board after any change except in the servos."""
 
 PATIENCE = 10.0
-"""Seconds in which a board must answer, or send the next step of a long command."""
-_KEPT = 60  # seconds for which the broker keeps results for a program whose connection was lost
-_PAUSE = 0.05  # seconds until a message that could not be sent is sent again
+"""Seconds until a board must answer, or send the next step of a long command."""
+_KEPT = 60  # seconds for which the broker keeps results for a program after a lost connection
+_PAUSE = 0.05  # seconds until the next attempt after a message could not be sent
 _QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds without news after which all retained messages have come
 _RESULT = msgspec.json.Decoder(Result)
 _logger = logging.getLogger(__name__)
 
 
 class Controller:
-    """Sees the boards of a fleet and commands them, across restarts of the broker."""
+    """Observer and commander of a fleet's boards, across restarts of the broker."""
 
     def __init__(self, access: BrokerAccess, topics: Topics, *, with_servos: bool = False) -> None:
-        """Enter it to connect. `with_servos` subscribes to the states of all servos, which come ten times a second."""
+        """Enter the controller to connect. `with_servos` subscribes to the states of all servos, sent at 10 Hz."""
         self.topics = topics
         self.roster = Roster()
         self.who = sender()
         self.patience = PATIENCE
-        """Seconds in which a board must answer, unless a call says otherwise."""
+        """Seconds until a board must answer, unless a call sets another time."""
         self.connections = 0
-        """How often it has connected."""
+        """Number of connections with the broker so far."""
         self.on_change: OnChange | None = None
         """Function called with each changed board (not for servo frames); must not raise."""
         token = secrets.token_hex(8)
@@ -72,11 +72,11 @@ class Controller:
         self.broker.on_message = self._receive
         self.broker.on_connect = self._connected_again
         self._pending: dict[str, PendingCommand] = {}
-        self._heard = 0.0  # when the latest message of a board came, but for its servos
+        self._heard = 0.0  # arrival of the latest message of a board, except servo states
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
-        """Connect with the broker. Raise OpenError, which says what to do, if that fails."""
+        """Connect with the broker. Raise OpenError with a remedy on failure."""
         self._task = asyncio.create_task(self.broker.run())
         connected = asyncio.create_task(self.broker.until_connected())
         try:
@@ -109,7 +109,7 @@ class Controller:
         expires: int = DEFAULT_EXPIRY,
         on_step: OnStep | None = None,
     ) -> Any:
-        """Return the result of a method of a board, which carries it out once at most. Raise the error it reports.
+        """Return the result of a method, carried out once at most by a board. Raise the reported error.
 
         A motion that has not reached the board after `expires` seconds is not carried out. If nothing comes for
         `patience` seconds (10), raise OutcomeUnknown for what changes or moves something, RequestTimeout for all else.
@@ -129,8 +129,8 @@ class Controller:
             while not pending.results:
                 left = expires - (loop.time() - begun) if method in MOTION else float(expires)
                 if sent != self.connections and left > 0:
-                    # Also after a reconnection: the command, or its result, may have been lost with the connection.
-                    # The board knows its id and does not carry it out twice.
+                    # Also after a reconnection: the command, or the result, may have been lost with the connection.
+                    # The board knows the id and does not carry out the command twice.
                     try:
                         await self.publish(topic, payload, message_id, expires=left, deadline=pending.heard + patience)
                     except ConnectionLost as error:
@@ -147,7 +147,7 @@ class Controller:
     def pending_command(
         self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None
     ) -> Iterator[PendingCommand]:
-        """Yield what collects the results with the id `message_id`, of one `board` or of any."""
+        """Yield the collector of results with the id `message_id`, of `board` or of any board."""
         pending = self._pending[message_id] = PendingCommand(message_id, board=board, on_step=on_step)
         try:
             yield pending
@@ -155,7 +155,7 @@ class Controller:
             del self._pending[message_id]
 
     async def send_to_all(self, topic: FleetTopic, payload: Struct, message_id: str, *, expires: float) -> None:
-        """Send one message to all boards at once. Raise ConnectionLost if the broker does not take it."""
+        """Send one message to all boards together. Raise ConnectionLost if the broker does not accept the message."""
         deadline = asyncio.get_running_loop().time() + expires
         await self.publish(
             self.topics.fleet(topic), msgspec.json.encode(payload), message_id, expires=expires, deadline=deadline
@@ -193,13 +193,13 @@ class Controller:
             ) from lost
 
     async def settle(self, patience: float = _MOST_SETTLING) -> None:
-        """Wait until what the broker has kept of all boards has come, but not for much longer than it usually takes.
+        """Wait for the retained messages of all boards, but not much longer than usual.
 
         Raise ConnectionLost if the broker is gone for `patience` seconds.
         """
         loop, message_id = asyncio.get_running_loop(), new_id()
         with self.pending_command(message_id) as marker:
-            # Sent to this program itself: it comes behind what the subscriptions have brought. A broker that sends
+            # Sent to this program itself: arrives after the messages of the subscriptions. A broker that sends
             # in another order is given some quiet time.
             result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
             gone = loop.time() + patience
@@ -211,7 +211,7 @@ class Controller:
             await asyncio.sleep(quiet_at - loop.time())
 
     def wake(self) -> None:
-        """Wake all who wait for results, to look again at the connection and the time."""
+        """Wake all waits for results, to check the connection and the time again."""
         for pending in self._pending.values():
             pending.wake()
 
@@ -241,7 +241,7 @@ class Controller:
         if pending is None:
             return
         if isinstance(result.result, dict) and isinstance(word := result.result.get("pulse"), str):
-            # Result of a stop, which may overtake the word itself. Commands with an older word are refused.
+            # Result of a stop, which may overtake the new word. Commands with an older word are refused.
             self.roster.hear_pulse(result.board, word)
         pending.take(result)
 
@@ -251,15 +251,15 @@ def _plain(params: Mapping[str, Any] | Struct | None) -> dict[str, Any]:
 
 
 def _silence(board: str, method: str, patience: float) -> ServolinkError:
-    """Return the error for a command that was not answered."""
+    """Return the error for a command without an answer."""
     text = f"{board} has not answered {method} within {patience:g} s"
     if _only_reads(method):
         return RequestTimeout(f"{text}: its machine, or the network, may be slow or away; try again")
-    return OutcomeUnknown(f"{text}: it may have been done or not; look at the board before sending it again")
+    return OutcomeUnknown(f"{text}: the outcome is unknown; look at the board before sending the command again")
 
 
 def _unsent(board: str, method: str, error: ConnectionLost) -> ServolinkError:
-    """Return the error for a command that the broker has not confirmed."""
+    """Return the error for a command without the broker's confirmation."""
     if _only_reads(method):
         return error
     return OutcomeUnknown(f"{board}: {method} may have been done or not: {error}")
@@ -278,5 +278,5 @@ def new_id() -> str:
 
 
 def sender() -> str:
-    """Return what people call this program: the user and the machine."""
+    """Return the name of this program for people: the user and the machine."""
     return f"{login_name() or 'somebody'} on {socket.gethostname()}"[:60]

@@ -1,4 +1,4 @@
-"""One piece of work for each board, several at a time; a failure of one does not end the others."""
+"""Parallel work on boards, several at a time; a failure on a board does not end the work on others."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from servolink.errors import ServolinkError
 T = TypeVar("T")
 
 Work = Callable[[str], Awaitable[T]]
-"""Does the work for the board of this name, or raises a ServolinkError."""
+"""Work on the board of the given name; raises ServolinkError on failure."""
 
 
 class Outcomes(Generic[T]):
-    """What came of the work for each board."""
+    """Outcomes of the work on each board."""
 
     def __init__(self) -> None:
         """Start without outcomes."""
         self.done: dict[str, T] = {}
         """Results by board, in the order in which the work ended."""
         self.failed: dict[str, ServolinkError] = {}
-        """The error for each board for which it failed."""
+        """Error for each board with failed work."""
         self.skipped: tuple[str, ...] = ()
-        """Boards whose work was not begun, because that of another board had failed."""
+        """Boards whose work was not begun, because another board had failed."""
 
     @property
     def is_complete(self) -> bool:
@@ -40,7 +40,7 @@ async def for_each(
     fail_fast: bool = False,
     on_outcome: Callable[[str, ServolinkError | None], None] = lambda board, error: None,
 ) -> Outcomes[T]:
-    """Do the work for each board, for `parallel` of them at a time.
+    """Do the work for each board, for `parallel` boards at a time.
 
     With `fail_fast`, begin nothing more after a failure; what was begun goes on to its end. `on_outcome` is called
     with each board as soon as its work has ended, and the error if it failed.

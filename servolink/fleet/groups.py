@@ -1,4 +1,4 @@
-"""Groups of boards in the user's `fleet.toml`, and which boards a text such as `front,rex` means."""
+"""Groups of boards in the user's `fleet.toml`, and expansion of texts such as `front,rex`."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def fleet_file() -> Path:
     try:
         return user_folder("config") / "fleet.toml"
     except OSError as error:
-        raise ServolinkError(f"there is no folder for fleet.toml: {reason(error)}") from error
+        raise ServolinkError(f"cannot find a folder for fleet.toml: {reason(error)}") from error
 
 
 def load_groups(path: Path | None = None) -> Groups:
-    """Return the groups in `path`, by default the user's `fleet.toml`; empty if that does not exist.
+    """Return the groups in `path`, by default the user's `fleet.toml`; empty if the file does not exist.
 
     Raise ServolinkError, which names file and line, if the file cannot be used.
     """
@@ -40,7 +40,7 @@ def load_groups(path: Path | None = None) -> Groups:
     except UnicodeDecodeError as error:
         raise ServolinkError(f"{file} is not text in UTF-8; save it as UTF-8") from error
     except OSError as error:
-        raise ServolinkError(f"{file} cannot be read: {reason(error)}; correct it or remove it") from error
+        raise ServolinkError(f"{file} cannot be read: {reason(error)}; correct or remove the file") from error
     try:
         return _groups(text, read_toml(text))
     except TextError as error:
@@ -63,7 +63,7 @@ def _groups(text: str, values: Mapping[str, Any]) -> Groups:
 def chosen_boards(
     words: str | Iterable[str], there: Sequence[str], groups: Groups, away: Iterable[str] = ()
 ) -> tuple[str, ...]:
-    """Return the names of the boards that `words` mean, each once: names, groups and `all`, separated by commas.
+    """Return the names of the boards for `words`, without duplicates: names, groups and `all`, separated by commas.
 
     `there` are the boards that `all` means. Those that are `away` or in a group may be named as well. Raise NotFound
     for `all` if no board is there, and for words that are neither a board nor a group.

@@ -1,4 +1,4 @@
-"""Home Assistant: one board as one device with its sensors, events, buttons and, if asked for, angles.
+"""Home Assistant: a device for each board with sensors, events, buttons and, on request, angles.
 
 Everything is in one retained message, by which Home Assistant finds it: its "device discovery" over MQTT. What Home
 Assistant sends goes to `stop` and to `press`, as it can neither number commands nor let them expire.
@@ -29,19 +29,19 @@ VITALS_SECONDS = 2.0
 """How often the vitals are sent if something has changed."""
 
 PREFIX = "homeassistant"
-"""Where Home Assistant looks for devices, unless it was told to look elsewhere."""
+"""Default topic prefix under which Home Assistant looks for devices."""
 
 _MOST_RECORDS = 100  # of each kind; nobody has so many buttons on a page
 _FULL_TURN = (-180.0, 180.0)
 _WHO = "Home Assistant"
-_SPEED = 60.0  # degrees per second of an angle that is set in Home Assistant
+_SPEED = 60.0  # degrees per second of an angle set in Home Assistant
 _KINDS = ["press", "long_press", "up"]
 
 Document = dict[str, Any]
 
 
 class HomeAssistant(NamedTuple):
-    """Where Home Assistant is told of boards, and what."""
+    """Options of the discovery documents for Home Assistant."""
 
     prefix: str = PREFIX
     numbers: bool = False
@@ -55,7 +55,7 @@ class HomeAssistant(NamedTuple):
 def discovery(
     topics: Topics, now: BoardNow, servo_ids: tuple[int, ...], policy: BoardPolicy, *, numbers: bool
 ) -> Document:
-    """Return the document for a board. What the policy does not allow is not in it."""
+    """Return the document for a board, without entities that the policy forbids."""
     entities = _Entities(topics, now.board)
     entities.add_board()
     entities.add_servos(servo_ids)
@@ -80,7 +80,7 @@ def discovery(
 
 
 def without(document: Document, before: Document) -> Document | None:
-    """Return the document that removes the entities of `before` alone; None if there are no such entities."""
+    """Return the document that removes only the entities of `before`; None if `before` has no entities."""
     gone = {
         key: {"platform": component["platform"]}
         for key, component in before.get("components", {}).items()
@@ -90,7 +90,7 @@ def without(document: Document, before: Document) -> Document | None:
 
 
 class _Entities:
-    """Collects the entities of one board."""
+    """Collector of the entities of a board."""
 
     def __init__(self, topics: Topics, board: str) -> None:
         self.found: dict[str, Document] = {}
@@ -109,7 +109,7 @@ class _Entities:
         self._board = board
 
     def add_board(self) -> None:
-        """Add what every board has."""
+        """Add the entities that every board has."""
         state = {"state_topic": self._topics.board(self._board, "state")}
         always = {"availability": [self.is_joined], "entity_category": "diagnostic"}
         self._add(
@@ -157,7 +157,7 @@ class _Entities:
         self._add("stop", "button", "Stop", **stop, icon="mdi:stop-circle")
 
     def add_servos(self, servo_ids: tuple[int, ...]) -> None:
-        """Add the raw numbers of servos. The document gives them no unit, so they have none here."""
+        """Add the raw numbers of servos, without a unit: the document gives them none."""
         self._add_raw("highest_temperature_raw", "Highest temperature (raw)", "value_json.highest_temperature_raw")
         self._add_raw("highest_current_raw", "Highest current (raw)", "value_json.highest_current_raw")
         for servo_id in servo_ids:
@@ -183,7 +183,7 @@ class _Entities:
                 )
 
     def add_angles(self, servo_ids: tuple[int, ...], policy: BoardPolicy) -> None:
-        """Add a number for the angle of each servo, which shows what the servo reports, not what was asked for."""
+        """Add a number for the angle of each servo, which shows the reported angle, not the requested target."""
         speed = min(_SPEED, policy.max_speed or _SPEED)
         for servo_id in servo_ids:
             low, high = _range(policy, servo_id)
@@ -226,7 +226,7 @@ class _Entities:
 
 
 def _object_id(topics: Topics, board: str) -> str:
-    """Return the id of a board: letters, digits, - and _, and another one for the same name in another fleet."""
+    """Return the id of a board: letters, digits, - and _; the same name in another fleet has a different id."""
     if topics.prefix.isascii() and topics.prefix.isalnum():
         return f"{topics.prefix}_{board}"
     # Several prefixes are written alike, or like the beginning of a name.
@@ -235,13 +235,13 @@ def _object_id(topics: Topics, board: str) -> str:
 
 
 def _range(policy: BoardPolicy, servo_id: int) -> tuple[float, float]:
-    """Return the lowest and the highest angle in degrees: those of the servo and those of all hold together."""
+    """Return the lowest and the highest angle in degrees, within the limits of the servo and of all servos."""
     pairs = [policy.angles[key] for key in (str(servo_id), "all") if key in policy.angles] or [_FULL_TURN]
     return max(low for low, _ in pairs), min(high for _, high in pairs)
 
 
 def _text(caption: str) -> str:
-    """Return a caption that every reader of JSON takes: without bytes that are no text."""
+    """Return a caption that every reader of JSON accepts: without bytes outside UTF-8."""
     return caption.encode("utf-8", "replace").decode().strip()
 
 
@@ -250,7 +250,7 @@ def _json(value: Document) -> str:
 
 
 class Announcer:
-    """Sends the discovery document and the vitals of one board."""
+    """Sender of the discovery document and the vitals of a board."""
 
     def __init__(
         self,
@@ -262,7 +262,7 @@ class Announcer:
         broker: BrokerConnection,
         kept: Mapping[str, bytes],
     ) -> None:
-        """`kept` has the document that the broker holds from an earlier time, by topic."""
+        """`kept` has the document retained by the broker from an earlier time, by topic."""
         self._home_assistant = home_assistant
         self._topics = topics
         self._policy = policy
@@ -276,7 +276,7 @@ class Announcer:
         telemetry.on_catalog = self.announce
 
     def announce(self) -> None:
-        """Send the document if it has changed. Entities that are gone are removed first."""
+        """Send the document after a change. Removed entities are deleted first."""
         telemetry = self._telemetry
         document = discovery(
             self._topics, telemetry.now, telemetry.servo_ids, self._policy, numbers=self._home_assistant.numbers
@@ -313,7 +313,7 @@ def _vitals(frame: ServosFrame) -> Vitals:
 
 
 def _document(payload: bytes) -> Document:
-    """Return the document in a payload; an empty one if it is not ours."""
+    """Return the document in a payload; an empty document for a payload of another origin."""
     with suppress(*UNREADABLE, AttributeError, TypeError, KeyError):
         found: Any = msgspec.json.decode(payload)
         return {**found, "components": {key: {"platform": one["platform"]} for key, one in found["components"].items()}}

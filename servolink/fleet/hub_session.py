@@ -1,4 +1,4 @@
-"""HubSession: one board, used through its hub as any program does, and again after the hub has ended."""
+"""HubSession: session of the bridge with the hub of a board, renewed after the hub has ended."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class HubSession:
     """A program of a hub, with the rights and the limits of a policy: the hub enforces both."""
 
     def __init__(self, name: str, policy: BoardPolicy, who: str) -> None:
-        """Use the board that is shared as `name`, as `who`; use `run`."""
+        """Use the board shared as `name`, as `who`; use `run`."""
         self.name = name
         self.on_notification: Callable[[str, Raw], None] = lambda name, params: None
         self.on_connect: Callable[[], Awaitable[None]] | None = None
@@ -49,13 +49,13 @@ class HubSession:
             self.on_lost(f"the hub of {self.name} has ended; waiting for it")
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
-        """Return what the hub answers. Raise ConnectionLost if it is gone."""
+        """Return the result of a method of the hub. Raise ConnectionLost without a hub."""
         if self._channel is None:
             raise ConnectionLost(f"the hub of {self.name} is not running; reconnecting")
         return await self._channel.ask(method, params, on_progress)
 
     def tell(self, method: str, **params: object) -> None:
-        """Call a method without waiting for it; no effect if the hub is gone."""
+        """Call a method without waiting for the response; no effect without a hub."""
         if self._channel is not None:
             self._channel.tell(method, **params)
 
@@ -73,7 +73,7 @@ class HubSession:
     async def _begin(self, channel: RpcChannel) -> None:
         if (limits := self._policy.tightening()) is not None:
             reply = await channel.ask("limits.tighten", limits)
-            if (fault := reply.fault) is not None:  # without its limits a policy allows nothing
+            if (fault := reply.fault) is not None:  # without the limits of the policy, no motion is allowed
                 raise ServolinkError(f"the limits for {self.name} cannot be used: {fault.message}")
         self._channel = channel
         if self.on_connect is not None:
@@ -84,7 +84,7 @@ class HubSession:
 
 
 class HubError(ServolinkError):
-    """An error of the hub, which is passed on as it is."""
+    """Error of the hub, passed on unchanged."""
 
     def __init__(self, told: ErrorObject) -> None:
         """Keep what it tells."""
@@ -93,7 +93,7 @@ class HubError(ServolinkError):
 
 
 def result_of(reply: Reply) -> Raw:
-    """Return the result in a reply. Raise HubError if it is an error."""
+    """Return the result in a reply. Raise HubError for a reply with an error."""
     if (fault := reply.fault) is not None:
         raise HubError(fault)
     return reply.result

@@ -1,4 +1,4 @@
-"""Boards of this machine at a broker: find or begin the hub of each, and bridge it."""
+"""Boards of this machine at a broker: find or begin the hub of each board, and bridge the hub."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ _FAREWELL = 1.0  # seconds for the last answers
 
 
 class LocalBoard(NamedTuple):
-    """A board of this machine."""
+    """Board of this machine, ready for a bridge."""
 
     hub: str
-    """The name of the hub that shares it."""
+    """Name of the hub that shares the board."""
     name: str
-    """What the fleet calls it."""
+    """Name of the board in the fleet."""
 
 
 @asynccontextmanager
 async def local_boards(
     names: Sequence[str], name: str | None = None, **options: Any
 ) -> AsyncIterator[list[LocalBoard]]:
-    """Yield the boards with these names or addresses, or all of this machine; share those that no hub shares.
+    """Yield the boards with these names or addresses, or all of this machine; share boards that no hub shares.
 
     `name` is what the fleet calls the only one, in place of the name of its hub, and the name of a hub that begins
     for a board that was given by its address. `options` are those of `connect`. Raise OpenError if there is none,
@@ -84,7 +84,7 @@ async def _found() -> dict[str, str]:
 
 
 class LocalFleet:
-    """The boards of this machine that take part in a fleet."""
+    """Boards of this machine that take part in a fleet."""
 
     def __init__(
         self,
@@ -101,7 +101,7 @@ class LocalFleet:
         """
         self.bridges: list[Bridge] = []
         self.on_line: OnLine = lambda level, text: None
-        """Called with what people at this machine should know, not escaped."""
+        """Called with notices for people at this machine, not escaped."""
         self._access = access
         self._topics = topics
         self._policies = policies
@@ -110,7 +110,7 @@ class LocalFleet:
         self._was_lost = False
 
     async def join(self, members: Sequence[LocalBoard], on_ready: Callable[[], None]) -> None:
-        """Serve boards until this is cancelled; call `on_ready` when all have joined. Raise OpenError if one cannot."""
+        """Serve boards until cancelled; call `on_ready` when all have joined. OpenError if a board cannot join."""
         async with AsyncExitStack() as stack:
             command_logs = [stack.enter_context(opened_command_log(board.name)) for board in members]
             kept = await retained(self._access, [*self._kept_topics(members)])
@@ -146,7 +146,7 @@ class LocalFleet:
                 yield self._home_assistant.topic(self._topics, name)
 
     async def _check(self, members: Sequence[LocalBoard], kept: Mapping[str, bytes]) -> None:
-        """Raise OpenError for a board whose name another machine has given to a board that is there."""
+        """Raise OpenError for a board whose name is in use by another machine's board."""
         pulses = []
         for _, name in members:
             if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
@@ -195,7 +195,7 @@ async def _ready(bridges: Sequence[Bridge], urgent: Urgent) -> None:
 
 
 async def _run(bridges: Sequence[Bridge], urgent: Urgent) -> None:
-    """Run everything. Raise the first error that ends it."""
+    """Run all tasks. Raise the first error of any task."""
     try:
         async with asyncio.TaskGroup() as group:
             urgent.begin(group)

@@ -1,4 +1,4 @@
-"""MqttClient: one MQTT connection on the event loop, with whatever loop the system has.
+"""MqttClient: MQTT connection on the event loop, for every kind of loop.
 
 paho-mqtt speaks the protocol, and is called in the event loop only. Messages are handled in the turn in which they
 came: nothing can fill up, and the broker's flow control holds back what a flood brings.
@@ -34,9 +34,9 @@ KEEPALIVE = 10
 """Seconds without a message after which the broker must answer a ping."""
 
 _LIMIT = 10.0  # seconds for the broker to answer
-_LARGEST = 2 * MOST_BYTES  # bytes: a command that is too long arrives, and is answered
-_MOST_AT_ONCE = 32  # packets that are read before other work has its turn
-_WRONG_LOGIN = {4, 5, 134, 135}  # reason codes; the small ones are those of MQTT 3
+_LARGEST = 2 * MOST_BYTES  # bytes: a command beyond the size limit arrives, and is answered
+_MOST_AT_ONCE = 32  # packets read before other work has a turn
+_WRONG_LOGIN = {4, 5, 134, 135}  # reason codes; the small ones are from MQTT 3
 _NO_PING = 141
 _LOST = "the connection was lost"
 
@@ -52,7 +52,7 @@ class Received(NamedTuple):
     packet_id: int
     """MQTT packet identifier, for the acknowledgement."""
     expiry: int | None
-    """Seconds that were left when the broker sent the message; None for no limit."""
+    """Seconds left when the broker sent the message; None for no limit."""
     response_topic: str | None
     correlation: bytes | None
 
@@ -73,28 +73,28 @@ class Publication(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MqttOptions:
-    """Identity of a connection, and how the broker treats it."""
+    """Identity of a connection, and settings for the broker."""
 
     identifier: str
-    """The broker keeps one connection for each identifier; a new one ends the one before."""
+    """Identifier of the client; at the broker, a new connection ends an earlier one with the same identifier."""
     will: Publication | None = None
     """Message that the broker sends if the connection is lost."""
     session_seconds: int = 0
-    """Seconds after a loss for which the broker keeps messages."""
+    """Seconds for which the broker keeps messages after a loss."""
     acknowledges: bool = False
     """Whether messages with QoS 1 are acknowledged by calls of `acknowledge`, instead of at once."""
     sees_retained: bool = True
-    """Whether `is_retained` says how a message was sent; else it says that the message was kept by the broker."""
+    """Whether `is_retained` holds the sender's flag; else the flag shows that the broker kept the message."""
 
 
 class MqttClient:
-    """One connection with a broker."""
+    """Connection with a broker, over TCP or TLS."""
 
     def __init__(self, access: BrokerAccess, options: MqttOptions, on_message: Callable[[Received], None]) -> None:
-        """Call `on_message` with each message; an error that it raises is logged."""
+        """Call `on_message` with each message; errors of the callback are logged."""
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[str] = self._loop.create_future()
-        """Why the connection has ended; not done as long as it lasts."""
+        """Reason of the connection's end; pending while the connection lasts."""
         self._client = _new_client(access, options)
         self._access = access
         self._options = options
@@ -105,7 +105,7 @@ class MqttClient:
         self._has_read = False
 
     async def open(self) -> None:
-        """Connect. Raise OSError or ValueError if that fails; then call `close`, too."""
+        """Connect. Raise OSError or ValueError on failure; then call `close`, too."""
         # A daemon, because names and addresses that do not answer must not hold up the end of the program.
         threading.Thread(target=self._connect, name="servolink broker", daemon=True).start()
         await _limited(self._connected)
@@ -120,7 +120,7 @@ class MqttClient:
 
     @property
     def socket(self) -> Any:
-        """Socket of the connection; None when it has ended."""
+        """Socket of the connection; None after the end."""
         return self._client.socket()
 
     async def unless_lost(self, work: Coroutine[Any, Any, None]) -> None:
@@ -136,13 +136,13 @@ class MqttClient:
         await task
 
     async def subscribe(self, topic: str, qos: int) -> str | None:
-        """Subscribe to a topic. Return why the broker refuses, None if it does not."""
+        """Subscribe to a topic. Return the broker's reason for a refusal, else None."""
         options = SubscribeOptions(qos, retainAsPublished=self._options.sees_retained)
         code, packet_id = self._client.subscribe(topic, options=options)
         return await _limited(self._answer(code, packet_id))
 
     async def publish(self, message: Publication) -> str | None:
-        """Send a message. Return why the broker refuses it, None if it does not.
+        """Send a message. Return the broker's reason for a refusal, else None.
 
         Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before.
         """
@@ -190,7 +190,7 @@ class MqttClient:
             self._loop.call_soon_threadsafe(self._begin, error)
 
     def _begin(self, error: Exception | None) -> None:
-        """Take over the socket from the thread that has connected."""
+        """Take over the socket from the connecting thread."""
         client, sock = self._client, self.socket
         if error is not None or sock is None:
             self._finish(_LOST, error)
@@ -198,7 +198,7 @@ class MqttClient:
         if self.ended.done():  # it was cancelled meanwhile
             self.close()
             return
-        # Or a message waits up to 40 ms for the broker to confirm the one before: an acknowledgement, usually.
+        # Or a message waits up to 40 ms for the broker to confirm an earlier message: usually an acknowledgement.
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         client.on_connect = lambda _client, _data, _flags, code, _properties: self._accept(_refusal(code))
         client.on_subscribe = lambda _client, _data, packet_id, codes, _properties: self._take(packet_id, codes[0])
@@ -210,7 +210,7 @@ class MqttClient:
         self._tick()
 
     def _tick(self) -> None:
-        """Ask the broker whether it is there, if nothing has come for long."""
+        """Send a ping to the broker after a long silence."""
         if not self.ended.done():
             self._handle(self._client.loop_misc)
             self._loop.call_later(1.0, self._tick)
@@ -241,13 +241,13 @@ class MqttClient:
     # --- reading and writing -------------------------------------------------------------------------------------
 
     def _read(self) -> None:
-        """Handle the packets that have come, but not endlessly many in one turn of the event loop."""
+        """Handle the packets received so far, up to a limit in a turn of the event loop."""
         for _ in range(_MOST_AT_ONCE):
             self._has_read = False
             self._handle(self._client.loop_read)
             if not self._has_read or self._watch is None:
                 break
-        else:  # decrypted bytes may be left, which the socket does not show
+        else:  # decrypted bytes may be left, unseen at the socket
             self._loop.call_soon(self._read)
         self._flush()
 
@@ -261,11 +261,11 @@ class MqttClient:
             self._watch.watch_writing(self._client.want_write())
 
     def _handle(self, work: Callable[[], MQTTErrorCode]) -> None:
-        """Call a function of paho-mqtt, and close the connection if it fails."""
+        """Call a function of paho-mqtt, and close the connection on failure."""
         try:
             if work() == MQTTErrorCode.MQTT_ERR_SUCCESS:
                 return
-        except Exception:  # paho raises all kinds of errors for what it cannot read: the connection is lost
+        except Exception:  # paho raises all kinds of errors for unreadable packets: the connection is lost
             _logger.debug("the broker sent what cannot be read", exc_info=True)
         self.close()
 
@@ -273,7 +273,7 @@ class MqttClient:
         self._has_read = True
         try:
             self._on_message(_received(message))
-        except Exception:  # it would end the connection
+        except Exception:  # an error would end the connection
             _logger.exception("a message could not be handled")
             self._client.ack(message.mid, message.qos)
 

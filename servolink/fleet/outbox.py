@@ -1,4 +1,4 @@
-"""Outbox: what the broker must get, kept until it has it, across losses of the connection."""
+"""Outbox: messages for the broker, kept until confirmed, across losses of the connection."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from servolink.fleet.broker import BrokerConnection, Denied
 from servolink.fleet.mqtt_client import Publication
 
 MOST_KEPT = 1000
-"""Messages that wait; the oldest is dropped for a new one, and counted."""
+"""Most waiting messages; beyond the limit, the oldest is dropped, and counted."""
 MOST_ANSWERS = 20_000
-"""A broker can send all commands that have waited at once, without an acknowledgement; each is answered."""
-_AT_ONCE = 16  # messages that the broker has not confirmed: it need not be waited for between any two
+"""A broker can send all waiting commands together, without an acknowledgement; each is answered."""
+_AT_ONCE = 16  # messages without the broker's confirmation: no pause is needed between any two
 
 
 class _Item(NamedTuple):
@@ -25,18 +25,18 @@ class _Item(NamedTuple):
 
 
 class Outbox:
-    """Sends messages in their order. One that was sent when the connection was lost is sent again."""
+    """Sender of messages in order. A message sent when the connection was lost is sent again."""
 
     def __init__(self, broker: BrokerConnection) -> None:
         """Send over `broker`; use `run`."""
         self.dropped = 0
-        """Messages that were dropped because too many waited."""
+        """Number of messages dropped because too many waited."""
         self._broker = broker
         self._waiting: deque[_Item] = deque()
         self._news = asyncio.Event()
 
     def put(self, message: Publication, on_sent: Callable[[], None] | None = None) -> None:
-        """Queue a message; `on_sent` is called when the broker has it, or refuses it for good.
+        """Queue a message; `on_sent` is called when the broker has confirmed, or refuses for good.
 
         A message with `on_sent` is an answer, and dropped only for the newest of twenty thousand.
         """
@@ -49,7 +49,7 @@ class Outbox:
         self._news.set()
 
     def _drop_one(self) -> None:
-        """Drop the oldest message that is no answer, if there is one."""
+        """Drop the oldest message that is not an answer, if any."""
         for at, item in enumerate(self._waiting):
             if item.on_sent is None:
                 del self._waiting[at]
@@ -57,7 +57,7 @@ class Outbox:
                 return
 
     async def run(self) -> NoReturn:
-        """Send what there is, for ever."""
+        """Send queued messages, in an endless loop."""
         while True:
             await self._news.wait()
             await self._broker.until_connected()
@@ -66,7 +66,7 @@ class Outbox:
                 self._news.clear()
 
     async def flush(self) -> None:
-        """Send what there is, as far as the connection allows."""
+        """Send queued messages, as far as the connection allows."""
         while self._waiting and self._broker.is_connected:
             if not await self._send_some():
                 return

@@ -1,4 +1,4 @@
-"""PendingCommand: the results of boards to one message, of which each board sends one."""
+"""PendingCommand: results of boards to a message, with a result from each board."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ OnStep = Callable[[Step], None]
 
 
 class PendingCommand:
-    """Collects the results to one message. A second result of a board is ignored: it was delivered twice."""
+    """Collector of the results to a message. A second result of a board is a repeated delivery, and ignored."""
 
     def __init__(self, message_id: str, *, board: str | None = None, on_step: OnStep | None = None) -> None:
-        """Wait for results with the id `message_id`, of one `board` or of any."""
+        """Wait for results with the id `message_id`, of `board` or of any board."""
         self.id = message_id
         self.results: dict[str, Result] = {}
         """Results by board, in order of arrival."""
         self.seconds: dict[str, float] = {}
         """When each came, in seconds of the clock of the event loop."""
         self.heard = asyncio.get_running_loop().time()
-        """When anything came last."""
+        """Time of the latest arrival, by the loop's clock."""
         self.board = board
-        """Board whose results are accepted; None for any."""
+        """Board whose results are accepted; None for any board."""
         self._on_step = on_step
         self._changed = asyncio.Event()
 
@@ -50,11 +50,11 @@ class PendingCommand:
         self._changed.set()
 
     def wake(self) -> None:
-        """End a wait: the connection is back, and what was sent may have to be sent again."""
+        """End a wait after a reconnection: the message may have to be sent again."""
         self._changed.set()
 
     async def wait(self, deadline: float) -> bool:
-        """Wait until something comes. Return whether it did before `deadline`."""
+        """Wait for the next result. Return False when `deadline` passes first."""
         try:
             async with asyncio.timeout_at(deadline):
                 await self._changed.wait()
@@ -64,11 +64,11 @@ class PendingCommand:
         return True
 
     def missing(self, boards: Collection[str]) -> tuple[str, ...]:
-        """Return those of `boards` whose result has not come."""
+        """Return the members of `boards` without a result."""
         return tuple(board for board in boards if board not in self.results)
 
     async def until(self, boards: Collection[str], deadline: float) -> tuple[str, ...]:
-        """Wait for the results of `boards`. Return those that have sent none before `deadline`."""
+        """Wait for the results of `boards`. Return the boards without a result at `deadline`."""
         while missing := self.missing(boards):
             if not await self.wait(deadline):
                 return missing
@@ -76,7 +76,7 @@ class PendingCommand:
 
 
 def failure_of(result: Result) -> ServolinkError | None:
-    """Return the error of the library that a result reports; None if the command was carried out."""
+    """Return the error of the library for a reported failure; None after success."""
     if result.ok is True:
         return None
     if result.error is UNSET:
@@ -85,8 +85,8 @@ def failure_of(result: Result) -> ServolinkError | None:
 
 
 def result_as(board: str, found: Any, kind: type[T]) -> T:
-    """Return the result of a method as `kind`. Raise ServolinkError if it is something else."""
+    """Return the result of a method as `kind`. Raise ServolinkError for a different type."""
     try:
         return msgspec.convert(found, kind)
     except msgspec.ValidationError as error:
-        raise ServolinkError(f"{board} answers what this version of servolink cannot read: {error}") from error
+        raise ServolinkError(f"{board} sends an answer that this version of servolink cannot read: {error}") from error

@@ -1,4 +1,4 @@
-"""Policy: remote control allowed for the boards of this machine, read from `fleet.toml`, as are the groups."""
+"""Policy: remote control allowed for the boards of this machine, read, like the groups, from `fleet.toml`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FILE = "fleet.toml"
 
 
 class _Table(Struct, forbid_unknown_fields=True):
-    """A table of the file; what is left out is as in `default`."""
+    """Table of the file; missing settings come from `default`."""
 
     allow: RoleName | UnsetType = UNSET
     max_speed: Annotated[float, Meta(gt=0)] | UnsetType = UNSET
@@ -35,7 +35,7 @@ class _File(Struct, forbid_unknown_fields=True):
 
 
 class BoardPolicy(Struct, frozen=True):
-    """Remote control allowed for one board. Stopping is always allowed."""
+    """Remote control allowed for a board. Stopping is always allowed."""
 
     allow: RoleName = "watch"
     max_speed: float | None = None
@@ -57,12 +57,12 @@ class FleetFile(Struct, frozen=True):
     boards: dict[str, BoardPolicy] = {}
 
     def policy_of(self, board: str) -> BoardPolicy:
-        """Return what may be done with a board."""
+        """Return the remote control allowed for a board."""
         return self.boards.get(board, self.default)
 
 
 def load_fleet_file(path: Path | None = None) -> FleetFile:
-    """Return the policy in `path`, or in `fleet.toml` of this user, which need not exist.
+    """Return the policy in `path`, or in `fleet.toml` of this user, a missing file included.
 
     Raise ServolinkError, which names the file and the place in it, if it cannot be used.
     """
@@ -82,7 +82,7 @@ def load_fleet_file(path: Path | None = None) -> FleetFile:
 
 
 def _checked(file: _File) -> FleetFile:
-    """Return what the file says. Raise ValueError for what no board can be."""
+    """Return the policy in the file. Raise ValueError for an impossible board name or servo id."""
     for name in file.boards:
         if not is_name(name):
             raise ValueError(f"{quote(name)} cannot be a name: names have only letters, digits, - and _")

@@ -1,4 +1,4 @@
-"""Pulse: how old a message can be, without any clock but this machine's own.
+"""Pulse: age limit of messages, measured only with this machine's clock.
 
 The bridge sends itself a new word each second, through the broker. What comes after such a word was sent by the broker
 after the bridge had sent the word. A sender that puts the latest word into a command shows that the command was made
@@ -23,7 +23,7 @@ _MOST_KEPT = 120  # twice the longest expiry
 
 
 class Pulse:
-    """The words of one board, and when they were sent."""
+    """Words of a board, with the time of sending."""
 
     def __init__(self, send: Callable[[str, int], Awaitable[None]]) -> None:
         """Send words with `send`, which takes a word and the QoS."""
@@ -41,7 +41,7 @@ class Pulse:
             await asyncio.sleep(INTERVAL)
 
     def new_word(self) -> str:
-        """Return the next word, which is to be sent now."""
+        """Return the next word, to be sent immediately."""
         self._number += 1
         word = f"{self._name}-{self._number}"
         self._times[word] = asyncio.get_running_loop().time()
@@ -54,7 +54,7 @@ class Pulse:
         await self._send(word, 1)
 
     def shows_another(self, payload: bytes) -> bool:
-        """Return whether a word that came back shows that another program sends words, too.
+        """Return whether a returned word shows another program with words for the board.
 
         The first one that is not of this pulse may have been left by an earlier program.
         """
@@ -64,12 +64,12 @@ class Pulse:
         return before not in {None, payload}
 
     def time_of(self, word: str) -> float:
-        """Return when a word was sent; minus infinity for one that is unknown, or too old."""
+        """Return the time at which a word was sent; minus infinity for an unknown or old word."""
         return self._times.get(word, float("-inf"))
 
 
 class PulseLink:
-    """A connection on which the words of a pulse come back."""
+    """Connection on which the words of a pulse come back."""
 
     def __init__(self, pulse: Pulse) -> None:
         """Listen to `pulse`."""
@@ -77,7 +77,7 @@ class PulseLink:
         self._newest = float("-inf")
 
     def begin(self) -> None:
-        """Start over: all that comes on a new connection is sent from now on."""
+        """Start over: all messages of a new connection are sent from now on."""
         self._newest = asyncio.get_running_loop().time()
 
     def heard(self, payload: bytes) -> None:
@@ -85,7 +85,7 @@ class PulseLink:
         self._newest = max(self._newest, self._pulse.time_of(payload.decode("ascii", "replace")))
 
     def latest(self, expiry: float, word: str | None) -> float:
-        """Return the time until which a message that comes now may be acted upon.
+        """Return the time until which a message received now may be acted upon.
 
         `expiry` is how much was left of it when the broker sent it; `word` is the one in it.
         """
@@ -94,7 +94,7 @@ class PulseLink:
 
 
 class StopBarrier:
-    """Rejects commands that were sent before a stop and arrive after it.
+    """Barrier against commands that were sent before a stop and arrive after the stop.
 
     A stop has a connection of its own, and overtakes: a word is sent on the connection of the commands, and what comes
     before the word comes back was sent before the stop. What is still on its way to the broker then, in a network that
@@ -104,29 +104,29 @@ class StopBarrier:
     def __init__(self, pulse: Pulse) -> None:
         """Take words of `pulse`."""
         self.word = ""
-        """The word of the latest stop: it, and later ones, show that a command was made after that."""
+        """Word of the latest stop: commands with this word or a later word were made after the stop."""
         self.is_up = False
-        """Whether what comes now may have been sent before the stop."""
+        """Whether messages received now may have been sent before the stop."""
         self._pulse = pulse
         self._put_up_at = float("-inf")
         self._task: asyncio.Task[None] | None = None
 
     def put_up(self) -> None:
-        """Reject commands that were sent before now, and all others until the word of `send_word` has come back."""
+        """Reject commands sent before now, and all others until the word of `send_word` has come back."""
         self.word, self.is_up = self._pulse.new_word(), True
         self._put_up_at = self._pulse.time_of(self.word)
 
     def rejects(self, word: str | None) -> bool:
-        """Return whether a command that comes now, with `word` in it, may have been sent before the stop."""
+        """Return whether a command received now, with `word` in its content, may have been sent before the stop."""
         return self.is_up or (word is not None and self._pulse.time_of(word) < self._put_up_at)
 
     def send_word(self) -> None:
-        """Send the word, if the barrier is up: when the stop is over, which is more urgent, and on a new connection."""
+        """Send the word while the barrier is up: after the stop, which is more urgent, and on a new connection."""
         if self.is_up:
             self._task = asyncio.get_running_loop().create_task(self._send(self.word))
 
     def heard(self, payload: bytes) -> None:
-        """Take a word that the broker has sent back."""
+        """Take a word sent back by the broker."""
         if payload == self.word.encode():
             self.is_up = False
 

@@ -14,12 +14,12 @@ from servolink.motion.ticket import StopCounter, Ticket
 
 
 class ReadyRun:
-    """At most one run, which the hub has checked and keeps ready, with the lease."""
+    """Slot for a run, checked by the hub and kept ready, with the lease."""
 
     def __init__(self, hub: HubSession, stops: StopCounter) -> None:
         """Use the board of `hub`, whose stops are counted by `stops`."""
         self.is_none = asyncio.Event()
-        """Set unless a run is prepared or being started: what is less urgent waits for it."""
+        """Set unless a run is prepared or being started: less urgent work waits for the event."""
         self.is_none.set()
         self._hub = hub
         self._prepared: Prepare | None = None
@@ -28,7 +28,7 @@ class ReadyRun:
         self._timer: asyncio.TimerHandle | None = None
 
     async def prepare(self, asked: Prepare, ticket: Ticket) -> Ran:
-        """Ask the hub to check a run and keep it ready, with the lease. Raise the error of the hub.
+        """Ask the hub to check a run and keep the run ready, with the lease. Raise the error of the hub.
 
         The hub refuses what it cannot begin to check in the time of `ticket`. Raise MotionRefused if a stop comes
         meanwhile.
@@ -46,11 +46,11 @@ class ReadyRun:
         return msgspec.json.decode(checked, type=Ran)
 
     def is_for(self, start: str) -> bool:
-        """Return whether the message with this id starts what is prepared."""
+        """Return whether the message with this id starts the prepared run."""
         return self._prepared is not None and self._prepared.start == start
 
     async def start(self, at: float) -> RunStarted:
-        """Begin what is prepared, once, at this time of the loop. Raise MotionRefused if that is too late.
+        """Begin the prepared run, once, at this time of the loop. Raise MotionRefused after the time.
 
         An error of the hub is raised as well.
         """
@@ -58,21 +58,21 @@ class ReadyRun:
         self._drop()
         if prepared is None or not self._stops.holds(ticket) or asyncio.get_running_loop().time() > ticket.until:
             self.is_none.set()
-            raise MotionRefused("what was prepared has expired; nothing was moved")
+            raise MotionRefused("the prepared run has expired; nothing was moved")
         try:
             return msgspec.json.decode(result_of(await self._hub.ask("run.start", RunStart(at))), type=RunStarted)
         finally:
             self.is_none.set()
 
     def cancel(self, start: str) -> Done:
-        """Forget what is prepared for this start. Raise NotFound if nothing is."""
+        """Forget the run prepared for this start. Raise NotFound without a prepared run."""
         if not self.is_for(start):
-            raise NotFound(f"nothing is prepared for {start}")
+            raise NotFound(f"no run is prepared for {start}")
         self.forget()
         return Done()
 
     def forget(self) -> None:
-        """Forget what is prepared, and give the lease back."""
+        """Forget the prepared run, and give the lease back."""
         if self._prepared is not None:
             self._drop()
             self.is_none.set()

@@ -1,4 +1,4 @@
-"""Roster: boards that the broker knows, the latest state of each, and messages that cannot be read."""
+"""Roster: boards known to the broker, the latest state of each board, and unreadable messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from servolink.escaping import escape
 from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, UNREADABLE, BoardNow, LogLine, ServosNow
 
 MOST_BOARDS = 5000
-"""Boards that are kept; whoever may write to the broker could invent any number of them."""
+"""Most boards kept; any writer at the broker could invent boards without limit."""
 
 _LONGEST_PULSE = 64
 _STATE = msgspec.json.Decoder(BoardNow)
@@ -21,38 +21,38 @@ _LOG = msgspec.json.Decoder(LogLine)
 
 @dataclass(slots=True)
 class BoardSeen:
-    """Known state of one board."""
+    """Known state of a board."""
 
     name: str
     is_online: bool = False
-    """Whether its bridge is connected with the broker, as the broker says."""
+    """Whether the board's bridge is connected, as reported by the broker."""
     now: BoardNow | None = None
-    """The latest state; None until one was received that can be read."""
+    """Latest readable state; None before the first."""
     problem: str = ""
-    """Why the latest state cannot be read; empty if it can."""
+    """Error of reading the latest state; empty for a readable state."""
     heard: float = 0.0
-    """When it last sent anything, in seconds of the clock of the event loop."""
+    """Time of the latest message, in seconds of the event loop's clock."""
     frames: int = 0
-    """States of the servos that were received."""
+    """Number of servo states received."""
     pulse: str | None = None
-    """The latest word of its pulse, which shows how old a command is."""
+    """Latest word of the board's pulse, which shows the age of a command."""
     log: LogLine | None = None
-    """The latest line of its log."""
+    """Latest line of the board's log."""
     _servos: bytes = field(default=b"", repr=False)
 
     @property
     def servos(self) -> ServosNow | None:
-        """The latest state of the servos; None if there is none that can be read."""
+        """Latest state of the servos; None without a readable state."""
         try:
             return _SERVOS.decode(self._servos) if self._servos else None
         except UNREADABLE:
             return None
 
     def take(self, kind: str, payload: bytes, now: float) -> bool:
-        """Take a message of this board. Return whether it changed anything but the state of the servos."""
+        """Take a message of this board. Return whether anything but the servo state changed."""
         self.heard = now
         if kind == "servos":
-            self._servos = payload  # decoded when it is shown: most frames never are
+            self._servos = payload  # decoded on display: most frames are never shown
             self.frames += 1
             return False
         if kind == "pulse":
@@ -61,7 +61,7 @@ class BoardSeen:
         if kind == "available":
             was, self.is_online = self.is_online, payload == ONLINE.encode()
             if was and not self.is_online:
-                self.pulse = None  # another program may answer for the board now, and knows no words of this one
+                self.pulse = None  # another program may answer for the board now, without the words of this one
             return was != self.is_online
         if kind == "state":
             self._take_state(payload)
@@ -86,20 +86,20 @@ class BoardSeen:
 
 
 class Roster:
-    """All boards that the broker tells of, by name."""
+    """All boards reported by the broker, by name."""
 
     def __init__(self) -> None:
         """Start without boards."""
         self._boards: dict[str, BoardSeen] = {}
         self.refused = 0
-        """Messages of boards beyond the first 5,000, and those that are too long."""
+        """Number of messages of boards beyond the first 5,000, and of messages beyond the size limit."""
 
     def get(self, name: str) -> BoardSeen | None:
-        """Return what is known of a board; None if nothing is."""
+        """Return the state of a board; None for an unknown board."""
         return self._boards.get(name)
 
     def __getitem__(self, name: str) -> BoardSeen:
-        """Return what is known of a board. Raise KeyError if nothing is."""
+        """Return the state of a board. Raise KeyError for an unknown board."""
         return self._boards[name]
 
     def __contains__(self, name: object) -> bool:
@@ -111,21 +111,21 @@ class Roster:
         yield from (self._boards[name] for name in sorted(self._boards))
 
     def __len__(self) -> int:
-        """Return how many boards are known, those that are away too."""
+        """Return the number of known boards, absent boards included."""
         return len(self._boards)
 
     @property
     def online(self) -> tuple[str, ...]:
-        """The names of the boards that are connected, in their order."""
+        """Names of the connected boards, in order."""
         return tuple(board.name for board in self if board.is_online)
 
     def hear_pulse(self, name: str, word: str) -> None:
-        """Take a word of the pulse of a board, if that is known, which a result has brought."""
+        """Take a word of a known board's pulse from a result."""
         if name in self._boards:
             self._boards[name].pulse = word[:_LONGEST_PULSE]
 
     def take(self, name: str, kind: str, payload: bytes, now: float) -> BoardSeen | None:
-        """Take a message of a board. Return the board if anything but the state of its servos changed."""
+        """Take a message of a board. Return the board if anything but the servo state changed."""
         board = self._boards.get(name)
         if board is None:
             if not payload or (kind == "available" and payload != OFFLINE.encode() and payload != ONLINE.encode()):

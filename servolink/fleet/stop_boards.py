@@ -1,4 +1,4 @@
-"""Stop every board of a fleet: one message to all, repeated to each that has not answered."""
+"""Stop of all boards of a fleet: a message to all, repeated for each board without an answer."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from servolink.fleet.pending_command import PendingCommand, failure_of
 from servolink.fleet.topics import Stop
 
 PATIENCE = 5.0
-"""Seconds until a board that has not answered counts as silent."""
-_AGAIN = 1.0  # seconds until a board that has not answered is sent another stop
+"""Seconds until a board without an answer counts as silent."""
+_AGAIN = 1.0  # seconds until the stop is repeated for a board without an answer
 
 
 class Stopped(Struct, frozen=True):
-    """What the boards answered to a stop."""
+    """Answers of the boards to a stop."""
 
     stopped: dict[str, float]
-    """Seconds from the stop to the answer of each board whose servos report that they are stopped."""
+    """Seconds from the stop to the answer, for each board with servos reported as stopped."""
     failed: dict[str, str]
-    """Why a board could not confirm that it is stopped."""
+    """Errors of boards that could not confirm the stop."""
     silent: tuple[str, ...]
     """Boards that were connected with the broker and did not answer."""
     offline: tuple[str, ...]
@@ -43,13 +43,13 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
     loop = asyncio.get_running_loop()
     begun, stop = loop.time(), Stop(new_id(), controller.who)
     with controller.pending_command(stop.id) as pending:
-        # A board that was there and is lost meanwhile may still move.
+        # A connected board that is lost meanwhile may still move.
         seen = dict.fromkeys(controller.roster.online)
         sending = asyncio.create_task(_send(controller, pending, stop, begun + patience))
         try:
             try:
                 await controller.settle(patience)  # meanwhile the stop is under way
-            except ConnectionLost:  # not for a moment only: there may be boards that nobody here knows of
+            except ConnectionLost:  # not for a moment only: there may be boards unknown here
                 if not pending.missing(seen):
                     raise
             while True:
@@ -59,7 +59,7 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
         finally:
             sending.cancel()
             await asyncio.wait((sending,))
-        missing = pending.missing(seen)  # a result may have come in the moment in which the patience ended
+        missing = pending.missing(seen)  # a result may have come at the very end of the wait
         failures = {board: failure_of(result) for board, result in pending.results.items()}
         offline = tuple(board.name for board in controller.roster if not board.is_online)
         return Stopped(
@@ -71,14 +71,14 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
 
 
 async def _send(controller: Controller, pending: PendingCommand, stop: Stop, deadline: float) -> None:
-    """Send the stop to all, and again to each board that has not answered."""
+    """Send the stop to all, and again to each board without an answer."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
     topic = controller.topics.fleet("stop")
     topics = [topic]
     while loop.time() < deadline:
         left = deadline - loop.time()
         again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
-        await asyncio.gather(*again, return_exceptions=True)  # a broker that is gone shows in who is silent
+        await asyncio.gather(*again, return_exceptions=True)  # a lost broker shows in the silent boards
         await asyncio.sleep(_AGAIN)
         missing = pending.missing(controller.roster.online)
         topics = [controller.topics.board(board, "stop") for board in missing]

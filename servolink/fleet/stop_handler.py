@@ -14,14 +14,14 @@ from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import UNREADABLE, Stop, StopOver
 from servolink.motion.ticket import StopCounter, Ticket
 
-_MOST_ANSWERED = 256  # of those who ask while a stop is under way
+_MOST_ANSWERED = 256  # programs that ask during a stop
 
 
 class StopHandler:
-    """Handler of the stops of one board. Stops that come while another is under way share the next."""
+    """Handler of the stops of a board. Stops that come during another stop share the next."""
 
     def __init__(self, hub: HubSession, prepared: ReadyRun, barrier: StopBarrier, counter: StopCounter) -> None:
-        """Stop the board of `hub`, forget the run that is `prepared`, and reject commands that were sent before."""
+        """Stop the board of `hub`, forget the `prepared` run, and reject commands sent before."""
         self.counter = counter
         """Issuer of the tickets of commands."""
         self._hub = hub
@@ -49,13 +49,13 @@ class StopHandler:
             await self._stopped.wait()
 
     async def close(self) -> None:
-        """Answer those who still wait."""
+        """Answer the remaining waits for a stop."""
         if self._task is not None:
             await asyncio.wait((self._task,), timeout=1.0)
             self._task.cancel()
 
     def _count_stop(self) -> None:
-        """Let nothing begin that was asked for before now."""
+        """Cancel all motions that were requested before now."""
         self._barrier.put_up()
         self.counter.stop()
         self._stopped.set()

@@ -1,4 +1,4 @@
-"""Telemetry: what a board is, does and has, sent to the broker.
+"""Telemetry: state, readings and log of a board, sent to the broker.
 
 `servos` is sent with QoS 0, one message after the other, and the hub gets its acknowledgement only then: whatever the
 network is slow to take is left out, and the next message is the present. Events and the state are kept until the
@@ -32,12 +32,12 @@ from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
 
 STATE_SECONDS = 5.0
-"""How often the hub is asked for its state, besides each change that it reports."""
+"""Seconds between queries of the hub's state, besides each reported change."""
 BATTERY_SECONDS = 30.0
 CATALOG_SECONDS = 60.0
 """How often the list of stored actions and macros is read."""
 
-_LEAST_PAUSE = 0.2  # seconds from a change to the state that has it
+_LEAST_PAUSE = 0.2  # seconds from a change to the state message
 _MOST_PROBLEMS = 5
 _MOST_LINES = 10  # of the log in a second
 
@@ -47,7 +47,7 @@ class _Number(Struct):
 
 
 class Telemetry:
-    """Sends what is known of one board."""
+    """Sender of the telemetry of a board."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Telemetry:
         hz: float,
         may_send: asyncio.Event,
     ) -> None:
-        """Send `hz` states of the servos a second at most, none if it is 0, and only while `may_send` is set."""
+        """Send servo states at `hz` at most, none for 0, and only while `may_send` is set."""
         self.now = BoardNow(
             board=board,
             host=socket.gethostname(),
@@ -69,10 +69,10 @@ class Telemetry:
             allow=policy.allow,
             at=0.0,
         )
-        """The board as it was last known."""
+        """Last known state of the board."""
         self.servo_ids: tuple[int, ...] = ()
         self.least_hz = 0.0
-        """How often the servos are read, even if they are not sent."""
+        """Rate of reading the servos in Hz, sent or not."""
         self.on_catalog: Callable[[], None] = lambda: None
         """Called when actions, macros or servos have changed."""
         self.on_line: Callable[[Any, str], None] = lambda level, text: None
@@ -96,7 +96,7 @@ class Telemetry:
         self._second = 0.0
 
     async def begin(self) -> None:
-        """Ask a hub that has just been connected to for everything. Raise ConnectionLost if it is gone again."""
+        """Query a newly connected hub for everything. Raise ConnectionLost if the hub is gone again."""
         self._catalog_due = self._battery_due = 0.0
         if hz := self._hz or self.least_hz:
             await self._hub.ask("servos.watch", {"hz": hz})
@@ -104,7 +104,7 @@ class Telemetry:
         self._news.set()
 
     def hub_lost(self, text: str) -> None:
-        """Say that the hub is gone."""
+        """Publish the loss of the hub."""
         self._change(connection="lost", lease=None, hold=None, programs=0)
         self.log("error", text)
 
@@ -114,7 +114,7 @@ class Telemetry:
         self._news.set()
 
     def resend(self) -> None:
-        """Send the state soon, whether or not it has changed."""
+        """Send the state soon, changed or not."""
         self._sent = None
         self._news.set()
 
@@ -155,7 +155,7 @@ class Telemetry:
         self._outbox.put(self._publication("log", LogLine(level, escape(text)[:500], _wall()), 0))
 
     async def send_servos(self) -> NoReturn:
-        """Send the latest state of the servos, whenever there is a new one and the network takes it."""
+        """Send the latest servo state, for each new state that the network accepts."""
         topic = self._topics.board(self.now.board, "servos")
         while True:
             await self._has_frame.wait()
@@ -171,12 +171,12 @@ class Telemetry:
             self._hub.tell("servos.ack", number=msgspec.json.decode(frame, type=_Number).number)
 
     async def send_state(self) -> NoReturn:
-        """Send the state whenever it has changed."""
+        """Send the state after every change."""
         while True:
             with suppress(TimeoutError):
                 async with asyncio.timeout(STATE_SECONDS):
                     await self._news.wait()
-                    if self._sent is not None:  # changes come together, and after what is more urgent
+                    if self._sent is not None:  # changes are sent together, and after more urgent messages
                         await asyncio.sleep(_LEAST_PAUSE)
             self._news.clear()
             with suppress(ServolinkError, msgspec.MsgspecError):
@@ -188,7 +188,7 @@ class Telemetry:
                 self._outbox.put(self._publication("state", self.now, 1, retain=True))
 
     async def _look(self) -> None:
-        """Ask the hub for what may have changed. Raise what prevents that."""
+        """Query the hub for state that may have changed. Raise the error of the query."""
         if not self._hub.is_connected:
             return
         status = await self._ask("status", {}, HubStatus)
@@ -243,7 +243,7 @@ class Telemetry:
         self._outbox.put(self._publication("event", event, 1))
 
     def problem(self, text: str) -> None:
-        """Say, in the state and in the log, what people should look at."""
+        """Publish a notice for people, in the state and in the log."""
         problems = [*(each for each in self.now.problems if each != text), text]
         self._change(problems=tuple(problems[-_MOST_PROBLEMS:]))
         self.log("warning", text)

@@ -1,4 +1,4 @@
-"""Run a stored action or macro on many boards at once: all prepare, and one message starts them."""
+"""Run of a stored action or macro on many boards together: all prepare, and a message starts them."""
 
 from __future__ import annotations
 
@@ -27,26 +27,26 @@ _ECHO_LIMIT = 1.0  # seconds for all boards to answer an echo
 
 
 class RanTogether(Struct, frozen=True):
-    """What came of a run on several boards."""
+    """Outcome of a run on several boards."""
 
     started: tuple[str, ...]
-    """The boards that say that they have started."""
+    """Boards that have reported the start."""
     held_back: tuple[str, ...]
-    """Boards that were ready, and not started because others were not."""
+    """Boards that were ready, and not started because others were not ready."""
     failed: dict[str, str]
-    """Why others did not: they could not prepare, or did not confirm the start."""
+    """Error of each failed board: not prepared, or start not confirmed."""
     may_have_started: tuple[str, ...]
     """Boards in `failed` that may have started. Check or stop them."""
     spread: float | None
-    """Seconds between the first and the last start; None with fewer than two boards, or if it cannot be known."""
+    """Seconds between the first and the last start; None if unknown, or with fewer than two boards."""
     measured_by: Literal["clock", "echo"] | None
-    """`clock`: all boards are at one machine, whose clock was read. `echo`: estimated from the delay of messages."""
+    """`clock`: all boards share a machine, whose clock was read. `echo`: estimated from the delay of messages."""
     duration: float | None
     """Seconds of the longest run; None for macros."""
 
 
 def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> Runnable:
-    """Return what `name` means on a board: an action or a macro, by caption or id.
+    """Return the action or macro `name` of a board, by caption or id.
 
     Raise NotFound if the board is not there, or has nothing of that name, and AmbiguousName if it has both.
     """
@@ -75,7 +75,7 @@ async def run_together(
     anyway: bool = False,
     failed: Mapping[str, ServolinkError] | None = None,
 ) -> RanTogether:
-    """Prepare every board for its run, and start all with one message.
+    """Prepare every board for the run, and start all with a message.
 
     If one cannot prepare, or is in `failed` already, nobody starts, unless `anyway`: then the others do.
     """
@@ -96,7 +96,7 @@ async def run_together(
     delays = await _delays(controller, prepared.done)
     with controller.pending_command(start) as pending:
         loop = asyncio.get_running_loop()
-        with suppress(ConnectionLost):  # the broker may have it all the same: who has started shows in the answers
+        with suppress(ConnectionLost):  # the broker may have the message: answers show the started boards
             await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
         await pending.until(prepared.done, loop.time() + patience)
         return _result(pending, prepared.done, problems, delays)
@@ -136,11 +136,11 @@ def _result(
     for board in prepared:
         result = pending.results.get(board)
         if result is None:
-            failed[board] = OutcomeUnknown(f"{board} was prepared, and has not said whether it started: look at it")
+            failed[board] = OutcomeUnknown(f"{board} was prepared, and has not reported a start: look at the board")
         elif (failure := failure_of(result)) is not None:
             failed[board] = failure
         elif (moment := _started(result.result)) is None:
-            failed[board] = OutcomeUnknown(f"{board} has started, and what it says of that cannot be read")
+            failed[board] = OutcomeUnknown(f"{board} has started, and sent an unreadable result")
         else:
             started[board] = moment
     spread, measured_by = _spread(started, pending, delays)
@@ -160,13 +160,13 @@ def _started(value: object) -> Started | None:
 def _spread(
     started: Mapping[str, Started], pending: PendingCommand, delays: Mapping[str, float]
 ) -> tuple[float | None, Literal["clock", "echo"] | None]:
-    """Return the seconds between the first and the last start, and how that is known."""
+    """Return the seconds between the first and the last start, and the method of measuring."""
     if len(started) < 2:
         return None, None
     if len({one.host for one in started.values()}) == 1:
         moments = [one.monotonic for one in started.values()]
         return max(moments) - min(moments), "clock"
-    # A result takes as long as half an echo to come here, so the board had started that much before.
+    # A result takes half an echo to arrive here, so the board had started earlier by as much.
     moments = [pending.seconds[board] - delays[board] for board in started]
     spread = max(moments) - min(moments)
     return (spread, "echo") if math.isfinite(spread) else (None, None)

@@ -1,4 +1,4 @@
-"""The topics of a fleet and what is sent there, each declared once.
+"""Topics of a fleet and the content of each, declared once.
 
 The methods, their params and their results are those of the hub's control interface (`servolink.control`); a fleet
 adds `prepare` and `cancel`. From these types come the checks of what is received, the reference page and the JSON
@@ -32,11 +32,11 @@ MOST_BYTES = 1024 * 1024
 """The longest payload of a command."""
 CONTENT_TYPE = "application/json"
 ONLINE, OFFLINE = "online", "offline"
-"""What is sent to `available`."""
+"""Content of the topic `available`."""
 MOTION = frozenset({"move", "run", "release", "servo.set", "prepare"})
 """The methods whose message must have an expiry: a robot must not move late."""
 DEFAULT_EXPIRY = 10
-"""Seconds until a command expires if its sender does not say otherwise."""
+"""Seconds until a command expires, unless the sender sets an expiry."""
 SESSION_METHODS = frozenset(
     {
         "lease.take",
@@ -55,7 +55,7 @@ SESSION_METHODS = frozenset(
         "run.start",
     }
 )
-"""The methods of the control interface that a fleet does not have: they belong to one program's connection."""
+"""Methods of the control interface that a fleet lacks: they belong to the connection of a program."""
 
 BoardTopic: TypeAlias = Literal[
     "available", "state", "servos", "vitals", "event", "log", "cmd", "press", "stop", "result", "pulse"
@@ -71,12 +71,12 @@ _PREFIX = re.compile(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff+#/$][^\x00-\x1f\x7f-\x9
 
 @dataclass(frozen=True, slots=True)
 class Topics:
-    """The topics of one fleet."""
+    """Topics of a fleet under a prefix."""
 
     prefix: str = PREFIX
 
     def __post_init__(self) -> None:
-        """Raise InvalidAddress for a prefix under which no topics can lie."""
+        """Raise InvalidAddress for a prefix that topics cannot begin with."""
         wrong = not _PREFIX.fullmatch(self.prefix) or "//" in self.prefix or self.prefix.endswith("/")
         if wrong or len(self.prefix) > _LONGEST_PREFIX:
             raise InvalidAddress(
@@ -85,7 +85,7 @@ class Topics:
             )
 
     def board(self, name: str, topic: BoardTopic) -> str:
-        """Return a topic of one board, or of every board if `name` is `+`. Raise InvalidAddress for another name."""
+        """Return a topic of a board, or of every board for the name `+`. Raise InvalidAddress for an invalid name."""
         if name == ALL:
             raise InvalidAddress(f"{ALL!r} means every board of a fleet: give the board another name, with --name")
         if name != "+" and not is_name(name):
@@ -97,18 +97,18 @@ class Topics:
         return f"{self.prefix}/{_FLEET}/{topic}"
 
     def parse(self, topic: str) -> tuple[str, str] | None:
-        """Return the board and the kind of a topic, as in `("rex", "state")`; None if it is not one of a board."""
+        """Return the board and the kind of a topic, as in `("rex", "state")`; None for any other topic."""
         if not topic.startswith(f"{self.prefix}/"):
             return None
         name, _, kind = topic.removeprefix(f"{self.prefix}/").partition("/")
         return (name, kind) if is_name(name) and name != ALL and kind and "/" not in kind else None
 
     def reply(self, word: str) -> str:
-        """Return the response topic of a program that calls itself `word`: up to 64 letters, digits, - and _."""
+        """Return the response topic of a program named `word`: up to 64 letters, digits, - and _."""
         return f"{self.prefix}/{_FLEET}/reply/{word}"
 
     def may_answer(self, topic: str) -> bool:
-        """Return whether a board sends results to this response topic: that of a program, or `result` of a board.
+        """Return whether boards send results to this response topic: of a program, or `result` of a board.
 
         Elsewhere, a sender could have a board write what the broker does not allow the sender to write.
         """
@@ -129,7 +129,7 @@ class Stored(Struct, frozen=True):
 
 
 class BoardNow(Struct, frozen=True, kw_only=True):
-    """A board. Sent to `state`, retained, when something of it changes."""
+    """Board of a fleet. Sent to `state`, retained, after every change."""
 
     board: str
     host: Annotated[str, about("the machine that it is connected to")]
@@ -149,7 +149,7 @@ class BoardNow(Struct, frozen=True, kw_only=True):
 
 
 class ServosNow(ServosFrame, frozen=True):
-    """The latest state of the servos. Sent to `servos`, QoS 0: one that is late is left out.
+    """Latest state of the servos. Sent to `servos`, QoS 0: late states are left out.
 
     None is sent from `prepare` to the start.
     """
@@ -173,7 +173,7 @@ class EventNow(ButtonPressed, frozen=True, kw_only=True):
 
 
 class LogLine(Struct, frozen=True):
-    """Something that people should know. Sent to `log`, QoS 0."""
+    """Notice for people. Sent to `log`, QoS 0."""
 
     level: Literal["info", "warning", "error"]
     text: str
@@ -184,7 +184,7 @@ class LogLine(Struct, frozen=True):
 
 
 class Command(Struct, forbid_unknown_fields=True):
-    """A method to carry out, once however often it is delivered. Sent to `cmd`, with a message expiry."""
+    """Method to carry out, once however often delivered. Sent to `cmd`, with a message expiry."""
 
     id: CommandId
     method: Annotated[str, Meta(max_length=40)]
@@ -197,7 +197,7 @@ class Command(Struct, forbid_unknown_fields=True):
 
 
 class Press(Struct, forbid_unknown_fields=True):
-    """A method to carry out at once or never, from a program that can neither number messages nor let them expire.
+    """Method to carry out at once or never, from a program that can neither number messages nor let them expire.
 
     Sent to `press`, QoS 0, it expires in 5 seconds, and is not kept for a board that is away. One that is
     delivered twice counts as two.
@@ -209,7 +209,7 @@ class Press(Struct, forbid_unknown_fields=True):
 
 
 class Prepare(Struct, forbid_unknown_fields=True):
-    """Params of the method `prepare`: have the lease, and wait for the message that starts all boards together."""
+    """Params of the method `prepare`: take the lease, and wait for the message that starts all boards together."""
 
     start: Annotated[CommandId, about("the `id` of the message `start` to wait for")]
     run: Annotated[Runnable, about("what to run then")]
@@ -217,13 +217,13 @@ class Prepare(Struct, forbid_unknown_fields=True):
 
 
 class Cancel(Struct, forbid_unknown_fields=True):
-    """Params of the method `cancel`: forget what was prepared, and give the lease back."""
+    """Params of the method `cancel`: forget the prepared run, and give the lease back."""
 
     start: CommandId
 
 
 class Start(Struct, forbid_unknown_fields=True):
-    """Sent to `_fleet/start`: each board that has prepared for this id begins, and sends a result with this id."""
+    """Sent to `_fleet/start`: each board prepared for the id begins, and sends a result with the same id."""
 
     id: CommandId
     who: Who = ""
@@ -251,7 +251,7 @@ class StopOver(Struct, frozen=True):
 
 
 class Echo(Struct, forbid_unknown_fields=True):
-    """Sent to `_fleet/echo`: each board sends a result at once, from which the delay of the network is known."""
+    """Sent to `_fleet/echo`: each board answers at once, for measuring the delay of the network."""
 
     id: CommandId
 
@@ -272,7 +272,7 @@ class Step(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The one answer to a command. Sent to `result`, or to the response topic of the command if it names one.
+    """Answer to a command. Sent to `result`, or to the response topic of the command, if set.
 
     A message with `progress` is not the answer yet: it has no `ok`.
     """
@@ -299,10 +299,10 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
     "_fleet/stop": (Stop, 1, False),
     "_fleet/echo": (Echo, 0, False),
 }
-"""The payload, the QoS and whether it is retained, by topic. `available` is plain text: `online` or `offline`."""
+"""Payload, QoS and retained flag, by topic. `available` is plain text: `online` or `offline`."""
 
 METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Ran), "cancel": (Cancel, Done)}
-"""Params and result of the methods that a fleet adds to those of the control interface."""
+"""Params and result of the methods that a fleet adds to the methods of the control interface."""
 
 
 def schema() -> dict[str, Any]:
@@ -312,7 +312,7 @@ def schema() -> dict[str, Any]:
         [*types, Ran, Started, StopOver, Echoed], ref_template="#/$defs/{name}"
     )
     of = dict(zip(map(id, types), found, strict=False))
-    for definition in definitions.values():  # as Python 3.13 does by itself
+    for definition in definitions.values():  # as Python 3.13 does without help
         definition["description"] = cleandoc(definition["description"])
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

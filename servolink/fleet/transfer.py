@@ -29,28 +29,28 @@ PATIENCE = 30.0
 OnBoardStep = Callable[[str, Step], None]
 """Called with each step of each board."""
 OnOutcome = Callable[[str, ServolinkError | None], None]
-"""Called with each board that is done, and the error if it failed."""
+"""Called with each finished board, and the error of a failure."""
 
 
 class BoardPlan(Struct, frozen=True):
-    """What an import would do to one board."""
+    """Plan of an import for a board."""
 
     what: tuple[str, ...]
-    """What would change, such as `action 3`."""
+    """Changes by the import, such as `action 3`."""
     deleted: tuple[str, ...]
-    """The records among them that would be deleted."""
+    """Records deleted by the import."""
     inconsistencies: tuple[str, ...]
     """Faults that the import repairs too."""
     seconds: float
-    """How long it takes, about."""
+    """Estimated duration of the import."""
     warning: str | None
     """Why the project may not fit."""
     is_unfinished: bool
-    """The board holds an unfinished import, which this one continues or replaces."""
+    """Whether the board holds an unfinished import, to be continued or replaced."""
 
     @property
     def differs(self) -> bool:
-        """Whether there is anything to do."""
+        """Whether the import has any work to do."""
         return bool(self.what or self.inconsistencies or self.is_unfinished)
 
 
@@ -63,7 +63,7 @@ def ignore_outcome(board: str, error: ServolinkError | None) -> None:
 
 
 class Transfer:
-    """What is done to each of some boards, several at a time."""
+    """Work on several boards, a few at a time."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class Transfer:
         on_step: OnBoardStep = ignore_step,
         on_outcome: OnOutcome = ignore_outcome,
     ) -> None:
-        """Work on `parallel` of `boards` at a time; with `fail_fast`, begin no further one after a failure."""
+        """Work on `parallel` of `boards` at a time; with `fail_fast`, begin no further board after a failure."""
         self._controller = controller
         self._boards = boards
         self._parallel = parallel
@@ -95,7 +95,7 @@ class Transfer:
     async def apply(
         self, project: Project, *, replace: bool = False, unchecked: bool = False, backup: bool = True
     ) -> Outcomes[Applied]:
-        """Make each board hold the project. To be called again after a failure: what is done is not done again."""
+        """Make each board hold the project. Call again after a failure: finished work is not repeated."""
         params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace, "backup": backup}
 
         async def apply(board: str) -> Applied:
@@ -104,7 +104,7 @@ class Transfer:
         return await self._each(apply)
 
     async def export(self, folder: Path) -> Outcomes[Path]:
-        """Write the content of each board to a project file of its name in `folder`, which must exist."""
+        """Write the content of each board to a project file named after the board in `folder`, which must exist."""
 
         async def export(board: str) -> Path:
             project, unchecked = _project(board, await self._ask(board, "project.export", {}))
@@ -132,7 +132,7 @@ def export_path(folder: Path, board: str) -> Path:
 
 
 def _plan(board: str, found: Any) -> BoardPlan:
-    """Return the plan of a board. Records are kept there: with hundreds of boards they take more than is shown."""
+    """Return the plan of a board, without records: for hundreds of boards, those need much memory."""
     planned = result_as(board, found, _Planned)
     changes = planned.changes
     return BoardPlan(
@@ -156,7 +156,7 @@ class _Memory(Struct):
 
 
 class _Planned(Struct):
-    """What is used of the result of `project.plan`."""
+    """Fields used from the result of `project.plan`."""
 
     changes: tuple[_Change, ...]
     inconsistencies: tuple[str, ...]
@@ -166,7 +166,7 @@ class _Planned(Struct):
 
 
 def _project(board: str, found: Any) -> tuple[Project, bool]:
-    """Return the project in an export, and whether it holds values that servolink would not write unasked."""
+    """Return the project in an export, and whether any value is outside the range that servolink writes unasked."""
     try:
         content = project_from_form(convert(found["project"], file_type(unchecked=True)))
     except (EncodeError, KeyError, TypeError) as error:

@@ -1,4 +1,4 @@
-"""Urgent: a separate connection for stops and starts of all boards of a machine, which no flood of commands delays.
+"""Urgent: separate connection for stops and starts of all boards of a machine, undisturbed by floods of commands.
 
 Stops of one board come this way too, and so does the message that starts several boards together: it arrives once for
 all boards of a machine. A press comes this way because the broker keeps nothing for this connection while it is lost.
@@ -28,14 +28,14 @@ from servolink.tasks import Tasks
 
 _PRESS_SECONDS = 5
 _LEAD = 0.1
-"""Seconds from the message that starts several boards to their start. Until then all their hubs have got ready."""
+"""Seconds from the message that starts several boards to the start. Until then all hubs have prepared."""
 
 
 class Urgent:
     """The connection for stops, starts and echoes."""
 
     def __init__(self, access: BrokerAccess, topics: Topics, bridges: Sequence[Bridge]) -> None:
-        """Serve the boards of `bridges`, of which there is at least one."""
+        """Serve the boards of `bridges`, at least one."""
         self._topics = topics
         name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
         self.broker = BrokerConnection(access, MqttOptions(name, sees_retained=False))
@@ -62,7 +62,7 @@ class Urgent:
         group.create_task(self._outbox.run())
 
     async def leave(self) -> None:
-        """Send the answers that are left."""
+        """Send the queued answers."""
         await self._outbox.flush()
 
     def _receive(self, message: Received) -> None:
@@ -70,7 +70,7 @@ class Urgent:
         if message.topic == self._pulse_topic:
             self._link.heard(message.payload)
             return
-        if message.is_retained:  # nobody knows how old it is
+        if message.is_retained:  # nobody knows the age of the message
             return
         sender = Sender(message.response_topic, message.correlation)
         if message.topic == self._topics.fleet("echo"):
@@ -92,7 +92,7 @@ class Urgent:
             self._bridges[name].stops.stop(command_id, sender, self._answers[name])
 
     def _press(self, message: Received) -> None:
-        """Carry out a command that has no id, and expires soon."""
+        """Carry out a command without an id, which expires soon."""
         name, _ = self._topics.parse(message.topic) or ("", "")
         try:
             press = msgspec.json.decode(message.payload, type=Press)

@@ -34,7 +34,7 @@ def test_an_address_is_read(url: str, address: BrokerAddress) -> None:
         ("http://localhost", "is not the address of an MQTT broker"),
         ("mqtt://", "names no host"),
         ("mqtt://a:x", "cannot be read"),
-        ("mqtt://a:0", "no port from 1"),
+        ("mqtt://a:0", "a port outside 1"),
         ("mqtt://a:70000", "cannot be read"),
         ("mqtt://a/topic", "something behind the host"),
         ("mqtt://a b", "spaces or control characters"),

@@ -112,7 +112,7 @@ def test_a_board_that_left_for_good_is_forgotten(broker: Broker, said: Callable[
         _leave(rex)
         for words, told in (
             (("rex", "fido"), "fido is connected, and cannot be forgotten"),
-            (("rax",), "'rax' is not known to the broker"),
+            (("rax",), "'rax' is unknown to the broker"),
         ):
             found = said("forget", *words, "--yes")
             assert found.code == FAILED

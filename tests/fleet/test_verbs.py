@@ -144,7 +144,7 @@ def test_a_board_that_does_not_confirm_its_start_is_named(broker: Broker, monkey
             patience_ends(monkeypatch, lambda pending: _said(pending, "rex", "after"))
             ran = await fleet.run("Wave")
             assert ran.started == ("rex",)
-            assert "fido was prepared, and has not said whether it started" in ran.failed["fido"]
+            assert "fido was prepared, and has not reported a start" in ran.failed["fido"]
             assert ran.may_have_started == ("fido",)
 
     asyncio.run(main())
@@ -183,7 +183,7 @@ def test_a_board_that_answers_nonsense_is_named(broker: Broker) -> None:
             ready_to_run(rex, 5.0)
             fido.answers["prepare"] = lambda params: {"seconds": "\x1b"}
             ran = await fleet.run("Wave")
-            assert "fido answers what this version of servolink cannot read" in ran.failed["fido"]
+            assert "fido sends an answer that this version of servolink cannot read" in ran.failed["fido"]
             assert ran.held_back == ("rex",)
             assert ran.may_have_started == ()
 

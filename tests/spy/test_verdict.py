@@ -142,9 +142,7 @@ def test_a_mode_that_nobody_sets() -> None:
     learnt = silent.learnt()
     assert learnt["byte_order"] is None
     assert "transmission_mode" not in learnt
-    assert silent.text("byte_order") == (
-        "unknown: the board sent no packet; 1 requests in little-endian"
-    )
+    assert silent.text("byte_order") == ("unknown: the board sent no packet; 1 requests in little-endian")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "big5", "utf-16-le"])
