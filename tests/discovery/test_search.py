@@ -196,7 +196,7 @@ def test_the_doctor_names_the_plug_ins_that_fail(monkeypatch: pytest.MonkeyPatch
     report = run(examine(SystemFacts(), None))
     named = [finding for finding in report.findings if finding.check == "plug-in"]
     assert len(named) == 5
-    assert all("miss the devices" in finding.meaning for finding in named)
+    assert all("miss all devices" in finding.meaning for finding in named)
 
 
 def test_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
