@@ -1,9 +1,11 @@
-"""One meaning for one name: classes and files have names of their own, or a reason to share one."""
+"""One meaning for one name: of classes, of files, and of the words in the glossary."""
 
 from __future__ import annotations
 
 import ast
-from collections import defaultdict
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 from tests.syntax import tree_of
@@ -45,3 +47,83 @@ def test_each_class_and_each_file_has_a_name_of_its_own_or_a_reason_to_share_one
 
 def test_few_names_are_shared() -> None:
     assert len(SHARED) <= MOST_SHARED
+
+
+GLOSSARY = PACKAGE.parent / "docs/reference/glossary.md"
+WORDS = {
+    *("hold", "fence", "word", "wire", "line", "lane", "slot", "exclusive use", "lease", "ticket", "gate", "frame"),
+    *("packet", "connection", "transport", "record", "journal"),
+}
+"""Words of the glossary that names in the code are made of."""
+NEVER = {"alone": "exclusive", "desk": "handler"}
+"""Words that no name has, and the word to use."""
+ONLY_IN = {
+    "journal": ("project/", "doctor/learn_trial.py"),
+    "fence": ("connection/",),
+    "lane": ("connection/",),
+}
+"""Words that names have only in some parts, where they have their meaning."""
+HELD_IN_HUB = {
+    "MOST_HELD": "bytes held back for a program that does not read",
+    "_held": "likewise",
+    "board_hold": "method of the control interface, whose name is a promise",
+}
+"""Names in the hub with hold or held; exclusive use of the board is called exclusive use."""
+
+
+def names_in(module: Path) -> Iterator[str]:
+    """Yield the names of the classes, functions, parameters, variables and attributes that a module defines."""
+    for node in ast.walk(tree_of(module)):
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+
+
+def words_of(name: str) -> set[str]:
+    """Return the words of a name in any style, in lower case."""
+    return {word.lower() for word in re.findall(r"[A-Z]?[a-z0-9]+|[A-Z]+(?![a-z])", name)}
+
+
+def test_the_glossary_has_each_word_once() -> None:
+    heads = re.findall(r"^- \*\*(.+?)\*\*:", GLOSSARY.read_text(encoding="utf-8"), re.MULTILINE)
+    found = Counter(word for head in heads for word in head.split(", "))
+    assert {word for word, count in found.items() if count > 1} == set()
+    assert found.keys() >= WORDS
+
+
+def test_names_have_no_word_that_another_one_says_better() -> None:
+    found = {
+        f"{module.relative_to(PACKAGE).as_posix()}: {name}: {NEVER[word]}"
+        for module in MODULES
+        for name in names_in(module)
+        for word in words_of(name) & NEVER.keys()
+    }
+    assert found == set()
+
+
+def test_words_with_one_meaning_are_used_where_they_have_it() -> None:
+    found = {
+        f"{place}: {name}"
+        for module in MODULES
+        for place in [module.relative_to(PACKAGE).as_posix()]
+        for name in names_in(module)
+        for word in words_of(name) & ONLY_IN.keys()
+        if not place.startswith(ONLY_IN[word])
+    }
+    assert found == set()
+
+
+def test_hold_means_a_servo_in_the_hub_too() -> None:
+    found = {
+        node.name if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)) else node.attr
+        for module in (PACKAGE / "hub").rglob("*.py")
+        for node in ast.walk(tree_of(module))
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
+        or (isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store))
+    }
+    assert {name for name in found if words_of(name) & {"hold", "held"}} <= HELD_IN_HUB.keys()

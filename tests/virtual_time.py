@@ -52,10 +52,10 @@ class _JumpingSelector(selectors.DefaultSelector):
 def run(main: Coroutine[Any, Any, T]) -> T:
     """Run `main` in virtual time; fail if it leaves a task behind."""
     with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-        return runner.run(_alone(main))
+        return runner.run(_exclusive(main))
 
 
-async def _alone(main: Coroutine[Any, Any, T]) -> T:
+async def _exclusive(main: Coroutine[Any, Any, T]) -> T:
     result = await main
     await asyncio.sleep(0)
     left = asyncio.all_tasks() - {asyncio.current_task()}

@@ -130,7 +130,7 @@ class Checker:
         if (
             len(call.sent) == 1
             and not (call.is_stop or self._damaging or self._repeating)
-            and now < (self._free_at if packet.alone else self._alone_until)
+            and now < (self._free_at if packet.exclusive else self._alone_until)
         ):
             self.counts["sent beside others"] += 1
             self.fault(call.step, f"{packet} was sent beside others")
@@ -156,7 +156,7 @@ class Checker:
         if when is None or (sending.call is not None and sending.call.is_stop):
             return
         self._free_at = max(self._free_at, when)
-        if sending.packet.alone:
+        if sending.packet.exclusive:
             self._alone_until = max(self._alone_until, when)
 
     def executes(self, number: int | None, packet: Packet) -> int:

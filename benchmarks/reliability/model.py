@@ -193,7 +193,7 @@ class Model:
         if obstacle is Obstacle.FENCE_BESIDE:
             self._send(after, _FENCE, self._case.fence if self._case.fence != request else POWER)
         open_slots = [slot for lane in after.slots.lanes.values() for slot in lane.slots]
-        if open_slots and (request.alone or any(_is_alone(slot, after) for slot in open_slots)):
+        if open_slots and (request.exclusive or any(_is_exclusive(slot, after) for slot in open_slots)):
             raise Violation(_told(after, f"{request} beside others"))
         after.callers.append(_WAITING)
         after.first.append(len(after.sent))
@@ -301,8 +301,8 @@ def _responses(request: Request[Any], number: int) -> tuple[Response, ...]:
     return (numbered(request, number),)
 
 
-def _is_alone(slot: Slot, state: State) -> bool:
-    return slot.request.alone and state.sent[int(slot.sent_at)][0] != _STOP
+def _is_exclusive(slot: Slot, state: State) -> bool:
+    return slot.request.exclusive and state.sent[int(slot.sent_at)][0] != _STOP
 
 
 def _told(state: State, what: str) -> str:
@@ -336,7 +336,7 @@ def _copy(slots: Slots) -> Slots:
         copy.lanes[response_id].slots.extend(twin(slot) for slot in lane.slots)
     copy.live = deque(twin(slot) for slot in slots.live)
     copy._order = deque(twin(slot) for slot in slots._order)  # noqa: SLF001 - a copy of all there is
-    copy._alone = None if slots._alone is None else twin(slots._alone)  # noqa: SLF001
+    copy._exclusive = None if slots._exclusive is None else twin(slots._exclusive)  # noqa: SLF001
     return copy
 
 

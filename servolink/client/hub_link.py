@@ -81,7 +81,7 @@ class HubLink:
         await self._channel.call("stop")
 
     @asynccontextmanager
-    async def alone(self, reason: str) -> AsyncIterator[None]:
+    async def exclusive(self, reason: str) -> AsyncIterator[None]:
         """Take exclusive use of the board in this context, after other programs; not for a program that only reads."""
         self._holds += 1
         try:

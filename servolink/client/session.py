@@ -155,7 +155,7 @@ class Session:
         connection = self.connection
         async with AsyncExitStack() as stack:
             if connection.hub is not None and reason:
-                await stack.enter_async_context(connection.hub.alone(reason))
+                await stack.enter_async_context(connection.hub.exclusive(reason))
                 if moves:
                     await stack.enter_async_context(connection.hub.moving())
             stack.enter_context(connection.bulk())

@@ -262,7 +262,9 @@ class RequestSender:
         kept, unproved = self._slots.kept, self._slots.unproved
         is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
         every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
-        if behind_others or (not packet.alone and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth)):
+        if behind_others or (
+            not packet.exclusive and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth)
+        ):
             await self._send_fence(packet)
 
     async def _send_fence(self, packet: Packet) -> Slot:

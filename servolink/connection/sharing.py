@@ -22,7 +22,7 @@ class BoardSharing(Protocol):
         """Return a context with the lease of the servos; raises MotionRefused on entry if another program has it."""
         ...
 
-    def alone(self, reason: str) -> AbstractAsyncContextManager[None]:
+    def exclusive(self, reason: str) -> AbstractAsyncContextManager[None]:
         """Return a context with exclusive use of the board."""
         ...
 

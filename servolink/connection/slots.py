@@ -55,7 +55,7 @@ class Slots:
         self.unanswerable = 0
         """How many packets without a response were sent since then; `RequestSender` counts them."""
         self._order: deque[Slot] = deque()  # may hold slots that are over
-        self._alone: Slot | None = None  # the latest slot that allows no other beside it
+        self._exclusive: Slot | None = None  # the latest slot that allows no other beside it
 
     def open(self, slot: Slot) -> None:
         """Append a slot, before its first byte is sent."""
@@ -74,15 +74,15 @@ class Slots:
             lane.overdue += 1
         else:
             self.live.append(slot)
-        if request.alone:
-            self._alone = slot
+        if request.exclusive:
+            self._exclusive = slot
 
     def open_stop(self, slot: Slot) -> None:
         """Append the slot of a stop, which overtakes whatever waits: responses on its lane prove nothing any more."""
         slot.overdue = True
-        alone = self._alone
+        exclusive = self._exclusive
         self.open(slot)
-        self._alone = alone  # a stop holds nothing back
+        self._exclusive = exclusive  # a stop holds nothing back
         slot.lane.stopped = True
         self._drop_kept(slot.lane)
 
@@ -205,8 +205,8 @@ class Slots:
         if slot.overdue:
             self.overdue -= 1
             lane.overdue -= 1
-        if slot is self._alone:
-            self._alone = None
+        if slot is self._exclusive:
+            self._exclusive = None
 
     # --- what may be sent beside open slots ---------------------------------------------------------------------
 
@@ -215,7 +215,7 @@ class Slots:
 
         `granted` are packets that will be sent before it, none in the way of another, and are not in the list yet.
         """
-        if granted and not (packet.repeatable and not packet.alone and packet == granted[-1]):  # else like that one
+        if granted and not (packet.repeatable and not packet.exclusive and packet == granted[-1]):  # else like that one
             for other in granted:
                 if _conflict(packet, other):
                     return Obstacle.WAIT
@@ -223,7 +223,7 @@ class Slots:
             return Obstacle.NONE
         if self.overdue >= FENCES_ONLY:
             return Obstacle.FENCE
-        if packet.alone or self._alone is not None:
+        if packet.exclusive or self._exclusive is not None:
             return Obstacle.WAIT if self.live else Obstacle.FENCE
         return self._obstacle_on_lane(packet) if isinstance(packet, Request) else Obstacle.NONE
 
@@ -247,7 +247,7 @@ def _fits(request: Request[Any], content: Content) -> bool:
 
 def _conflict(packet: Request[Any] | Command, other: Request[Any] | Command) -> bool:
     """Return whether the two must not be under way together."""
-    if packet.alone or other.alone:
+    if packet.exclusive or other.exclusive:
         return True
     if packet.packet_id != other.packet_id:
         return False

@@ -130,7 +130,7 @@ async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resol
     """
     if through_hub and board is not None and not is_name(board) and not profile_names():
         return Resolved(board, None)
-    return await asyncio.to_thread(_resolve if through_hub else _resolve_alone, board)
+    return await asyncio.to_thread(_resolve if through_hub else _resolve_exclusive, board)
 
 
 async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
@@ -140,7 +140,7 @@ async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
     return (await resolve_board(board, through_hub=through_hub)).url
 
 
-def _resolve_alone(board: str | None) -> Resolved:
+def _resolve_exclusive(board: str | None) -> Resolved:
     """Resolve `board` without its hub. Raise OpenError if a hub shares the board."""
     from servolink.discovery import hubs  # imported late, as below: most programs give an address
 

@@ -72,7 +72,7 @@ class Hub:
             self.leases,
             units,
             self._buttons,
-            self._alone,
+            self._exclusive,
             self._refused,
             self.programs,
         )
@@ -89,7 +89,7 @@ class Hub:
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""
-        self.held_by: HoldStatus | None = None
+        self.exclusive_use: HoldStatus | None = None
         """Program with exclusive use of the board; None without one."""
         self._responses_to_left = 0
 
@@ -177,7 +177,7 @@ class Hub:
         self._upstream.waiting.drop(program.queue)
         if program.session_id in self._buttons.subscribers:
             self._tasks.begin(self._buttons.left(program.session_id))
-        self.release_hold(program.session_id)
+        self.end_exclusive_use(program.session_id)
         self.tell(ProgramNotice("left", program.session_id, program.who), program.session_id)
 
     # --- what programs ask --------------------------------------------------------------------------------------
@@ -273,36 +273,36 @@ class Hub:
 
     # --- exclusive use ------------------------------------------------------------------------------------------
 
-    def hold(self, session_id: str, reason: str) -> bool:
-        """Suspend all other programs until `release_hold`. Return False if another program has exclusive use."""
-        if self.held_by is not None:
-            return self.held_by.session == session_id
+    def begin_exclusive_use(self, session_id: str, reason: str) -> bool:
+        """Suspend all other programs until `end_exclusive_use`. Return False if another program has exclusive use."""
+        if self.exclusive_use is not None:
+            return self.exclusive_use.session == session_id
         program = self.programs[session_id]
-        self.held_by = HoldStatus(session_id, program.who, reason)
+        self.exclusive_use = HoldStatus(session_id, program.who, reason)
         self._upstream.waiting.holder = program.queue
-        self.tell(HoldNotice(self.held_by), session_id)
+        self.tell(HoldNotice(self.exclusive_use), session_id)
         return True
 
-    def release_hold(self, session_id: str) -> None:
+    def end_exclusive_use(self, session_id: str) -> None:
         """End the exclusive use of this session."""
-        if self.held_by is None or self.held_by.session != session_id:
+        if self.exclusive_use is None or self.exclusive_use.session != session_id:
             return
-        self.held_by = None
+        self.exclusive_use = None
         self._upstream.waiting.holder = None
         self._upstream.send_waiting()
         self.tell(HoldNotice(None), session_id)
 
     @contextmanager
-    def _alone(self, exchange: Exchange) -> Iterator[None]:
+    def _exclusive(self, exchange: Exchange) -> Iterator[None]:
         """Suspend other programs while a packet needs the board exclusively."""
-        session, is_held = exchange.program.session_id, self.held_by is not None
-        if not is_held:
-            self.hold(session, f"it sends {type(exchange.packet).__name__}")
+        session, was_exclusive = exchange.program.session_id, self.exclusive_use is not None
+        if not was_exclusive:
+            self.begin_exclusive_use(session, f"it sends {type(exchange.packet).__name__}")
         try:
             yield
         finally:
-            if not is_held:
-                self.release_hold(session)
+            if not was_exclusive:
+                self.end_exclusive_use(session)
 
     # --- notices and status -------------------------------------------------------------------------------------
 
@@ -355,7 +355,7 @@ class Hub:
             now - self._began_at,
             tuple(program.status() for program in self.programs.values()),
             self.lease,
-            self.held_by,
+            self.exclusive_use,
             self._responses_to_left + sum(program.counters.responses for program in self.programs.values()),
             self.board.stats.noise,
             self.doors,

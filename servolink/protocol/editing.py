@@ -157,7 +157,7 @@ class ExecuteMacroRequest(Request[ExecuteMacroResponse], frozen=True, gc=False):
     packet_id: ClassVar[int] = 30090
     section: ClassVar[str] = "3.3.9.1"
     effect: ClassVar[Effect] = Effect.MOVES
-    alone: ClassVar[bool] = True
+    exclusive: ClassVar[bool] = True
     macro_id: I32
 
 

@@ -158,7 +158,7 @@ class Packet(Struct, frozen=True, gc=False):
     """Section of the document with the definition of the packet."""
     repeatable: ClassVar[bool] = False
     """Whether the host may repeat the packet: sent twice, the effect is the same."""
-    alone: ClassVar[bool] = False
+    exclusive: ClassVar[bool] = False
     """Whether no other packet may be under way at the same time: the order decides the effect of both."""
     effect: ClassVar[Effect] = Effect.NONE
     """Effect on the servos; declared by each packet from the host, except queries."""

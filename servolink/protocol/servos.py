@@ -78,7 +78,7 @@ class SetServoParameterRequest(Request[SetServoParameterResponse], frozen=True, 
     packet_id: ClassVar[int] = 20030
     section: ClassVar[str] = "3.2.3.1"
     echoed: ClassVar[str] = "servo_id"
-    alone: ClassVar[bool] = True
+    exclusive: ClassVar[bool] = True
     servo_id: Annotated[U8, Meta(description="255 for all")]
     is_start: Annotated[Flag, Meta(description="0 stop, 1 may move")]
     is_hold: Annotated[Flag, Meta(description="0 release, 1 hold")]
@@ -108,7 +108,7 @@ class SetAngleUnitRequest(Request[SetAngleUnitResponse], frozen=True, gc=False):
     effect: ClassVar[Effect] = Effect.NONE
     echoed: ClassVar[str] = "servo_id"
     repeatable: ClassVar[bool] = True
-    alone: ClassVar[bool] = True
+    exclusive: ClassVar[bool] = True
     servo_id: Annotated[U8, Meta(description="255 for all")]
     unit_type: Annotated[Flag, Meta(description="0 degrees, 1 raw ADC")]
 

@@ -36,7 +36,7 @@ class TransmissionModeSettingRequest(Request[TransmissionModeSettingResponse], f
     section: ClassVar[str] = "3.1.1.1"
     effect: ClassVar[Effect] = Effect.NONE
     repeatable: ClassVar[bool] = True
-    alone: ClassVar[bool] = True
+    exclusive: ClassVar[bool] = True
     mode: Annotated[Flag, Meta(description="0 old protocol, 1 new protocol")]
 
 
@@ -53,7 +53,7 @@ class ClearAllDataRequest(Request[ClearAllDataResponse], frozen=True, gc=False):
     packet_id: ClassVar[int] = 10020
     section: ClassVar[str] = "3.1.2.1"
     effect: ClassVar[Effect] = Effect.NONE
-    alone: ClassVar[bool] = True
+    exclusive: ClassVar[bool] = True
 
 
 class QueryMemorySizeResponse(Response, frozen=True, gc=False):

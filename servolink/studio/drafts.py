@@ -111,9 +111,9 @@ class Drafts:
         for number, edit in enumerate(edits):
             _check(edit, f"edits[{number}]")
         async with self._turn:
-            return await asyncio.to_thread(self._save_alone, edits, who)
+            return await asyncio.to_thread(self._save_locked, edits, who)
 
-    def _save_alone(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
+    def _save_locked(self, edits: list[Edit], who: str) -> tuple[tuple[Kept, ...], tuple[Kept, ...]]:
         with _locked(draft_path(self._board).with_suffix(".lock")):
             return self._save(edits, who)
 

@@ -103,12 +103,12 @@ class HidInterface:
     identity: PortIdentity
     product: str
     usages: tuple[tuple[int, int], ...]
-    alone: bool = True  # whether no other interface of the device can be a board
+    exclusive: bool = True  # whether no other interface of the device can be a board
 
     @property
     def url(self) -> str:
         """Address of the interface, with the usage page if the device has several such interfaces."""
-        return self.identity.url("hid", "" if self.alone else f"usage_page={self.usages[0][0]:#06x}")
+        return self.identity.url("hid", "" if self.exclusive else f"usage_page={self.usages[0][0]:#06x}")
 
     @property
     def is_input(self) -> bool:
@@ -161,7 +161,7 @@ def boards(api: HidApi, wanted: PortIdentity = ANY_DEVICE, usage_page: int | Non
         and not (wanted.is_any and each.identity.device in inputs)
     ]
     siblings = Counter(each.identity.device for each in found)
-    return [replace(each, alone=siblings[each.identity.device] == 1) for each in found]
+    return [replace(each, exclusive=siblings[each.identity.device] == 1) for each in found]
 
 
 def candidates() -> list[DeviceInfo]:

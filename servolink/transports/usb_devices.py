@@ -40,7 +40,7 @@ class UsbInterface:
     identity: PortIdentity
     product: str
     driver: str  # driver of the kernel, if visible; "usbfs" stands for another program
-    alone: bool  # whether no other interface of the device can be a board
+    exclusive: bool  # whether no other interface of the device can be a board
 
     @property
     def number(self) -> int:
@@ -50,7 +50,7 @@ class UsbInterface:
     @property
     def url(self) -> str:
         """Address of the interface, with the interface number if the device has several such interfaces."""
-        return self.identity.url("usb", "" if self.alone else f"interface={self.number}")
+        return self.identity.url("usb", "" if self.exclusive else f"interface={self.number}")
 
     @property
     def problem(self) -> str:
@@ -114,7 +114,7 @@ def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface
                     PortIdentity(device.idVendor, device.idProduct, serial_number, interface.bInterfaceNumber),
                     product,
                     _driver(device, configuration, interface),
-                    alone=len(fitting) == 1,
+                    exclusive=len(fitting) == 1,
                 )
                 for configuration, interface in fitting
             ]

@@ -59,10 +59,10 @@ async def controlled(hub: Hub) -> AsyncIterator[ControlInterface]:
         await interface.close()
 
 
-def alone(board: Board) -> AbstractAsyncContextManager[None]:
+def exclusive(board: Board) -> AbstractAsyncContextManager[None]:
     """Have a shared board alone."""
     assert board.connection.hub is not None
-    return board.connection.hub.alone("testing")
+    return board.connection.hub.exclusive("testing")
 
 
 def with_hub(use: Callable[[Hub], Awaitable[None]]) -> None:
@@ -167,7 +167,7 @@ def test_who_loses_the_lease_or_is_asked_for_it_is_told(caplog: pytest.LogCaptur
 def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCaptureFixture) -> None:
     async def main(hub: Hub) -> None:
         async with connect("share://rex") as one, connect("share://rex") as other:
-            async with alone(one):
+            async with exclusive(one):
                 await until(lambda: "waiting: " in caplog.text)
                 with pytest.raises(RequestTimeout, match=r"has the board alone \(testing\); try again later"):
                     await other.request(QueryActionListRequest(), timeout=0.05)
@@ -183,7 +183,7 @@ def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCapture
             await other.rollback_project()
             assert not await one.actions()
             await other.clear_all_data()
-            await until(lambda: hub.held_by is None)
+            await until(lambda: hub.exclusive_use is None)
 
     with_hub(main)
 
@@ -193,7 +193,7 @@ def test_what_waits_for_who_has_the_board_alone_is_not_sent_after_a_stop_of_some
         async with connect("share://rex") as one, connect("share://rex") as other, connect("share://rex") as third:
             await one.set_servo("all", start=False, hold=True)
             for stop in (third.stop, lambda: hub.stop("a page"), other.stop):
-                async with alone(one):
+                async with exclusive(one):
                     await until(lambda: other.connection.is_suspended)
                     before = asyncio.create_task(other.set_servo(1, start=True, hold=True))
                     moving = asyncio.create_task(other.move({2: 60}, duration=0.05))
@@ -240,14 +240,14 @@ def test_a_program_that_is_killed_frees_the_board_and_the_lease() -> None:
         one = await connect("share://rex")
         async with connect("share://rex") as other:
             await one.move({1: 60}, duration=0.05)
-            holding = alone(one)
+            holding = exclusive(one)
             await holding.__aenter__()
             moving = asyncio.create_task(other.move({1: 0}, duration=0.05))
-            await until(lambda: hub.held_by is not None)
+            await until(lambda: hub.exclusive_use is not None)
             one.connection.transport._pipe.abort()  # type: ignore[attr-defined]
             await moving
             await one.close()
-            assert hub.held_by is None
+            assert hub.exclusive_use is None
             await holding.__aexit__(None, None, None)
 
     with_hub(main)

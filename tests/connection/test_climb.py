@@ -120,8 +120,8 @@ def test_a_board_that_queues_nothing_is_left_in_peace() -> None:
 
 @pytest.mark.parametrize("loss", [0.0, 0.01, 0.05])
 def test_a_board_that_queues_nothing_answers_no_less_than_at_depth_1(loss: float) -> None:
-    line, alone = (Line(DepthClimb(bound), 0.002, loss, room=1).run(20_000) for bound in (16, 1))
-    assert line.share > 0.95 * alone.share
+    line, exclusive = (Line(DepthClimb(bound), 0.002, loss, room=1).run(20_000) for bound in (16, 1))
+    assert line.share > 0.95 * exclusive.share
 
 
 def test_a_board_that_queues_four_gets_four() -> None:

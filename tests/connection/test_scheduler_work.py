@@ -54,9 +54,9 @@ def looks_per_request(waiters: int, depth: int, monkeypatch: pytest.MonkeyPatch)
 def test_the_work_for_one_request_does_not_grow_with_the_number_of_those_who_wait(
     depth: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    alone = looks_per_request(1, depth, monkeypatch)
+    exclusive = looks_per_request(1, depth, monkeypatch)
     among_many = looks_per_request(10_000 if depth == 1 else 1_000, depth, monkeypatch)
-    assert among_many <= alone + 3
+    assert among_many <= exclusive + 3
 
 
 def test_a_thousand_who_are_cancelled_together_cost_a_look_each(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,7 +117,7 @@ def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed
                 slots.open(slot)
                 scheduler.sent(packet)
             assert len(active) <= depth
-            assert len(active) == 1 or not any(each.alone for each in active)
+            assert len(active) == 1 or not any(each.exclusive for each in active)
             changes = [each for each in active if not isinstance(each, (Query, Command))]
             assert len(set(changes)) == len(changes)
             await asyncio.sleep(random.choice((0, 0, 0.5, 1)))
@@ -150,7 +150,7 @@ def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed
 
 def test_no_packet_goes_alone_by_mistake() -> None:
     """The order of these decides what they do."""
-    assert {declared.__name__ for declared in PACKETS.values() if declared.alone} == {
+    assert {declared.__name__ for declared in PACKETS.values() if declared.exclusive} == {
         "TransmissionModeSettingRequest",
         "ClearAllDataRequest",
         "SetServoParameterRequest",

@@ -141,18 +141,24 @@ ALONE: list[Request[Any]] = [
 ]
 
 
-@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
-def test_some_packets_bear_nothing_beside_them(alone: Request[Any], trace: Trace) -> None:
-    others: list[Request[Any] | Command] = [TELEMETRY, add(1), alone, ExecuteActionRequest(), SendDummyDataRequest()]
-    assert trace.slots.obstacle(alone) is Obstacle.NONE
-    assert all(trace.slots.obstacle(alone, [other]) is Obstacle.WAIT for other in others)
-    assert all(trace.slots.obstacle(other, [alone]) is Obstacle.WAIT for other in others)
+@pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
+def test_some_packets_bear_nothing_beside_them(exclusive: Request[Any], trace: Trace) -> None:
+    others: list[Request[Any] | Command] = [
+        TELEMETRY,
+        add(1),
+        exclusive,
+        ExecuteActionRequest(),
+        SendDummyDataRequest(),
+    ]
+    assert trace.slots.obstacle(exclusive) is Obstacle.NONE
+    assert all(trace.slots.obstacle(exclusive, [other]) is Obstacle.WAIT for other in others)
+    assert all(trace.slots.obstacle(other, [exclusive]) is Obstacle.WAIT for other in others)
     slot = trace.send("P#1", POWER)
-    assert trace.slots.obstacle(alone) is Obstacle.WAIT
+    assert trace.slots.obstacle(exclusive) is Obstacle.WAIT
     trace.slots.expire(slot)
-    assert trace.slots.obstacle(alone) is Obstacle.FENCE
+    assert trace.slots.obstacle(exclusive) is Obstacle.FENCE
     trace.slots.clear()
-    slot = trace.send("X#2", alone)
+    slot = trace.send("X#2", exclusive)
     assert all(trace.slots.obstacle(other) is Obstacle.WAIT for other in others)
     trace.slots.expire(slot)
     assert all(trace.slots.obstacle(other) is Obstacle.FENCE for other in others)

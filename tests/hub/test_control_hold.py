@@ -23,7 +23,7 @@ def test_the_end_of_one_connection_frees_the_board_and_the_end_of_both_ends_the_
             board = await connect(LocalTransport(here.hub, session_id="s", who="script"))
             async with here.program("script", session="s") as script:
                 await script.call("board.hold")
-            assert here.hub.held_by is None
+            assert here.hub.exclusive_use is None
             async with here.program("script", session="s") as script:
                 await script.call("lease.take")
                 await board.close()
@@ -49,7 +49,7 @@ def test_a_program_that_leaves_while_it_waits_to_have_the_board_alone() -> None:
                 with pytest.raises(RpcFailed, match="the session has ended") as failed:
                     await holding
                 assert failed.value.kind == "ConnectionLost"
-                assert here.hub.held_by is None
+                assert here.hub.exclusive_use is None
 
     run(main())
 

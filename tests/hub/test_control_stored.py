@@ -83,7 +83,7 @@ def test_what_cannot_be_stored_is_refused_with_the_place(params: Any, text: str)
                 await studio.call("records.put", **params)
             assert text in str(failed.value)
             assert (await studio.call("records.list"))["records"] == []
-            assert here.hub.held_by is None
+            assert here.hub.exclusive_use is None
 
     run(main())
 
@@ -167,8 +167,8 @@ def test_a_program_that_has_the_board_alone_already_keeps_it() -> None:
         async with shared() as here, here.program("studio") as studio:
             await studio.call("board.hold", reason="a long change")
             await studio.call("project.apply", project={"schema": 1, "project_id": 5})
-            assert here.hub.held_by is not None
-            assert here.hub.held_by.reason == "a long change"
+            assert here.hub.exclusive_use is not None
+            assert here.hub.exclusive_use.reason == "a long change"
 
     run(main())
 

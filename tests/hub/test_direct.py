@@ -89,12 +89,12 @@ def test_a_refusal_is_an_error_of_its_own_kind() -> None:
 def test_a_stop_passes_every_gate_and_ends_earlier_motions() -> None:
     async def use(there: World, here: DirectConnection) -> None:
         bob, ticket = there.join("bob"), here.stops.ticket()
-        there.hub.hold(bob.session.session_id, "testing")
+        there.hub.begin_exclusive_use(bob.session.session_id, "testing")
         with pytest.raises(MotionOver, match="bob has taken the board alone"):
             await here.send(MOVE)
         assert await here.send_stop(STOP)
         await here.request(SetServoParameterRequest(1, 0, 1))
-        there.hub.release_hold(bob.session.session_id)
+        there.hub.end_exclusive_use(bob.session.session_id)
         with pytest.raises(MotionOver, match=r"^nothing was moved: a stop came first"):
             await here.send(MOVE, ticket=ticket)
         with pytest.raises(MotionOver, match="the time by which it was to begin has passed"):
@@ -141,7 +141,7 @@ def test_what_the_board_does_not_answer_fails_as_on_another_connection() -> None
 def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_sent() -> None:
     async def use(there: World, here: DirectConnection) -> None:
         bob = there.join("bob")
-        there.hub.hold(bob.session.session_id, "testing")
+        there.hub.begin_exclusive_use(bob.session.session_id, "testing")
         begun = now()
         with pytest.raises(RequestTimeout, match="bob has the board alone"):
             await here.request(WriteProjectIDRequest(9))
@@ -152,7 +152,7 @@ def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_se
         cancelled.cancel()
         await asyncio.wait([cancelled])
         assert not here.program.queue.exchanges
-        there.hub.release_hold(bob.session.session_id)
+        there.hub.end_exclusive_use(bob.session.session_id)
         await asyncio.sleep(1)
         assert not there.fake.executed_of(WriteProjectIDRequest)
 

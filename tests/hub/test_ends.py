@@ -43,8 +43,8 @@ from tests.virtual_time import run
 def test_while_a_program_holds_the_board_others_wait() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
         one, other = RawProgram(hub, "one"), RawProgram(hub)
-        assert hub.hold(one.session.session_id, "an import")
-        assert not hub.hold(other.session.session_id, "an import")
+        assert hub.begin_exclusive_use(one.session.session_id, "an import")
+        assert not hub.begin_exclusive_use(other.session.session_id, "an import")
         other.send(QueryServoListRequest())
         assert await one.ask(QueryProjectIDRequest()) is not None
         assert await other.ask(STOP) is None  # done, and behind the query that waits
@@ -64,8 +64,8 @@ def test_while_everything_is_deleted_others_wait_and_are_told() -> None:
         fake.plan(ClearAllDataRequest, late(10))
         one.send(ClearAllDataRequest())
         await asyncio.sleep(1)
-        assert hub.held_by is not None
-        assert (hub.held_by.who, hub.held_by.reason) == ("one", "it sends ClearAllDataRequest")
+        assert hub.exclusive_use is not None
+        assert (hub.exclusive_use.who, hub.exclusive_use.reason) == ("one", "it sends ClearAllDataRequest")
         other.send(QueryActionListRequest())
         await asyncio.sleep(8)
         assert fake.executed_of(QueryActionListRequest) == []

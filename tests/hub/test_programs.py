@@ -160,7 +160,7 @@ def test_large_requests_count_for_what_they_hold() -> None:
 def test_a_stop_does_not_wait_behind_a_thousand_requests_of_its_program() -> None:
     async def use(hub: Hub, fake: FakeBoard) -> None:
         holder, program = RawProgram(hub), RawProgram(hub)
-        hub.hold(holder.session.session_id, "an import")
+        hub.begin_exclusive_use(holder.session.session_id, "an import")
         for number in range(1000):
             assert not program.session.is_full
             program.send(QueryActionRequest(number))
@@ -168,7 +168,7 @@ def test_a_stop_does_not_wait_behind_a_thousand_requests_of_its_program() -> Non
         await asyncio.sleep(1)
         assert fake.executed_of(SetServoParameterRequest) == [STOP]
         assert program.heard == []  # its responses keep their order
-        hub.release_hold(holder.session.session_id)
+        hub.end_exclusive_use(holder.session.session_id)
         await asyncio.sleep(100)
         assert len(program.heard) == 1001
         assert program.heard[-1] == SetServoParameterResponse(ALL_SERVOS, 0, 1)

@@ -30,13 +30,13 @@ def test_many_rows_are_written_as_each_alone(record: Any, data: st.DataObject, e
     row, how = row_of(record), Writing(encoding, plain=not unchecked, narrow=not unchecked)
     captions = st.text(max_size=12) | st.binary(max_size=32).map(lambda raw: raw.decode("utf-8", "surrogateescape"))
     records = data.draw(st.lists(values_of(inspect.type_info(record), captions), max_size=5))
-    alone: list[Any] = []
+    exclusive: list[Any] = []
     for write in (row.pack_group, row._pack_one_by_one):
         try:
-            alone.append(write(records, record, "P.rows", how))
+            exclusive.append(write(records, record, "P.rows", how))
         except EncodeError as error:
-            alone.append(str(error))
-    assert alone[0] == alone[1]
+            exclusive.append(str(error))
+    assert exclusive[0] == exclusive[1]
 
 
 @pytest.mark.parametrize("record", RECORDS)
@@ -45,11 +45,11 @@ def test_many_rows_are_read_as_each_alone(record: Any, data: st.DataObject) -> N
     row, encoding = row_of(record), data.draw(st.sampled_from(["utf-8", "big5", "utf-16-le"]))
     size = row.format.size
     content = data.draw(st.binary(min_size=4 * size, max_size=4 * size) | st.just(b""))
-    alone = [
+    exclusive = [
         record(*row.text([*row.format.unpack(content[at : at + size])], encoding))
         for at in range(0, len(content), size)
     ]
-    assert row.reader(record)(content, 0, encoding) == (*alone,)
+    assert row.reader(record)(content, 0, encoding) == (*exclusive,)
 
 
 def test_a_record_with_more_to_it_is_written_as_what_it_is_too() -> None:

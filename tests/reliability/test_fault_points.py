@@ -235,7 +235,7 @@ def unhurried(board: VirtualBoard) -> Transport:
 
 
 def run_stepped(main: Coroutine[Any, Any, bool]) -> bool:
-    async def alone() -> bool:
+    async def exclusive() -> bool:
         result = await main
         await asyncio.sleep(5)
         left = asyncio.all_tasks() - {asyncio.current_task()}
@@ -243,7 +243,7 @@ def run_stepped(main: Coroutine[Any, Any, bool]) -> bool:
         return result
 
     with asyncio.Runner(loop_factory=SteppedLoop) as runner:
-        return runner.run(alone())
+        return runner.run(exclusive())
 
 
 def cancel_everywhere(scene: Callable[[int], Coroutine[Any, Any, bool]]) -> int:

@@ -136,7 +136,7 @@ class DirectConnection:
         self.answers = _Events()
         self._loop = asyncio.get_running_loop()
         self.gates = Gates(
-            exclusive_use=self._refuse_while_held,
+            exclusive_use=self._refuse_other_use,
             lease=self._refuse_lease,
             ticket=lambda packet, ticket: _nothing_moved(refuse_ticket(packet, ticket, self.stops, self._loop.time())),
             limits=limits_gate(lambda: self.units_sent),
@@ -273,7 +273,7 @@ class DirectConnection:
             again = partial(self._limit, asked, begun_at, patience, is_fixed=is_fixed)
             asked.timer = self._loop.call_at(since + patience, again)
             return
-        waited, hold = self._loop.time() - begun_at, self._hub.held_by
+        waited, hold = self._loop.time() - begun_at, self._hub.exclusive_use
         error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
         if self.program.withdraw(asked) or isinstance(asked.packet, Query):
             held = "" if hold is None else f"{hold.who} has the board alone"
@@ -292,9 +292,9 @@ class DirectConnection:
 
     # --- gates --------------------------------------------------------------------------------------------------
 
-    def _refuse_while_held(self, packet: Packet, ticket: Ticket) -> MotionOver | None:
+    def _refuse_other_use(self, packet: Packet, ticket: Ticket) -> MotionOver | None:
         """Refuse a motion that would wait for as long as another program has exclusive use."""
-        hold = self._hub.held_by
+        hold = self._hub.exclusive_use
         if hold is None or hold.session == self.program.session_id:
             return None
         return MotionOver(f"nothing was moved: {hold.who} has taken the board alone")

@@ -47,13 +47,13 @@ class PacketSender:
         keeper: LeaseKeeper,
         units: UnitSwitch,
         buttons: ButtonRelay,
-        alone: Callable[[Exchange], AbstractContextManager[None]],
+        exclusive: Callable[[Exchange], AbstractContextManager[None]],
         on_refused: Callable[[Exchange, str], None],
         programs: Mapping[str, Program],
     ) -> None:
         """Send to `board` what `programs` may send, in the units that `units` sets.
 
-        While everything is deleted, others wait because of `alone`. Call `on_refused` with each packet that is not
+        While everything is deleted, others wait because of `exclusive`. Call `on_refused` with each packet that is not
         sent, and the reason.
         """
         self.is_stopped = False
@@ -66,7 +66,7 @@ class PacketSender:
         self._keeper = keeper
         self._buttons = buttons
         self._units = units
-        self._alone = alone
+        self._exclusive = exclusive
         self._on_refused = on_refused
         self._programs = programs
         self._now = asyncio.get_running_loop().time
@@ -173,7 +173,7 @@ class PacketSender:
         packet = exchange.packet
         match packet:
             case ClearAllDataRequest():
-                with self._alone(exchange):
+                with self._exclusive(exchange):
                     return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
             case WriteProjectIDRequest():  # by which the board is recognised after a loss
                 return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))

@@ -97,7 +97,7 @@ class Control:
 
     async def close(self) -> None:
         """Leave the hub, which ends lease and exclusive use; a program with its own frames ends only exclusive use."""
-        self.hub.release_hold(self.session)
+        self.hub.end_exclusive_use(self.session)
         if self._board is not None:
             await self._board.close()
         elif self._connection is not None:
@@ -161,7 +161,7 @@ class Control:
         The program that holds it reads with its own board, if it can.
         """
         await self.until_free()
-        if self.hub.held_by is not None and self._connection is not None:
+        if self.hub.exclusive_use is not None and self._connection is not None:
             return await self.board()
         return await self._readings.board()
 
@@ -175,7 +175,7 @@ class Control:
             try:
                 return await work(board)
             except RequestTimeout:
-                if self.hub.held_by is None:
+                if self.hub.exclusive_use is None:
                     raise
 
     def tighten(self, limits: MotionLimits) -> None:
@@ -214,7 +214,7 @@ class Control:
     @property
     def holder(self) -> HoldStatus | None:
         """Other program with exclusive use of the board; None without one."""
-        hold = self.hub.held_by
+        hold = self.hub.exclusive_use
         return None if hold is None or hold.session == self.session else hold
 
     async def until_free(self) -> None:
@@ -224,17 +224,17 @@ class Control:
             await self._changed.wait()
 
     @asynccontextmanager
-    async def alone(self, reason: str) -> AsyncIterator[None]:
+    async def exclusive(self, reason: str) -> AsyncIterator[None]:
         """Take exclusive use of the board in this context, once no other program has it; unless already held."""
-        hold = self.hub.held_by
+        hold = self.hub.exclusive_use
         if hold is not None and hold.session == self.session:
             yield
             return
-        await self.hold(reason)
+        await self.begin_exclusive_use(reason)
         try:
             yield
         finally:
-            self.hub.release_hold(self.session)
+            self.hub.end_exclusive_use(self.session)
 
     @contextmanager
     def moving(self) -> Iterator[None]:
@@ -247,10 +247,10 @@ class Control:
             if lease is None or lease.session != self.session:
                 self.hub.leases.give(self.session)
 
-    async def hold(self, reason: str) -> None:
+    async def begin_exclusive_use(self, reason: str) -> None:
         """Hold the board alone, as soon as no other program does."""
         self._check_joined()
-        while not self.hub.hold(self.session, reason):
+        while not self.hub.begin_exclusive_use(self.session, reason):
             await self.until_free()
             self._check_joined()  # the session of its frames may have ended meanwhile
 

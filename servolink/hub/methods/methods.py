@@ -85,7 +85,7 @@ def rename(caller: Caller, params: Rename) -> Done:
 def board_state(caller: Caller, params: NoParams) -> BoardState:
     """Return lease, exclusive use, and the state of the connection to the board."""
     hub = caller.control.hub
-    return BoardState(hub.state, hub.lease, hub.held_by, hub.another)
+    return BoardState(hub.state, hub.lease, hub.exclusive_use, hub.another)
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------
@@ -132,15 +132,15 @@ async def board_hold(caller: Caller, params: Hold) -> HoldNow:
 
     It ends with `board.release`, or when the program leaves.
     """
-    await caller.control.hold(params.reason)
-    return HoldNow(caller.control.hub.held_by)
+    await caller.control.begin_exclusive_use(params.reason)
+    return HoldNow(caller.control.hub.exclusive_use)
 
 
 @METHODS.add("board.release", Role.EDIT, in_order=True)
 async def board_release(caller: Caller, params: NoParams) -> HoldNow:
     """Share the board again."""
-    caller.control.hub.release_hold(caller.control.session)
-    return HoldNow(caller.control.hub.held_by)
+    caller.control.hub.end_exclusive_use(caller.control.session)
+    return HoldNow(caller.control.hub.exclusive_use)
 
 
 @METHODS.add("limits.tighten", Role.WATCH)

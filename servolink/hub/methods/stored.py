@@ -113,7 +113,7 @@ Edit = Callable[[Project, str], Project]
 async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> tuple[Project, Project, ApplyResult]:
     """Replace the content of the board by the result of `edit`; return both contents and the outcome."""
     board = await caller.control.board()
-    async with caller.control.alone("a record is being changed"):
+    async with caller.control.exclusive("a record is being changed"):
         if await board.has_unfinished_import():
             raise ProjectError("the board holds an unfinished import: apply the project again, or roll back")
         before = await board.export_project(on_progress=on_progress)
@@ -147,7 +147,7 @@ async def project_plan(caller: Caller, params: ProjectPlan, on_progress: Progres
     project, unchecked, _ = project_from_form(params.project)
 
     async def read(board: Board) -> Plan:
-        async with caller.control.alone("a project is being compared"):
+        async with caller.control.exclusive("a project is being compared"):
             return await board.plan_project(
                 project, replace=params.replace, unchecked=unchecked, on_progress=on_progress
             )
@@ -172,7 +172,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     """
     board = await caller.control.board()
     project, unchecked, _ = project_from_form(params.project)
-    async with caller.control.alone("a project is being written"):
+    async with caller.control.exclusive("a project is being written"):
         with caller.control.moving():  # corrections turn servos, and half an import helps nobody
             result = await board.apply_project(
                 project, replace=params.replace, backup=params.backup, unchecked=unchecked, on_progress=on_progress
@@ -190,7 +190,7 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
         if not paths:
             raise ProjectError(f"there is no backup {params.backup}; project.backups lists them")
         backup = paths[0]
-    async with caller.control.alone("a backup is being restored"):
+    async with caller.control.exclusive("a backup is being restored"):
         with caller.control.moving():
             result = await board.rollback_project(backup, on_progress=on_progress)
     return _applied(result)

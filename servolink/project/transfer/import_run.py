@@ -150,8 +150,8 @@ class ImportRun:
         deleted records, duplicates, records under another id. Everything is read again after a write with success
         reported but no effect on the record, and after a change of the project id by another program.
         """
-        is_alone = await self._marker.keep()
-        if writer.is_suspicious or not is_alone:
+        is_exclusive = await self._marker.keep()
+        if writer.is_suspicious or not is_exclusive:
             return await reader.read("verifying", self._marker.found)
         return await reader.check("verifying", self._marker.found, lists | writer.doubtful)
 

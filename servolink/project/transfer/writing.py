@@ -164,7 +164,7 @@ class RecordWriter:
         board: BoardConnection,
         reader: BoardReader,
         on_progress: ProgressCallback,
-        is_alone: Callable[[], Awaitable[bool]],
+        is_exclusive: Callable[[], Awaitable[bool]],
         *,
         unchecked: bool,
     ) -> None:
@@ -186,7 +186,7 @@ class RecordWriter:
         self._board = board
         self._reader = reader
         self._on_progress = on_progress
-        self._is_alone = is_alone
+        self._is_exclusive = is_exclusive
         self._listed: Collection[RecordType[Any]] = ()
         self._unchecked = unchecked
         self._depth = board.connection.write_depth_bound
@@ -206,7 +206,7 @@ class RecordWriter:
     async def _write(self, write: Write) -> None:
         if self._sent >= self._next_check:
             self._next_check = self._sent + _CHECK_EVERY
-            if not await self._is_alone():
+            if not await self._is_exclusive():
                 self.is_suspicious = True
         self._on_progress(Progress("writing", self._done, self._total, write.item))
         if self._queues():

@@ -45,28 +45,28 @@ def kinds(board: FakeBoard) -> list[type[Packet]]:
     return [type(packet) for _, packet in board.sent]
 
 
-@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
-def test_nothing_overlaps_it(alone: Request[Any]) -> None:
+@pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
+def test_nothing_overlaps_it(exclusive: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
-        board.plan(type(alone), late(0.1))
+        board.plan(type(exclusive), late(0.1))
         async with connected(board, depth=4) as connection:
             await asyncio.gather(
                 connection.request(QueryProjectIDRequest()),
-                connection.request(alone),
+                connection.request(exclusive),
                 connection.request(QueryServoListRequest()),
                 connection.send(ExecuteActionRequest((Step(1, 0, 1),))),
             )
             times = {type(packet): at for at, packet in board.sent}
-            assert times[type(alone)] > times[QueryProjectIDRequest]
-            assert times[QueryServoListRequest] >= times[type(alone)] + 0.1
-            assert times[ExecuteActionRequest] >= times[type(alone)] + 0.1
+            assert times[type(exclusive)] > times[QueryProjectIDRequest]
+            assert times[QueryServoListRequest] >= times[type(exclusive)] + 0.1
+            assert times[ExecuteActionRequest] >= times[type(exclusive)] + 0.1
 
     run(main())
 
 
-@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
-def test_it_waits_for_the_last_of_several_fences(alone: Request[Any]) -> None:
+@pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
+def test_it_waits_for_the_last_of_several_fences(exclusive: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
         board.plan(QueryServoListRequest, LOST)
@@ -75,34 +75,34 @@ def test_it_waits_for_the_last_of_several_fences(alone: Request[Any]) -> None:
         async with connected(board) as connection:
             with pytest.raises(RequestTimeout):
                 await connection.request(QueryServoListRequest(), timeout=0.05)
-            await connection.request(alone)
+            await connection.request(exclusive)
             fences = [at for at, packet in board.sent if isinstance(packet, FENCE_KINDS)]
             assert len(fences) == 2
-            assert board.sent_of(type(alone)) == [pytest.approx(fences[1] + 0.3)]
+            assert board.sent_of(type(exclusive)) == [pytest.approx(fences[1] + 0.3)]
 
     run(main())
 
 
-@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
-def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(alone: Request[Any]) -> None:
+@pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
+def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(exclusive: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
         async with connected(board, depth=4) as connection:
-            await asyncio.gather(connection.request(alone), connection.request(alone))
-            first, second = board.sent_of(type(alone))
+            await asyncio.gather(connection.request(exclusive), connection.request(exclusive))
+            first, second = board.sent_of(type(exclusive))
             assert second > first
 
     run(main())
 
 
-@pytest.mark.parametrize("alone", ALONE, ids=lambda packet: type(packet).__name__)
-def test_not_even_a_fence_that_is_due_goes_beside_it(alone: Request[Any]) -> None:
+@pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
+def test_not_even_a_fence_that_is_due_goes_beside_it(exclusive: Request[Any]) -> None:
     async def main() -> None:
         board = FakeBoard()
         async with connected(board, depth=4) as connection:
             connection._slots.unproved = 16  # as many equal queries leave it, after which a fence is due
-            await connection.request(alone)
-            assert board.sent == [(1000.0, alone)]
+            await connection.request(exclusive)
+            assert board.sent == [(1000.0, exclusive)]
 
     run(main())
 
