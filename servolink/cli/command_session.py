@@ -160,7 +160,7 @@ def refuse_without_answer(args: argparse.Namespace) -> None:
     if args.json:
         usage_error(args, "--json needs --yes, because it asks nothing")
     if not can_ask():
-        usage_error(args, "there is no terminal to ask on; --yes goes on without asking")
+        usage_error(args, "no terminal for the question; --yes continues without asking")
 
 
 def refuse_unasked(args: argparse.Namespace, text: str) -> None:

@@ -43,6 +43,6 @@ def test_a_killed_bridge_repeats_nothing(broker: Broker, user: Path, point: str,
             second.send_signal(signal.SIGINT)
             assert await second.wait() == 0
             assert second.stderr is not None
-            assert await second.stderr.read() == b"ended: the boards were left as they are\n"
+            assert await second.stderr.read() == b"ended: the boards were left unchanged\n"
 
     run(main())

@@ -98,7 +98,7 @@ def test_a_broker_with_passwords(folder: Path) -> None:
     listed = run(command(folder, broker, "teacher", "list"))
     assert listed.stdout.splitlines()[1].split()[:2] == ["robot01", "ready"]
     assert "stopped 1 board" in run(command(folder, broker, "teacher", "stop")).stdout
-    assert end() == "ended: the boards were left as they are\n"
+    assert end() == "ended: the boards were left unchanged\n"
 
     end = join(command(folder, broker, "robot01", "join", "--name", "robot02"))  # which is somebody else's
     said = end()
@@ -127,4 +127,4 @@ def test_a_broker_with_certificates(folder: Path) -> None:
     refused = run(join_command)
     assert refused.returncode == 3
     own = ["--certificate", str(folder / "robot01.crt"), "--key", str(folder / "robot01.key")]
-    assert join([*join_command, *own])() == "ended: the boards were left as they are\n"
+    assert join([*join_command, *own])() == "ended: the boards were left unchanged\n"

@@ -99,7 +99,7 @@ def running(*arguments: str) -> Iterator[str]:
     assert line.startswith("studio http"), finish(program)
     yield line.split()[1]
     _, said = finish(program, signal.SIGTERM)
-    assert (program.returncode, said) == (0, "ended: the board was left as it is\n")
+    assert (program.returncode, said) == (0, "ended: the board was left unchanged\n")
 
 
 @contextmanager

@@ -30,7 +30,7 @@ _LEARNING = (
         flag("--learn", "measure what boards do differently, and keep it under the board's name"),
         flag("--power-cycled", "the board was just switched off and on, so do not ask for that"),
         flag("--write", "also store records on the board; a backup is made, and restored"),
-        flag("--clear", "with --write: also delete everything on it once; it is restored"),
+        flag("--clear", "with --write: also delete the whole content once, then restore the content"),
         option("--servo", "SERVO", "also move this servo (id or caption) a little, and time it", SERVO_NAME),
         flag("--yes", "do not ask"),
     ),
@@ -118,7 +118,7 @@ def _print(report: Report) -> None:
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:
-    facts = [("examined", ", ".join(report.urls) or "nothing: no board is here")]
+    facts = [("examined", ", ".join(report.urls) or "nothing: no board was found")]
     if response := report.response:
         project = f"project id {response.project_id or 'none'}"
         facts.append(("response", f"{project}, {response.byte_order} byte order, {response.seconds * 1000:.1f} ms"))

@@ -27,7 +27,7 @@ _SECONDS = ("turnaround", "clear_seconds", "interval_unit")
 @Command(
     "board",
     STORED,
-    help="show and set what a board is, does and is known to be",
+    help="show and set the facts known about a board",
     examples=("board", "board show rex"),
     takes_board=False,
 )
@@ -128,7 +128,7 @@ BOARD_SHOW = Command(
 
 def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
     if (identity := profile.identity) is None:
-        yield "identity", "unknown: any board at this address is taken for this one"
+        yield "identity", "unknown: any board at this address is accepted under this name"
         return
     yield from identity.facts()
 

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
             f"  servolink use NAME {name or 'URL'}\n  servolink doctor NAME --learn",
         )
     if args.servo == ALL:
-        usage_error(args, "--servo times one servo, not all of them")
+        usage_error(args, "--servo times a single servo, not `all`")
     if args.clear and not args.write:
         usage_error(args, "--clear needs --write")
     if args.write and not args.yes and not can_ask():
@@ -190,7 +190,7 @@ class _Lesson:
 
     def _note_trial(self, trial: Trial | None) -> None:
         if trial is None:
-            self._interruption.state = "everything on the board is as it was before"
+            self._interruption.state = "the content of the board is the same as before"
             return
         self._interruption.state = (
             "the board may hold records of this measurement; nothing is lost: "

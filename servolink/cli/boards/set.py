@@ -39,7 +39,7 @@ def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
     if value == _UNSET:
         return SERVO_NAME(servo), None
     if (pair := _PAIR.fullmatch(value)) is None:
-        raise argparse.ArgumentTypeError(f"must be like 3=20..160 or 3=unset, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must have the form 3=20..160 or 3=unset, not {text!r}")
     low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
     if low > high:
         raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")

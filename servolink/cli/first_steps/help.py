@@ -13,7 +13,7 @@ from servolink.cli.command_line import parser_of
     FIRST_STEPS,
     help="explain a command, as --help does",
     examples=("help", "help move", "help project play"),
-    options=(option("words", "COMMAND", "which command (all, by topic)", nargs="*"),),
+    options=(option("words", "COMMAND", "name of a command (all commands, by topic)", nargs="*"),),
     takes_board=False,
 )
 def run(args: argparse.Namespace) -> int:

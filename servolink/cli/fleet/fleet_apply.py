@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from servolink.project.model import Project
 
 _MOST_PARALLEL = 200
-_UNCHANGED = "nothing was changed on any board"
+_UNCHANGED = "no board was changed"
 
 
 _CHOICE = (

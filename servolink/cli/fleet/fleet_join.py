@@ -39,7 +39,7 @@ _MOST_HZ = 100.0
             not_empty,
             nargs="?",
         ),
-        option("boards", "BOARD", "names or addresses (all that are here)", not_empty, nargs="*"),
+        option("boards", "BOARD", "names or addresses (all connected boards)", not_empty, nargs="*"),
         option("--name", "NAME", "what the fleet calls the board (the name of its hub)", board_name),
         option("--policy", "FILE", "what may be done from afar (fleet.toml in the user's config folder)", file_path),
         option(
@@ -96,7 +96,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
         members = await stack.enter_async_context(local_boards(names, args.name, **options))
-        interruption.state, interruption.code = "the boards were left as they are", OK
+        interruption.state, interruption.code = "the boards were left unchanged", OK
         fleet = LocalFleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():
             address = str(access.address)
@@ -125,10 +125,10 @@ def _print_joined(fleet: LocalFleet, members: list[LocalBoard], broker: str, pre
 
 
 _ALLOWED = {
-    "watch": "others may watch and stop it",
-    "run": "others may watch it, stop it and run what it has stored",
-    "move": "others may watch it, stop it and move it",
-    "edit": "others may watch it, stop it, move it and change what it has stored",
+    "watch": "other people may watch and stop the board",
+    "run": "other people may watch and stop the board, and run stored actions and macros",
+    "move": "other people may watch, stop and move the board",
+    "edit": "other people may watch, stop and move the board, and change stored content",
 }
 
 

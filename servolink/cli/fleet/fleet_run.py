@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     examples=("fleet run Wave", "fleet run Wave --on rex,fido --anyway"),
     options=(
         option("name", "NAME", "caption or id of an action or a macro", RECORD_NAME),
-        option("--type", "action|macro", "which of them, where boards have both of that name", dest="kind"),
+        option(
+            "--type", "action|macro", "type of the record, where boards have both types under that name", dest="kind"
+        ),
         flag("--anyway", "start the others if some boards cannot"),
         *GROUPS,
         *BROKER,

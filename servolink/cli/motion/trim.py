@@ -121,7 +121,7 @@ async def _nudges(args: argparse.Namespace, board: Board) -> dict[int, int]:
     if len(nudges) < len(ids):
         raise EncodeError(f"a servo is given twice; {_UNSTORED}")
     if 255 in nudges:
-        raise NotFound("`--set` takes one servo at a time, not all of them")
+        raise NotFound("`--set` takes single servos, not `all`")
     return nudges
 
 

@@ -100,7 +100,7 @@ _SERVO_LIMIT = re.compile(rf"(.+)=({_NUMBER}):({_NUMBER})", re.DOTALL)
 def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     found = _SERVO_LIMIT.fullmatch(text)
     if found is None or float(found[2]) > float(found[3]):
-        raise argparse.ArgumentTypeError(f"must be SERVO=LOW:HIGH, as in 3=-45:90, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must have the form SERVO=LOW:HIGH, such as 3=-45:90, not {text!r}")
     return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))
 
 
@@ -110,13 +110,13 @@ def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     examples=("project preflight robot.servolink.json --speed-cap 120",),
     options=(
         *SOURCE,
-        option("record", "NAME", "only this action or macro, and what it runs", nargs="?"),
+        option("record", "NAME", "check a single action or macro, with everything run by the macro", nargs="?"),
         option("--speed-cap", "N", "degrees per second that no servo may exceed", float),
         option("--limit", ("LOW", "HIGH"), "angles of all servos, in degrees", float, nargs=2),
         option(
             "--servo-limit",
             "SERVO=LOW:HIGH",
-            "angles of one servo, by id or caption, as in hip=-45:90; may be repeated",
+            "angle limits of a servo, by id or caption, such as hip=-45:90; repeatable",
             _servo_limit,
             action="append",
             default=[],

@@ -116,7 +116,7 @@ def _pairs(text: str) -> list[tuple[int | str, int | str]]:
     for part in text.split(","):
         one, separator, other = part.partition("=")
         if not separator:
-            raise argparse.ArgumentTypeError(f"must be pairs of servos, as in 1=2,hip=3, not {part!r}")
+            raise argparse.ArgumentTypeError(f"must list pairs of servos, such as 1=2,hip=3, not {part!r}")
         pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
     return pairs
 

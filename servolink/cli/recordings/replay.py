@@ -72,9 +72,7 @@ def run(args: argparse.Namespace) -> int:
             "is never played on one",
         )
     if args.to not in (_VIRTUAL, f"{_VIRTUAL}://") or args.pty or args.tcp:
-        usage_error(
-            args, "--to virtual plays on a board of its own, which nobody can connect to and which has no options"
-        )
+        usage_error(args, "--to virtual plays on a private board, closed to other programs and without options")
 
     return play(args)
 

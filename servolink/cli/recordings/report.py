@@ -54,7 +54,7 @@ _HZ = 20.0
             option("--recording", "FILE", "the last 5 minutes of this recording", not_empty),
             option("--seconds", "N", "record for N seconds (10); 0: not", number(0, 300, "seconds"), default=10.0),
         ),
-        flag("--with-project", "add all that is stored on the board, with its captions"),
+        flag("--with-project", "add all content of the board, captions included"),
         flag("--force", "replace an existing file"),
         flag("--yes", "do not ask"),
     ),
@@ -204,7 +204,7 @@ def _system() -> dict[str, str]:
 _MEANINGS = {
     FACTS: "versions, doctor's findings, counters and settings",
     RECORDING: "the recording, its captions and names blanked",
-    PROJECT: "ALL that is stored on the board, with its captions",
+    PROJECT: "ALL content of the board, captions included",
 }
 
 

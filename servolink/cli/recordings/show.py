@@ -65,8 +65,8 @@ SELECTION = (
             choices=CHANNEL_NAMES,
             default=[],
         ),
-        option("--packet", "NAME", "only packets of this name", _packet),
-        option("--servo", "ID", "only what is about this servo", SERVO_ID),
+        option("--packet", "NAME", "limit packets to this name", _packet),
+        option("--servo", "ID", "limit messages to this servo", SERVO_ID),
         flag("--problems", "only what went wrong"),
     ),
 )

@@ -124,7 +124,7 @@ def show_changes(plan: Plan) -> None:
     """Print the planned changes, without the costs."""
     print_changes([_renamed(change) for change in plan.changes])
     if not plan.differs:
-        print_text("nothing to change: it is so already")
+        print_text("nothing to change: the board already matches")
 
 
 async def change_parameters(

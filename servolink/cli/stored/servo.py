@@ -44,7 +44,7 @@ SERVO_START = Command(
 )(run_state)
 SERVO_HOLD = Command(
     "servo hold",
-    help="stop servos where they are, and hold them",
+    help="stop and hold servos in place",
     examples=("servo hold 1", "servo hold all"),
     options=(*_SERVOS,),
     defaults={"start": False, "done": "stopped and held"},

@@ -66,7 +66,7 @@ def _action(seconds: str) -> tuple[Option, ...]:
     """Return the options that describe an action; `seconds` is the help text about the default duration."""
     return (
         option(
-            "--pose", "SERVO=ANGLE,...", "where servos go, as in 1=30,hip=-10 or all=0", partial(_each, servo_angle)
+            "--pose", "SERVO=ANGLE,...", "angles of servos, such as 1=30,hip=-10 or all=0", partial(_each, servo_angle)
         ),
         option("--seconds", "N", f"duration in steps of 0.01 s ({seconds})", number(0, 327.67, "seconds")),
     )

@@ -98,7 +98,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     )
     async with AsyncExitStack() as stack:
         hub, urls = await stack.enter_async_context(served)
-        interruption.state, interruption.code = "the board was left as it is", OK
+        interruption.state, interruption.code = "the board was left unchanged", OK
         watch_url = urls[1 + (args.tcp is not None)] if args.watch_tcp is not None else ""
         _print_doors(urls, watch_url, as_json=args.json)
         if not args.json and can_draw():
@@ -110,7 +110,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
             await asyncio.Event().wait()
         finally:
             if there := len(hub.programs):
-                interruption.state = f"the board was left as it is, and {counted(there, 'program')} disconnected"
+                interruption.state = f"the board was left unchanged, and {counted(there, 'program')} disconnected"
     return OK
 
 

@@ -110,7 +110,7 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     async with AsyncExitStack() as stack:
         studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **options))
         gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
-        interruption.state, interruption.code = "the board was left as it is", OK
+        interruption.state, interruption.code = "the board was left unchanged", OK
         address = f"{gate.address}/#token={gate.new_token('edit')}"
         _print("studio", address, as_json=args.json)
         if args.allow_host:

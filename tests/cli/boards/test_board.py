@@ -86,7 +86,7 @@ def test_the_help_writes_values_as_a_shell_takes_them(say: type) -> None:
         ("--transmission-mode 2", "argument --transmission-mode: must be auto, keep or 1, not 2"),
         ("--unsupported QueryX", "argument --unsupported: 'QueryX' is not a query of the protocol"),
         ("--angle 3", "argument --angle: must be SERVO=VALUE, not '3'"),
-        ("--angle 3=20", "argument --angle: must be like 3=20..160 or 3=unset, not '3=20'"),
+        ("--angle 3=20", "argument --angle: must have the form 3=20..160 or 3=unset, not '3=20'"),
         ("--angle 3=20..10", "argument --angle: '3=20..10' has the highest angle first"),
         ("--angle 3=1.2.3..4", "argument --angle: must be from -32768 to 32767 degrees, not '1.2.3'"),
         ("--angle 255=0..1", "argument --angle: must be an integer from 0 to 254, not '255'"),
@@ -166,7 +166,7 @@ def test_everything_known_is_shown_with_its_reason(say: type) -> None:
 def test_a_board_of_which_nothing_is_known_is_shown_too(say: type) -> None:
     said = say("board show rex")
     assert said.code == 0
-    assert "identity  unknown: any board at this address is taken for this one" in said.out
+    assert "identity  unknown: any board at this address is accepted under this name" in said.out
     described = say("board show rex --json").json
     assert (described["path"], described["identity"]) == (None, None)
     assert set(described["settings"]) == set(BoardSettings.__struct_fields__)

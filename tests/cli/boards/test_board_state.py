@@ -63,7 +63,7 @@ def test_a_board_is_cleared_after_a_backup(clear: str, robot: Robot) -> None:
     robot.ask(lambda board: board.apply_project(STORED, backup=False))
     refused = robot("board", "clear")
     assert refused.code == 2
-    assert "--yes goes on without asking" in refused.err
+    assert "--yes continues without asking" in refused.err
     said = robot("board", "clear", "--yes")
     assert (said.code, said.err) == (0, "")
     assert "- action 1 'Bow'" in said.out

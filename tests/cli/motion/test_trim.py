@@ -69,7 +69,7 @@ def test_programs_get_one_object(robot: Robot) -> None:
         ("--set 3=+400", 2, "must be an integer from -360 to 360"),
         ("--set 3=+181", 1, "servo 3: its correction would be 181 degrees; it must be from -180 to 180"),
         ("--set 9=+1", 1, "the board has no servo 9; nothing was moved"),
-        ("--set all=+1", 1, "`--set` takes one servo at a time, not all of them"),
+        ("--set all=+1", 1, "`--set` takes single servos, not `all`"),
         ("--set 1=+1 --set 1=+2", 1, "a servo is given twice; no correction was stored"),
     ],
 )

@@ -184,7 +184,7 @@ def test_apply_writes_the_project_and_rollback_brings_the_old_one_back(
 def test_apply_does_nothing_unasked(shell: Shell, after: str) -> None:
     said = shell("apply", after)
     assert said.code == 2
-    assert "there is no terminal to ask on; --yes goes on without asking" in said.err
+    assert "no terminal for the question; --yes continues without asking" in said.err
     said = shell("apply", "--json", after)
     assert said.code == 2
     assert "--json needs --yes, because it asks nothing" in said.err

@@ -75,8 +75,8 @@ def test_what_the_virtual_board_does_not_store_is_told(tmp_path: Path, capsys: p
     [
         (("--to", "/dev/ttyUSB0"), "a recording is never played on one"),
         (("--to", "tcp://robot:9000"), "a recording is never played on one"),
-        (("--to", "virtual://?servos=3"), "has no options"),
-        (("--to", "virtual", "--tcp", "127.0.0.1:0"), "which nobody can connect to"),
+        (("--to", "virtual://?servos=3"), "without options"),
+        (("--to", "virtual", "--tcp", "127.0.0.1:0"), "closed to other programs"),
         (("--state", "x"), "--state needs --to virtual"),
         (("--speed", "0"), "must be from 0.01"),
     ],

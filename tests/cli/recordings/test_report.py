@@ -101,7 +101,7 @@ def test_nothing_is_written_unasked(tmp_path: Path, capsys: pytest.CaptureFixtur
     path = tmp_path / "report.zip"
     said = call(capsys, "--board", "virtual://", "report", "-o", str(path))
     assert said.code == 2
-    assert "--yes goes on without asking" in said.err
+    assert "--yes continues without asking" in said.err
     assert not path.exists()
 
 

@@ -296,7 +296,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(command: str, why: str, r
         ("macro add Dance --play wait:1.2.3", "must be from 0 to 2.14748e+06 seconds"),
         ("table add Pad --press 7", "argument --press: '7' must be BUTTON=MACRO, such as 7=1"),
         ("table run 1", "there is no command 'run'"),
-        ("action delete 2", "there is no terminal to ask on; --yes goes on without asking"),
+        ("action delete 2", "no terminal for the question; --yes continues without asking"),
         ("action delete 2 --json", "--json needs --yes"),
     ],
 )

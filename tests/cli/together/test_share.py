@@ -66,7 +66,7 @@ def test_it_prints_its_doors_and_ends_by_a_signal(number: signal.Signals) -> Non
     assert said.code == 0
     assert f"servolink: {tcp[0].split()[1]} is open to every user of this machine\n" in said.err
     assert f"servolink: {tcp[1].split()[1]} is open to every user of this machine, but only for reading\n" in said.err
-    assert "the board was left as it is, and 1 program disconnected\n" in said.err
+    assert "the board was left unchanged, and 1 program disconnected\n" in said.err
     assert watcher.stderr is not None
     while "the connection is lost" not in watcher.stderr.readline():  # before it is ended
         assert watcher.poll() is None
