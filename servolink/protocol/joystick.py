@@ -139,3 +139,7 @@ class ButtonEventResponse(Response, frozen=True, gc=False):
     def kind(self) -> str:
         """Event in words: `press`, `long_press`, `up`, or `event N` for a number undefined in the document."""
         return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")
+
+    def __repr__(self) -> str:
+        """Return the event under the public name of the class, `servolink.ButtonEvent`."""
+        return f"ButtonEvent(button_id={self.button_id}, event={self.event})"

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable
+from difflib import get_close_matches
 from functools import wraps
 from inspect import signature
 from types import TracebackType
-from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
 
 from servolink.client import board as client
 from servolink.client.alarms import Alarm
@@ -74,6 +75,16 @@ class Board:
     def __repr__(self) -> str:
         """Return address and state, such as `<Board virtual:// connected>`."""
         return repr(self._board)
+
+    if not TYPE_CHECKING:  # or type checkers would accept any name
+
+        def __getattr__(self, name: str) -> object:
+            """Raise AttributeError with the most similar public name."""
+            similar = get_close_matches(name, [each for each in dir(self) if not each.startswith("_")], 1)
+            hint = f"; did you mean {similar[0]!r}?" if similar else ""
+            raise AttributeError(
+                f"{type(self).__name__!r} has no attribute {name!r}{hint}", name=name
+            )  # with the object, Python would add its own hint
 
     def _repr_html_(self) -> str:
         return self._board._repr_html_()

@@ -103,6 +103,21 @@ def test_iterators_of_many_threads_share_one_part_of_the_board(monkeypatch: pyte
 # --- calls --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("servoids", "; did you mean 'servo_ids'?"), ("mve", "; did you mean 'move'?"), ("xylophone", ""), ("__len", "")],
+)
+def test_a_misspelt_method_suggests_the_right_one(name: str, hint: str) -> None:
+    with opened(FakeBoard()) as board, pytest.raises(AttributeError) as error:
+        getattr(board, name)
+    assert str(error.value) == f"'Board' has no attribute '{name}'{hint}"
+    assert "Did you mean" not in "".join(traceback.format_exception(error.value))
+
+
+def test_a_button_event_prints_under_its_public_name() -> None:
+    assert repr(servolink.ButtonEvent(3, 1)) == "ButtonEvent(button_id=3, event=1)"
+
+
 def test_a_script_without_async() -> None:
     with servolink.sync.connect("virtual://?servos=2") as board:
         assert board.servo_ids() == (1, 2)
