@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -17,6 +16,7 @@ from servolink.errors import ProfileError
 from servolink.profiles.profile import BoardProfile, BoardSettings, Evidence, SafetyLimits
 from servolink.profiles.store import load_profile, profile_path, save_profile
 from servolink.profiles.toml_text import changed_toml
+from tests import processes
 
 NAMES = """\
 # robots of room 7
@@ -165,4 +165,4 @@ def test_any_tables_become_any_others(before: dict[str, Any], after: dict[str, A
 
 def test_tomlkit_is_loaded_only_when_a_file_is_written() -> None:
     program = "import sys, servolink.discovery.names, servolink.profiles.store; sys.exit('tomlkit' in sys.modules)"
-    subprocess.run([sys.executable, "-c", program], check=True)
+    processes.run([sys.executable, "-c", program], check=True)
