@@ -71,7 +71,6 @@ Remarks are docstrings and comments. Neither deleting nor shortening a riddle to
 """
 REMARKS_ELSEWHERE = (141, 14)
 BACKLOG: dict[str, dict[str, float]] = {
-    "cli": {"lines": 81},
     "client": {"riddles": 2.5, "lines": 171, "short": 15},
     "connection": {"short": 23},
     "control": {"riddles": 4, "pronouns": 7.5, "lines": 177, "short": 34},

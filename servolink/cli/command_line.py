@@ -179,6 +179,7 @@ def _usage(command: Command) -> str:
 
 
 def _description(command: Command, subcommands: Mapping[str, IndexEntry]) -> str:
+    """Return the description of a command, with the list of subcommands by topic."""
     parts = [f"{command.help[:1].upper()}{command.help[1:]}."]
     if command.details:
         parts.append(command.details)
@@ -191,6 +192,7 @@ def _description(command: Command, subcommands: Mapping[str, IndexEntry]) -> str
 
 
 def _epilog(command: Command) -> str:
+    """Return the end of the help: examples, a hint for examples, and exit codes."""
     if not command.name:
         return f"`servolink COMMAND --help` explains a command and gives examples.\n\n{EXIT_CODES}"
     examples = "\n".join(f"  servolink {example}" for example in command.examples)

@@ -59,6 +59,7 @@ def run(argv: Sequence[str] | None = None) -> int:
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Return the parsed command line, with the board of the environment as default."""
     args = parser_of().parse_args(argv)
     if args.url is None:
         args.url = next(filter(None, map(os.environ.get, VARIABLES)), None)

@@ -114,6 +114,7 @@ def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: S
 
 
 def _response(result: ProbeResult) -> str:
+    """Return the response of a probed board as text for a table."""
     if result.response is None:
         return "" if result.problem else "none"
     mode = "" if result.response.transmission_mode == 1 else ", was in the old transmission mode"
@@ -146,6 +147,7 @@ def run_use(args: argparse.Namespace) -> int:
 
 
 def _keep_name(args: argparse.Namespace) -> int:
+    """Save a name for an address, after asking about a changed meaning."""
     if not is_name(args.name):
         usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
     if args.name == ALL:
@@ -182,6 +184,7 @@ def _save(args: argparse.Namespace, alias: Alias) -> int:
 
 
 def _meant(alias: Alias) -> str:
+    """Return the meaning of a name: a serial number or an address."""
     number = alias.serial_number
     return f"the board with serial number {number}, on any port" if number else alias.url
 
@@ -198,6 +201,7 @@ def _refuse_invalid(url: str) -> None:
 
 
 def _list_names(args: argparse.Namespace) -> int:
+    """Print all names of boards, with addresses and serial numbers."""
     aliases = sorted(load_aliases().items())
     if args.json:
         print_json({"names": [_named(name, alias) for name, alias in aliases]})
@@ -211,6 +215,7 @@ def _list_names(args: argparse.Namespace) -> int:
 
 
 def _forget_name(args: argparse.Namespace) -> int:
+    """Remove a name. Raise ServolinkError for an unknown name."""
     aliases = load_aliases()
     if args.remove not in aliases:
         known = ", ".join(sorted(aliases)) or "none"
@@ -261,6 +266,7 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
 
 
 def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
+    """Return the table of `servolink info`, a row for each fact."""
     active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
     project_id = described["project_id"] or "none"
     if described["has_unfinished_import"]:

@@ -134,6 +134,7 @@ def _identity_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
 
 
 def _setting_rows(profile: BoardProfile) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each setting, with confidence and evidence."""
     for name, value in _values(profile.settings).items():
         evidence = profile.evidence.get(name)
         shown = "unknown" if value is None else value_text(name, value)
@@ -151,6 +152,7 @@ def value_text(name: str, value: object) -> str:
 
 
 def _limit_table(profile: BoardProfile) -> list[tuple[str, str]]:
+    """Return the rows of all limits, or a hint for a profile without limits."""
     return list(limit_rows(profile.limits)) or [("none", "`servolink board set` sets them")]
 
 

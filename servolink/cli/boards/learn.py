@@ -240,6 +240,7 @@ async def _identity(url: str, learnt: Learnt) -> BoardIdentityRecord:
 
 
 def _differences(kept: BoardIdentityRecord, found: BoardIdentityRecord) -> list[str]:
+    """Return a row for each difference between two identities of a board."""
     return [
         f"  {name.replace('_', ' ')}: {_value(getattr(kept, name))} was kept, {_value(getattr(found, name))} is here"
         for name in kept.__struct_fields__

@@ -33,6 +33,7 @@ _COMMON = ("byte_order", "caption_encoding")  # settings whose options every com
 
 
 def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
+    """Return servo and angle limits in degrees, None to unset, from SERVO=LOW..HIGH, for argparse."""
     servo, value = _assigned(text)
     if servo == _ALL:
         raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
@@ -47,11 +48,13 @@ def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
 
 
 def _speed(text: str) -> tuple[int | str, float | None]:
+    """Return servo and speed cap, None to unset, from SERVO=SPEED, for argparse."""
     servo, value = _assigned(text)
     return SERVO_NAME(servo), None if value == _UNSET else SPEED(value)
 
 
 def _unsettable(text: str) -> str:
+    """Return the name of a setting to unset, for argparse."""
     from servolink.profiles.profile import BoardSettings
 
     name = text.replace("-", "_")
@@ -160,6 +163,7 @@ async def _ids(args: argparse.Namespace, name: str, url: str | None) -> dict[int
 def _set(
     args: argparse.Namespace, name: str, given: dict[str, Any], unset: dict[str, Any], ids: Mapping[int | str, int]
 ) -> int:
+    """Save the given settings and limits in the profile, without the unset settings."""
     from msgspec.structs import replace
 
     from servolink.profiles.profile import BY_HAND, BoardProfile, Evidence
@@ -198,6 +202,7 @@ def _missing_servos(profile: BoardProfile) -> list[int]:
 
 
 def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping[int | str, int]) -> SafetyLimits:
+    """Return the limits with all changes of the command line."""
     from servolink.profiles.profile import SafetyLimits
 
     angles, caps, cap, soft_start = dict(limits.angles), dict(limits.speed_caps), limits.speed_cap, limits.soft_start

@@ -62,6 +62,7 @@ async def run(args: argparse.Namespace, board: Board, interruption: Interruption
 
 
 async def _measure(board: Board, query: Query[Any], requests: int, count: Callable[[], None]) -> dict[str, Any]:
+    """Return rates and round trips, in seconds, of repeated queries."""
     loop = asyncio.get_running_loop()
     board.stats.round_trips.clear()
     received, start = board.stats.bytes_received, loop.time()

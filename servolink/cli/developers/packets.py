@@ -188,6 +188,7 @@ def _events(path: str, codec: Codec) -> Iterator[Frame | bytes]:
 
 
 def _merged(frames: list[Frame], skipped: list[tuple[int, bytes, str]]) -> Iterator[Frame | bytes]:
+    """Yield frames and skipped bytes in the order of the input."""
     at = 0
     for before, data, _ in skipped:
         yield from frames[at:before]

@@ -252,6 +252,7 @@ class PacketPrinter:
 
 
 def _described(passed: Passed) -> dict[str, Any]:
+    """Return a relayed packet, or undecodable bytes, as a JSON object."""
     seen = passed.seen
     if passed.packet is not None:
         return {**packet_to_json(passed.packet), "byte_order": seen.byte_order}

@@ -184,6 +184,7 @@ def _playing(board: VirtualBoard, events: Iterable[Event]) -> Iterator[None]:
 
 
 def _apply(board: VirtualBoard, event: Event) -> None:
+    """Apply a scripted event to the board: a push, a power cycle or a button."""
     now = asyncio.get_running_loop().time()
     if isinstance(event, Push):
         if board.servos[event.servo_id].is_hold:

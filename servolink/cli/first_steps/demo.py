@@ -296,6 +296,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _play(stage: Stage, pace: float) -> int:
+    """Play all steps on two virtual boards, and return the exit code."""
     start = asyncio.get_running_loop().time()
     virtual, second = VirtualBoard(_SERVOS, seed=1), VirtualBoard(_SERVOS, seed=2)
     folder = tempfile.mkdtemp(prefix="servolink-demo-")

@@ -57,6 +57,7 @@ async def run_together(args: argparse.Namespace, interruption: Interruption) -> 
 
 
 def _print_run(ran: RanTogether, name: int | str) -> None:
+    """Print failed, doubtful and started boards, and the spread of the starts in milliseconds."""
     for text in ran.failed.values():
         print_error(f"servolink: {text}")
     if ran.may_have_started:
@@ -116,6 +117,7 @@ async def run_stop(args: argparse.Namespace, interruption: Interruption) -> int:
 
 
 def _print_stop(stopped: Stopped) -> None:
+    """Print stopped boards, silent boards and boards that may still move."""
     if stopped.stopped:
         count, last = len(stopped.stopped), max(stopped.stopped.values())
         each = "it reports" if count == 1 else "each reports"

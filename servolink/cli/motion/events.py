@@ -50,6 +50,7 @@ async def run(args: argparse.Namespace, board: Board, interruption: Interruption
 
 
 async def _report_states(board: Board) -> None:
+    """Report on standard error when the connection is lost or restored."""
     was_lost = False
     async for state in board.states():
         if state == "lost":
@@ -60,6 +61,7 @@ async def _report_states(board: Board) -> None:
 
 
 async def _print_events(events: ButtonEvents, args: argparse.Namespace) -> None:
+    """Print button events until the end of the events or of `--count`."""
     loop = asyncio.get_running_loop()
     start, left = loop.time(), args.count
     async for event in events:

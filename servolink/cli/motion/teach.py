@@ -230,6 +230,7 @@ async def play_lesson(board: Board, interruption: Interruption, args: argparse.N
 
 
 async def _is_wanted(args: argparse.Namespace, name: str) -> bool:
+    """Return whether to play the taught poses now, after asking on a terminal."""
     if args.play is not None:
         return bool(args.play)
     if args.yes or args.json or not can_ask():

@@ -325,6 +325,7 @@ def csv_file(watched: Watched, path: Path) -> Iterator[Callable[[], None]]:
 
 
 def _csv_rows(watched: Watched) -> Iterator[tuple[object, ...]]:
+    """Yield a row of the CSV file for each servo of the latest reading."""
     missed = watched.reading.missed if watched.reading else 0
     for servo in watched.servos:
         unit = servo.angle.unit if isinstance(servo.angle, Angle) else ""

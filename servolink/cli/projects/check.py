@@ -98,6 +98,7 @@ _SERVO_LIMIT = re.compile(rf"(.+)=({_NUMBER}):({_NUMBER})", re.DOTALL)
 
 
 def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
+    """Return servo and angle limits in degrees from SERVO=LOW:HIGH, for argparse."""
     found = _SERVO_LIMIT.fullmatch(text)
     if found is None or float(found[2]) > float(found[3]):
         raise argparse.ArgumentTypeError(f"must have the form SERVO=LOW:HIGH, such as 3=-45:90, not {text!r}")

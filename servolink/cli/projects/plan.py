@@ -99,6 +99,7 @@ def print_plan(plan: Plan) -> None:
 
 
 def _memory_text(memory: Memory | None) -> str:
+    """Return the free memory before and after an import, in bytes, as text."""
     if memory is None:
         return "unknown, the board does not say"
     size = "" if memory.size is None else f" of {memory.size:,}"

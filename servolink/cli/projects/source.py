@@ -104,11 +104,13 @@ def _edited(args: argparse.Namespace, before: Project) -> ProjectFile:
 
 
 def _errors(args: argparse.Namespace, project: Project) -> list[str]:
+    """Return the errors of a project as sentences, without warnings."""
     found = validate_project(project, caption_encoding=args.caption_encoding or "utf-8")
     return [str(one) for one in found if one.severity == "error"]
 
 
 def _refuse_new_errors(args: argparse.Namespace, before: Project, after: Project) -> None:
+    """Raise ProjectError for errors absent before the change."""
     try:
         refuse_new_errors(before, after, args.caption_encoding or "utf-8")
     except ProjectError as error:
@@ -116,6 +118,7 @@ def _refuse_new_errors(args: argparse.Namespace, before: Project, after: Project
 
 
 def _refuse_errors(args: argparse.Namespace, project: Project) -> None:
+    """Raise ProjectError for a project with errors."""
     if errors := _errors(args, project):
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         raise ProjectError(f"nothing was written, because a board could not store the result: {errors[0]}{more}")

@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _repair(args: argparse.Namespace) -> int:
+    """Repair a recording, and print counts and remarks about the repair."""
     from servolink.recorder.repair import repair
 
     done = repair(args.file)

@@ -160,6 +160,7 @@ def _load(args: argparse.Namespace) -> Replay:
 
 
 def _first_reading(path: Path) -> ServosRead | None:
+    """Return the first reading with servos; None for a recording without readings."""
     with Recording(path) as recording:
         for entry in recording.entries(Selection(topics=frozenset({"/servos"}))):
             if isinstance(entry.message, ServosRead) and entry.message.servos:

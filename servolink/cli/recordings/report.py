@@ -170,6 +170,7 @@ def _learn_devices(examined: Report, given: str | None, private: PrivateText) ->
 
 
 def _examination(examined: Report, private: PrivateText) -> dict[str, Any]:
+    """Return the findings of the doctor, with private texts blanked."""
     found = described(examined)
     devices = [{"address": device.url.partition("://")[0], "usb": _usb(device)} for device in examined.candidates]
     findings = private.blank_all([asdict(finding) for finding in examined.findings])
@@ -177,6 +178,7 @@ def _examination(examined: Report, private: PrivateText) -> dict[str, Any]:
 
 
 def _usb(device: DeviceInfo) -> str:
+    """Return vendor and product id of a USB device, such as `0483:5740`."""
     identity = device.identity
     return "" if identity.vendor_id is None else f"{identity.vendor_id:04x}:{identity.product_id or 0:04x}"
 

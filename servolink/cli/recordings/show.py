@@ -206,6 +206,7 @@ def _print_summary(summary: Summary) -> None:
 
 
 def _requests(summary: Summary) -> Table:
+    """Return the table of requests, with counts and round trips in milliseconds."""
     rows = [
         (
             name.removesuffix("Request"),

@@ -216,6 +216,7 @@ def _wrapped(table: Table, width: int) -> Table:
 
 
 def _rich_table(table: Table) -> RichTable:
+    """Return a table drawn by rich, without markup in cells."""
     from rich import box
     from rich.table import Table as RichTable
     from rich.text import Text
@@ -262,6 +263,7 @@ def _cells(row: Sequence[object]) -> list[str]:
 
 
 def _cell(value: object) -> str:
+    """Return the text of a table cell, escaped; empty for None."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -281,6 +283,7 @@ def _is_numeric(table: Table, at: int) -> bool:
 
 
 def _padded(text: str, width: int, is_number: bool) -> str:  # noqa: FBT001 - one of three mapped sequences
+    """Return a cell padded to a column width, numbers to the right."""
     space = " " * (width - text_width(text))
     return space + text if is_number else text + space
 

@@ -98,6 +98,7 @@ def _differences(old: list[str], new: list[str]) -> Iterator[str]:
 
 
 def _common_prefix(old: list[str], new: list[str]) -> int:
+    """Return the number of equal lines at the start of both lists."""
     pairs = enumerate(zip(old, new, strict=False))
     return next((at for at, (before, after) in pairs if before != after), min(len(old), len(new)))
 
@@ -122,6 +123,7 @@ def _part_texts(stored: Any) -> list[str]:
 
 
 def _part_text(at: int, part: Step | MacroCommand | Button) -> str:
+    """Return a step, a macro command or a button as a sentence."""
     match part:
         case Step():
             return f"step {at}: servo {part.servo_id} to {part.degree} in {part.seconds:g} s"

@@ -104,6 +104,7 @@ def facts(status: HubStatus) -> Table:
 
 
 def _lease(lease: LeaseStatus | None) -> str:
+    """Return the holder of a lease, with times in seconds, as text."""
     if lease is None:
         return "free: the next program that moves servos has it"
     watched = "" if lease.dead_man is None else f", and must report every {lease.dead_man:g} s"

@@ -42,6 +42,7 @@ def _place(text: str) -> str:
 
 
 def _is_local(place: str) -> bool:
+    """Return whether an address is reachable only from this machine."""
     return place == "localhost" or (place != "*" and ip_address(place).is_loopback)
 
 
