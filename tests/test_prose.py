@@ -74,7 +74,6 @@ BACKLOG: dict[str, dict[str, float]] = {
     "client": {"riddles": 2.5, "lines": 171, "short": 15},
     "connection": {"short": 23},
     "control": {"riddles": 4, "pronouns": 7.5, "lines": 177, "short": 34},
-    "hub": {"riddles": 2.5, "pronouns": 7, "lines": 156},
     "studio/web": {"pronouns": 8.5, "lines": 80},
 }
 """Figures of packages that do not hold the measure yet, each as the bound of that package."""

@@ -1,4 +1,4 @@
-"""The hub: one process owns a board and shares it with any number of programs.
+"""Hub: process that owns a board and shares the board with any number of programs.
 
 async with servolink.hub.serve_board("/dev/ttyACM0", name="rex") as (hub, urls):
     ...  # programs connect to share://rex

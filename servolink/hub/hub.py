@@ -1,4 +1,4 @@
-"""Hub: one process owns a board, and any number of programs use it at once (docs/design/hub.md)."""
+"""Hub: process that owns a board, shared by any number of programs at the same time (docs/design/hub.md)."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterR
 from servolink.tasks import Tasks
 
 Listener = Callable[[Struct, str], None]
-"""Called with a notice, and the session that caused it."""
+"""Called with a notice, and the session that caused the notice."""
 
 
 class Hub:
-    """One board for many programs; each program uses the board like a board of its own."""
+    """Board shared by many programs; each program uses the board like an own board."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         """Use `share`, which opens and closes the hub."""
@@ -50,7 +50,7 @@ class Hub:
         self._buttons = ButtonRelay(board, self._deliver)
         units = UnitSwitch(board)
         self.motions = Motions(board)
-        """How motions are sent to the board, and how long they last."""
+        """Sender of motions to the board, with durations."""
         self._tasks = Tasks()
         self.leases = LeaseKeeper(
             name,
@@ -62,7 +62,7 @@ class Hub:
             stop_board=self._stop_unwatched,
             tasks=self._tasks,
         )
-        """The motion lease, as it is taken, given, asked for and kept alive by programs."""
+        """Motion lease, as taken, given, requested and kept alive by programs."""
         self.stops = StopCounter()
         """Counter of stops; each stop cancels all motions requested before."""
         sender = PacketSender(
@@ -82,7 +82,7 @@ class Hub:
         )
         self.ask, self.ask_stop, self.ask_waiting = self._upstream.ask, self._stopping.ask, self._upstream.send_waiting
         self.withdraw = self._upstream.withdraw
-        """Take the requests and stops of a `Program`, and send its requests when the program reads again."""
+        """Take the requests and stops of a `Program`, and send held requests when the program reads again."""
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
         self._listeners: list[Listener] = []
@@ -105,16 +105,16 @@ class Hub:
 
     @property
     def another(self) -> str:
-        """Description of a different board that answers in place of the lost one; empty if none does."""
+        """Description of a different board that answers in place of the lost board; empty if none does."""
         return self._another
 
     def start(self) -> None:
-        """Begin to serve programs."""
+        """Begin to serve programs with the board."""
         self._upstream.start()
         self._tasks.begin(self._follow_connection())
 
     async def close(self) -> None:
-        """End all sessions. The board stays open and unchanged, but is stopped if a program watched over its motion."""
+        """End all sessions. The board stays open and unchanged, but is stopped if a program watched over the motion."""
         lease = self.lease
         if lease is not None and lease.dead_man is not None:
             with suppress(ServolinkError):
@@ -143,7 +143,7 @@ class Hub:
         unit: AngleUnit = "degree",
         session_id: str | None = None,
     ) -> FrameProgram:
-        """Begin the session of a program. `sink` takes whole frames for it; it must neither block nor raise.
+        """Begin the session of a program. `sink` takes whole frames for the program, and must neither block nor raise.
 
         `unit` is that of its angles until it sets another one. Raise ValueError if the session id is in use.
         """
@@ -168,7 +168,7 @@ class Hub:
             self.tell(ProgramNotice("renamed", session_id, who), session_id)
 
     def forget(self, program: Program) -> None:
-        """Remove a program that leaves, with its lease and requests; see `Program.leave`."""
+        """Remove a program that leaves, with the program's lease and requests; see `Program.leave`."""
         if self.programs.get(program.session_id) is not program:
             return
         self.leases.left(program.session_id)  # which names it
@@ -209,7 +209,7 @@ class Hub:
         await asyncio.shield(self.begin_stop(who))
 
     def begin_stop(self, who: str, session_id: str = "") -> asyncio.Task[SetServoParameterResponse]:
-        """Begin a stop, and return the task of its confirmation. Do not cancel the task: other programs may wait too.
+        """Begin a stop, and return the task of the confirmation. Do not cancel the task: other programs may wait too.
 
         Programs of other sessions are told. A stop for which nothing was moved since another one began ends with that.
         """
@@ -234,7 +234,7 @@ class Hub:
         self._stopping.begin_unwatched(reason)
 
     def _refused(self, exchange: Exchange, reason: str) -> None:
-        """Count a packet that is not sent, and tell why."""
+        """Count an unsent packet, and report the reason."""
         program = exchange.program
         program.counters.refused += 1
         exchange.refused = reason
@@ -260,7 +260,7 @@ class Hub:
                 self.tell(ConnectionNow(state))
 
     def _found_another(self, text: str) -> None:
-        """Notify that a different board answers in place of the lost one, or, without `text`, that none does."""
+        """Notify that a different board answers in place of the lost board, or, without `text`, that none does."""
         self._another = text
         self.tell(ConnectionNow(self._state, text))
 
@@ -307,7 +307,7 @@ class Hub:
     # --- notices and status -------------------------------------------------------------------------------------
 
     def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener`, which must not raise, with each notice and its session. Return a function that ends this.
+        """Call `listener`, which must not raise, with each notice and session. Return a function that ends the calls.
 
         Notices are the notifications of the control interface and `MotionsCancelled`. A session is empty for the hub.
         """
@@ -320,7 +320,7 @@ class Hub:
         return end
 
     def follow_requests(self, follow: RequestFollower) -> Callable[[], None]:
-        """Call `follow` with each finished request except answered queries. Return a function that ends this.
+        """Call `follow` with each finished request except answered queries. Return a function that removes `follow`.
 
         It gets the packet, the response, True for one that boards do not answer, False or a reason for one that was
         not sent, or an error; when it was asked, who asked, and the session, empty for the hub itself. It must not
@@ -341,7 +341,7 @@ class Hub:
             follow(packet, outcome, asked_at, who, session_id)
 
     def tell(self, notice: Struct, session_id: str = "") -> None:
-        """Pass a notice to all listeners, with the session that caused it."""
+        """Pass a notice to all listeners, with the causing session."""
         for listener in list(self._listeners):
             listener(notice, session_id)
 

@@ -1,4 +1,4 @@
-"""A hub that serves programs: a board with a name, a claim on that name, and doors."""
+"""Hub that serves programs: a board with a name, a claim on the name, and doors."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ async def serve_board(
 
 
 def default_name(url: str) -> str:
-    """Return the name of a hub for a board without one: the end of its address, such as `ttyACM0`."""
+    """Return the name of a hub for a board without one: the end of the address, such as `ttyACM0`."""
     place = url.partition("?")[0].rstrip("/")
     scheme, _, rest = place.rpartition("://")
     last = re.sub(r"[^A-Za-z0-9_-]+", "-", rest.rpartition("/")[2]).strip("-")[:_LONGEST_NAME]

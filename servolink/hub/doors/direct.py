@@ -34,7 +34,7 @@ _EARLY = 1e-6  # seconds by which a timer may fire too early
 
 
 class _Asked(Exchange, eq=False):
-    """A request of the program, and the future of its response."""
+    """Request of the program, and the future of the response."""
 
     answered: asyncio.Future[Packet | None] | None = None
     timer: asyncio.TimerHandle | None = None
@@ -42,7 +42,7 @@ class _Asked(Exchange, eq=False):
 
 
 class _Events:
-    """What the hub tells the program without being asked."""
+    """Notice of the hub that the program did not ask for."""
 
     def __init__(self) -> None:
         self.on_event: Callable[[ButtonEvent], None] = lambda event: None
@@ -50,7 +50,7 @@ class _Events:
 
 
 class DirectProgram(Program):
-    """A program that gets packets, not frames."""
+    """Program that gets packets instead of frames."""
 
     def __init__(self, hub: Hub, events: _Events, **options: Any) -> None:
         """Use `DirectConnection`."""
@@ -62,17 +62,17 @@ class DirectProgram(Program):
 
     @property
     def waiting(self) -> int:
-        """How many of its requests are not over."""
+        """Number of requests without a response so far."""
         return len(self._open)
 
     def put(self, exchange: Exchange) -> None:
-        """Ask the hub for one of its requests: a stop goes before everything."""
+        """Queue a request at the hub; stops are sent first."""
         self.counters.requests += 1
         self._open[id(exchange)] = cast("_Asked", exchange)
         super().put(exchange)
 
     def withdraw(self, exchange: Exchange) -> bool:
-        """Give up a request. Return whether it was not sent yet, and so never will be."""
+        """Give up a request. Return whether the request was not sent yet, and so never will be."""
         self._open.pop(id(exchange), None)
         return self._hub.withdraw(exchange)
 
@@ -102,7 +102,7 @@ class DirectProgram(Program):
 
 
 class DirectConnection:
-    """Connection of a program to the board of a hub: its packets enter the queue of the hub as they are.
+    """Connection of a program to the board of a hub: packets enter the queue of the hub unchanged.
 
     They have the order, limits and rights of any other program. What is refused raises the refusal of the gate.
     """
@@ -130,7 +130,7 @@ class DirectConnection:
         self.outlasts_silence = True
         self.on_another: Callable[[str], None] = lambda text: None
         self.before_motion: Callable[[], object] = lambda: None
-        """Called before a motion enters the queue; it raises if the program does not get the lease."""
+        """Callback before a motion enters the queue; raises LeaseRefused for a program without the lease."""
         self.ended: ConnectionLost | None = None
         self.units_sent = 0
         self.answers = _Events()
@@ -154,12 +154,12 @@ class DirectConnection:
 
     @property
     def write_depth_bound(self) -> int:
-        """How many requests may ever be under way while one of them is a change."""
+        """Most requests under way while a change is under way."""
         return self._hub.board.connection.write_depth_bound
 
     @property
     def pace(self) -> float:
-        """Bytes per second that the line is known to carry, 0 if they are unknown."""
+        """Bytes per second that the line carries, 0 if unknown."""
         return self._hub.board.connection.pace
 
     @property
@@ -173,14 +173,14 @@ class DirectConnection:
         return bool(self.program.queue.exchanges)
 
     def bulk(self) -> AbstractContextManager[None]:
-        """Return a context in which much is transferred."""
+        """Return a context for a large transfer."""
         return nullcontext()
 
     async def shake_hands(self) -> None:
         """Do nothing: a session with a hub begins clean."""
 
     async def close(self) -> None:
-        """Fail all who wait, and leave the hub; may be called again."""
+        """Fail all waiting requests, and leave the hub; may be called again."""
         self._end(lost(self.url, None))
 
     def _end(self, error: ConnectionLost) -> None:
@@ -212,20 +212,20 @@ class DirectConnection:
         return cast("R", response)
 
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> bool:
-        """Return True when a packet that is never answered was sent to the board."""
+        """Return True after sending a packet without response to the board."""
         await self._outcome(self._ask(packet, ticket), None, self._loop.time())
         if self.ended is not None:
             raise same(self.ended)
         return True
 
     async def send_stop(self, packet: SetServoParameterRequest) -> bool:
-        """Send `packet` before everything else, and wait for nothing, not even its response."""
+        """Send `packet` before everything else, without waiting for the response."""
         self.stops.stop()
         self._ask(packet, None)
         return True
 
     def _ask(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool = False) -> _Asked:
-        """Put a packet into the queue, with a ticket of the hub in exchange for that of this connection."""
+        """Queue a packet, with a ticket of the hub in exchange for the ticket of this connection."""
         if self.ended is not None:
             raise same(self.ended)
         ticket = ticket or self.stops.ticket()
@@ -244,7 +244,7 @@ class DirectConnection:
         return asked
 
     async def _outcome(self, asked: _Asked, timeout: float | None, begun_at: float) -> Packet | None:
-        """Return the response when a request is over. Raise why it has none, and give it up when its time has passed.
+        """Return the response when a request is over. Raise the failure; give the request up after the deadline.
 
         Without `timeout`, the time counts from the latest response to this program, as the hub may be busy with others.
         """
@@ -293,7 +293,7 @@ class DirectConnection:
     # --- gates --------------------------------------------------------------------------------------------------
 
     def _refuse_other_use(self, packet: Packet, ticket: Ticket) -> MotionOver | None:
-        """Refuse a motion that would wait for as long as another program has exclusive use."""
+        """Refuse a motion that would wait until another program ends exclusive use."""
         hold = self._hub.exclusive_use
         if hold is None or hold.session == self.program.session_id:
             return None
@@ -309,7 +309,7 @@ E = TypeVar("E", bound="ServolinkError | None")
 
 
 def _nothing_moved(error: E) -> E:
-    """Return a refusal of the hub in the words of a program that waits for its motion."""
+    """Return a refusal of the hub, worded for a program that waits for the result of a motion."""
     if isinstance(error, LeaseRefused | MotionOver):
         return type(error)(f"nothing was moved: {error}")
     return error

@@ -15,7 +15,7 @@ from servolink.transports.lifecycle import BaseTransport
 
 
 class LocalTransport(BaseTransport):
-    """Leads to the board of a hub; what is sent has the order, limits and rights of any other program."""
+    """Transport to the board of a hub; bytes have the order, limits and rights of any other program."""
 
     def __init__(
         self,
@@ -28,10 +28,10 @@ class LocalTransport(BaseTransport):
         unit: AngleUnit = "degree",
         session_id: str | None = None,
     ) -> None:
-        """Join `hub` when it is opened, unless `join` comes first."""
+        """Join `hub` on opening, unless `join` comes first."""
         super().__init__(f"share://{hub.name}")
         self.program: FrameProgram | None = None
-        """Session; None before it begins."""
+        """Session of the program; None before `join`."""
         self._join = partial(
             hub.join, self._receive, who=who, door=door, role=role, codec=codec, unit=unit, session_id=session_id
         )

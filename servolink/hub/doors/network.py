@@ -25,7 +25,7 @@ _SHOWN = 16  # bytes of a wrong beginning
 async def tcp_door(
     hub: Hub, place: str, *, role: Role = Role.EDIT, codec: Codec | None = None, unit: AngleUnit = "degree"
 ) -> AsyncIterator[str]:
-    """Serve programs at `place`, HOST:PORT, within this context; yield the URL. Port 0 takes a free one.
+    """Serve programs at `place`, HOST:PORT, within this context; yield the URL. Port 0 takes a free port.
 
     Everybody who can connect there has `role`. A connection that does not begin with a frame is closed before any byte
     is used. Raise TransportUnavailable for a wrong place, OpenError for one that is not available.

@@ -1,4 +1,4 @@
-"""The door for programs that know only serial ports: a pseudo-terminal, with a link that keeps its name.
+"""Door for programs that know only serial ports: a pseudo-terminal, with a lasting link.
 
 The session of a program begins when the terminal is opened, and ends when the terminal is closed.
 """
@@ -20,7 +20,7 @@ from servolink.protocol.codec import Codec
 async def pty_door(
     hub: Hub, *, link: str | Path | None = None, codec: Codec | None = None, unit: AngleUnit = "degree"
 ) -> AsyncIterator[str]:
-    """Serve one program after the other on a new pseudo-terminal within this context; yield its URL.
+    """Serve programs, in turn, on a new pseudo-terminal within this context; yield the URL.
 
     `link` is the path of a symbolic link to the terminal, whose name differs each time; a link that a killed hub left
     is replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.

@@ -1,4 +1,4 @@
-"""The door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
+"""Door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
 
 See `servolink.control.greeting` for the greeting, `servolink.platforms.local_sockets` for systems without such sockets.
 """
@@ -26,7 +26,7 @@ from servolink.platforms import local_sockets
 from servolink.protocol.codec import Codec
 
 MOST_MESSAGE = 1024 * 1024
-"""Bytes of one message of JSON-RPC, at most."""
+"""Most bytes of a JSON-RPC message."""
 
 
 class Channel(Protocol):
@@ -46,7 +46,7 @@ class Channel(Protocol):
 
 
 OpenChannel: TypeAlias = Callable[[Hub, Greeting, str, Callable[[bytes], None], Callable[[str], None]], Channel]
-"""Function of hub, greeting, session id, and two functions: one sends a message, one disconnects with a reason."""
+"""Function of hub, greeting, session id, and functions to send a message and to disconnect with a reason."""
 
 
 @asynccontextmanager
@@ -92,7 +92,7 @@ class ShareConnection(AcceptedConnection):
             self._receive(rest)
 
     def _welcome(self, greeting: Greeting) -> None:
-        """Admit the program. Raise ValueError if that is impossible."""
+        """Admit the program. Raise ValueError for an invalid greeting."""
         role = Role.parse(greeting.role)
         self.who = greeting.who
         if greeting.wants == "frames":
@@ -158,13 +158,13 @@ class ShareConnection(AcceptedConnection):
 
 
 class Messages:
-    """Handler of a program that speaks JSON-RPC, one message in each line."""
+    """Handler of a program with JSON-RPC, a message in each line."""
 
     is_full = False
     waiting = 0
 
     def __init__(self, channel: Channel, abort: Callable[[str], None]) -> None:
-        """Pass messages to `channel`; call `abort` with the reason if one is too long."""
+        """Pass messages to `channel`; call `abort` with the reason for a message over the limit."""
         self.on_room: Callable[[], None] | None = None
         self.pause, self.resume = channel.pause, channel.resume
         self._channel = channel

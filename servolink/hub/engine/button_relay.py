@@ -1,4 +1,4 @@
-"""ButtonRelay: one subscription of the board for all programs that want its button events (3.4.7, 3.4.8)."""
+"""ButtonRelay: shared subscription of the board for all programs with button events (3.4.7, 3.4.8)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Subscribers:
         self._is_on = None
 
     def answered(self, *, subscribe: bool) -> None:
-        """Count a change that the board has carried out."""
+        """Count a change carried out by the board."""
         self._is_on = subscribe
 
     def change(self, session_id: str, *, subscribe: bool) -> None:
@@ -63,7 +63,7 @@ class Subscribers:
 
 
 class ButtonRelay:
-    """Subscribes the board for the first program, ends that with the last, and passes events on."""
+    """Relay: subscribes for the first program, ends the subscription with the last, and passes events on."""
 
     def __init__(self, board: Board, deliver: Callable[[ButtonEvent], None]) -> None:
         """Call `deliver` with each event of `board`."""
@@ -87,12 +87,12 @@ class ButtonRelay:
                     return SubscribeButtonEventResponse(0)
             self.subscribers.change(program.session_id, subscribe=subscribe)
             program.is_subscribed = subscribe
-        if program.has_left:  # while the board was asked: there was no subscription yet that could be ended
+        if program.has_left:  # during the request: no subscription existed yet that could be ended
             await self.left(program.session_id)
         return SubscribeButtonEventResponse(1)
 
     async def left(self, session_id: str) -> None:
-        """End the subscription of a program that is gone."""
+        """End the subscription of a program after the program has left."""
         async with self._changing:
             if self.subscribers.left(session_id):
                 with suppress(ServolinkError):  # no subscriber is left; late events are dropped

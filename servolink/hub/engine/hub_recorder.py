@@ -1,4 +1,4 @@
-"""HubRecorder: the recording that a page starts and stops, written by the process of the hub."""
+"""HubRecorder: recording started and stopped by a page, and written by the process of the hub."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from servolink.recorder.recorder import Recorder, Wanted
 from servolink.recorder.writer import RecorderStatus
 
 MOST_BYTES = 1024 * MIB
-"""Bytes at which a recording is ended: whoever started it may have forgotten it."""
+"""Bytes at which a recording is ended: the starter may have forgotten the recording."""
 _LEAST_FREE = 256 * MIB
 """Bytes that must stay free on the disk."""
 _SUFFIX = ".mcap"
-_LOOK_EVERY = 1.0  # seconds
+_LOOK_EVERY = 1.0  # seconds between two checks of size and free space
 _PRIVATE = 0o700
 
 
@@ -54,7 +54,7 @@ class HubRecorder:
         self._changing = asyncio.Lock()
 
     def now(self) -> RecordingNow:
-        """Return the state of the recording, or of the latest one."""
+        """Return the state of the present or latest recording."""
         status = self._latest if self._recorder is None else self._recorder.status
         if status is None:
             return RecordingNow(is_recording=False)
@@ -92,7 +92,7 @@ class HubRecorder:
         self._hub.tell(RecordingNotice("started", who, recorder.wanted.path.name))
 
     async def stop(self, who: str) -> None:
-        """End the recording. Raise RecordingError if there is none, or its end cannot be written."""
+        """End the recording. Raise RecordingError without a recording, or if the end cannot be written."""
         async with self._changing:
             recorder = self._recorder
             if recorder is None:
@@ -128,12 +128,12 @@ class HubRecorder:
         return [recording for _, recording in sorted(found)]
 
     async def close(self) -> None:
-        """End the recording, if there is one: the hub ends."""
+        """End the recording, if any: the hub ends."""
         with suppress(RecordingError):
             await self.stop("the hub, which ends")
 
     def _new_path(self) -> Path:
-        """Return where to write. Raise RecordingError if that is impossible."""
+        """Return the path of a new recording. Raise RecordingError without a folder."""
         try:
             folder = self.folder()
             folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE)

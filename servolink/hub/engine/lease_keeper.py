@@ -1,4 +1,4 @@
-"""LeaseKeeper: the motion lease in time: it ends by itself, and the board is stopped when a dead man's beats stop."""
+"""LeaseKeeper: expiry of the motion lease, and a stop of the board when a dead man's beats end."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class LeaseKeeper:
         return LeaseStatus(lease.holder, self._who_of(lease.holder), self._loop.time() - lease.since, lease.dead_man)
 
     def close(self) -> None:
-        """End nothing any more."""
+        """Cancel the timer: leases do not end any more."""
         if self._timer is not None:
             self._timer.cancel()
 
@@ -105,7 +105,7 @@ class LeaseKeeper:
         self._report(self._lease.stopped(self._loop.time()))
 
     def take(self, session: str, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True) -> bool:
-        """Give the lease to `session` if it is free, or with `force`. Return whether `session` has the lease now.
+        """Give the lease to `session` if free, or with `force`. Return whether `session` has the lease now.
 
         If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped. With
         `is_beat` this counts as one.
@@ -118,7 +118,7 @@ class LeaseKeeper:
         return self._gate.reason(session, self._loop.time())
 
     def give(self, session: str) -> None:
-        """Free the lease if `session` holds it. A motion ends by itself."""
+        """Free the lease of `session`, if held. The motion goes on to its end."""
         self._report(self._lease.give(session, self._loop.time()))
 
     def ask(self, session: str) -> None:
@@ -136,7 +136,7 @@ class LeaseKeeper:
     # --- what time does -----------------------------------------------------------------------------------------
 
     async def _count_later(self, exchange: Exchange, sent_at: float) -> None:
-        """Count a motion whose time is to be read from the board, for which nobody should wait."""
+        """Count a motion with a duration that must be read from the board, without waiting for the reading."""
         seconds = await self._motions.seconds_of(exchange.packet)
         if seconds is None:
             self._count(exchange.program.session_id, None)
@@ -167,7 +167,7 @@ class LeaseKeeper:
         self._report(self._lease.rested(self._loop.time()))
 
     def _report(self, changes: Iterable[LeaseChange]) -> None:
-        """Tell everybody what has happened to the lease, and look again when something is due."""
+        """Notify all programs about a change of the lease, and look again when something is due."""
         for change in changes:
             by = None if change.by is None else self._who_of(change.by)
             self._tell(LeaseNotice(change.event, by, self.status), change.by or "")

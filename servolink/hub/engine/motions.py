@@ -35,23 +35,23 @@ _JITTER = {"degree": 1, "adc": 12, None: 1}  # by how much the reading of a rest
 
 
 class Outcome(NamedTuple):
-    """What became of a motion."""
+    """Outcome of a motion."""
 
     response: Response | None
-    """The response for the program; None if it gets none."""
+    """Response for the program; None without a response."""
     refusal: ServolinkError | None = None
-    """Why it was not sent; None if it was."""
+    """Reason for not sending the motion; None after sending."""
 
 
 class Motions:
-    """Sends motions as the board's own methods do, so that limits hold by the same code for every program."""
+    """Sender of motions that uses the methods of `Board`, so that limits hold by the same code for every program."""
 
     def __init__(self, board: Board) -> None:
-        """Send to `board`, whose units are set as the program means them whenever a motion is sent."""
+        """Send to `board`, set to the units of the program whenever a motion is sent."""
         self._board = board
 
     async def send(self, packet: Packet, ticket: Ticket | None = None, *, unchecked: bool = True) -> Outcome:
-        """Send a motion within the limits of the board; refuse a motion that cannot be compared with limits.
+        """Send a motion within the limits of the board; refuse a motion that limits cannot be compared with.
 
         With limits, a stored record and all that it runs is read and checked first, and a soft start takes seconds.
         Whatever is sent has `ticket`, which the gates of the connection look at. Raise RequestTimeout or OutcomeUnknown
@@ -71,7 +71,7 @@ class Motions:
             return Outcome(await self.refused(packet), error)
 
     async def refused(self, packet: Packet) -> Response | None:
-        """Return the response to a packet that was not sent; the state of servos is read for this."""
+        """Return the response to a packet that was not sent; the state of servos is read for the response."""
         if not isinstance(packet, SetServoParameterRequest):
             return refused_response(packet)
         try:
@@ -97,7 +97,7 @@ class Motions:
         return max((step.interval for step in packet.steps), default=0) * self._interval_unit
 
     async def until_rest(self) -> None:
-        """Return when no servo has turned for 1.5 s. While the board does not answer, that is unknown: go on."""
+        """Return when no servo has turned for 1.5 s. A board without answers gives no state: continue asking."""
         first, count = dict[int, int](), 0
         while count < _RESTING:
             await asyncio.sleep(_PAUSE)

@@ -1,4 +1,4 @@
-"""Program: session of one program; FrameProgram: the session of a program that sends and receives bytes."""
+"""Program: session of a program; FrameProgram: session of a program that sends and receives bytes."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from servolink.protocol.parser import PADDING, FrameParser
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 
 MOST_HELD = 256 * 1024
-"""Bytes that the requests of a program may take that are not over; it is not read while they take more. There is room
+"""Most bytes in unfinished requests of a program, which is not read beyond the limit. There is room
 for more than a board answers in a while, because a stop that was not read is not found."""
 REQUEST_BYTES = 256
-"""How many of these a request counts for, beside its content: there is room for a thousand short ones."""
+"""Bytes counted for a request, besides the content: there is room for a thousand short requests."""
 
 _logger = logging.getLogger(__name__)
 
-_SILENCE = 0.25  # seconds after which half a frame is given up, as a board does
+_SILENCE = 0.25  # seconds until half a frame is given up, as by a board
 
 
 class Exchanger(Protocol):
-    """What takes the requests of programs, as a hub does."""
+    """Receiver of the requests of programs, such as a hub."""
 
     stops: StopCounter
     """Stops of servos, which issues the tickets of motions."""
@@ -45,10 +45,10 @@ class Exchanger(Protocol):
         """Take a request, and call `exchange.program.finish` at the end."""
 
     def ask_stop(self, exchange: Exchange) -> None:
-        """Take a stop, send it before everything else, and call `exchange.program.finish` at the end."""
+        """Take a stop, send the stop before everything else, and call `exchange.program.finish` at the end."""
 
     def withdraw(self, exchange: Exchange) -> bool:
-        """Drop a request that was not sent yet. Return whether there was one."""
+        """Drop a request that was not sent yet. Return whether the request was unsent."""
         ...
 
     def forget(self, program: Program) -> None:
@@ -59,7 +59,7 @@ class Exchanger(Protocol):
 
 
 class Program:
-    """Session of a program."""
+    """Session of a program at a hub."""
 
     def __init__(
         self,
@@ -74,7 +74,7 @@ class Program:
     ) -> None:
         """Use `Hub.join`."""
         self.session_id = session_id or secrets.token_hex(16)
-        """Identifier that ties the connections of the program together; the status lists it."""
+        """Identifier that ties the connections of the program together; shown in the status."""
         self.who = who
         """Name for people; must be escaped before display."""
         self.door = door
@@ -83,7 +83,7 @@ class Program:
         self.units = ServoUnits(unit)
         """Units of the angles that the program sends and reads."""
         self.is_subscribed = False
-        """Whether button events are sent to it (3.4.7)."""
+        """Whether button events are sent to the program (3.4.7)."""
         self.counters = ProgramCounters()
         self.queue = ProgramQueue()
         """Unsent requests of the program."""
@@ -105,7 +105,7 @@ class Program:
         return 0
 
     def status(self) -> ProgramStatus:
-        """Return who it is, and what has passed."""
+        """Return name, role and counters of the session."""
         counters = self.counters
         return ProgramStatus(
             self.session_id,
@@ -123,7 +123,7 @@ class Program:
         )
 
     def put(self, exchange: Exchange) -> None:
-        """Ask the hub for one of its requests: a stop goes before everything."""
+        """Queue a request at the hub; stops are sent first."""
         if exchange.packet.effect is Effect.STOPS:
             self._hub.ask_stop(exchange)
         else:
@@ -162,7 +162,7 @@ class FrameProgram(Program):
         unit: AngleUnit,
         session_id: str | None = None,
     ) -> None:
-        """Use `Hub.join`."""
+        """Use `Hub.join` to get a program."""
         super().__init__(hub, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
         self.mode = 1
         """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""
@@ -182,12 +182,12 @@ class FrameProgram(Program):
 
     @property
     def waiting(self) -> int:
-        """How many of its requests are not over."""
+        """Number of unfinished requests of the program."""
         return len(self._open)
 
     @property
     def garbage(self) -> int:
-        """How many bytes were received that belong to no frame."""
+        """Number of received bytes that belong to no frame."""
         skipped = self._parser.skipped
         return sum(skipped.values()) - skipped[PADDING]
 
@@ -251,7 +251,7 @@ class FrameProgram(Program):
         self.finish(exchange, TransmissionModeSettingResponse(self.mode))
 
     def pause(self) -> None:
-        """Hold the program's requests back, except stops: its responses are not being read."""
+        """Hold back the program's requests, except stops: the program does not read responses."""
         self.queue.is_unread = True
 
     def resume(self) -> None:
@@ -265,7 +265,7 @@ class FrameProgram(Program):
     def finish(
         self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
     ) -> None:
-        """Finish a request with a response, or with None; `content` is how `codec` would write it."""
+        """Finish a request with a response, or with None; `content` is the response in the encoding of `codec`."""
         frame = None
         if response is not None and content is not None and codec and self.codec.byte_order == codec.byte_order:
             # Content as received: captions keep undecodable bytes, and encoding again takes longer.
@@ -298,7 +298,7 @@ class FrameProgram(Program):
                 self.on_room()
 
     def push(self, event: ButtonEvent) -> None:
-        """Send a button event, if the program hears this protocol at all."""
+        """Send a button event to a program in a mode with events."""
         if not self.has_left and self.mode == 1:
             self._send([self.codec.encode(event, unchecked=True)])
 

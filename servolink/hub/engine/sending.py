@@ -33,7 +33,7 @@ from servolink.protocol.servos import (
 from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
 Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
-"""Called with the response to a query, and its content as it came if that is known; or with an error."""
+"""Called with the response to a query, and the content as received, if known; or with an error."""
 
 
 class PacketSender:
@@ -51,7 +51,7 @@ class PacketSender:
         on_refused: Callable[[Exchange, str], None],
         programs: Mapping[str, Program],
     ) -> None:
-        """Send to `board` what `programs` may send, in the units that `units` sets.
+        """Send to `board` the requests of `programs`, in the units that `units` sets.
 
         While everything is deleted, others wait because of `exclusive`. Call `on_refused` with each packet that is not
         sent, and the reason.
@@ -73,7 +73,7 @@ class PacketSender:
         self._guarded: Connection | None = None
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
-        """Send a query that needs no preparation, and pass the outcome to `done`. Return whether it was sent."""
+        """Send a query that needs no preparation, and pass the outcome to `done`. Return whether the query was sent."""
         packet, connection, units = exchange.packet, self._board.connection, self._units
         if not isinstance(packet, Query):
             return False
@@ -108,7 +108,7 @@ class PacketSender:
         return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.units)
 
     async def send(self, exchange: Exchange, on_free: Callable[[], None]) -> Packet | None:
-        """Send a packet and return the response for its program, None if there is none.
+        """Send a packet and return the response for the program, None without one.
 
         The queue of the program is blocked by it until it is with the connection, which keeps the order; then `on_free`
         is called.
@@ -185,7 +185,7 @@ class PacketSender:
                 return None
 
     async def _move(self, exchange: Exchange) -> Packet | None:
-        """Send a motion, unless a stop or another holder came while something was awaited, or it exceeds a limit."""
+        """Send a motion, unless stopped, without the lease by now, or beyond a limit."""
         if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
             return await self.refused(exchange, refusal)
         stops, until = self._board.connection.stops, exchange.ticket.until
@@ -225,7 +225,7 @@ class PacketSender:
         connection.preparations += (self._take_lease,)
 
     async def _take_lease(self, packet: Packet, ticket: Ticket) -> None:
-        """Take the lease for a motion of a program, and keep its units while a soft start comes first."""
+        """Take the lease for a motion of a program, and keep the program's units during a soft start."""
         if not ticket.who or not is_motion(packet):
             return
         program = self._programs.get(ticket.who)

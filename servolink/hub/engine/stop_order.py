@@ -1,4 +1,4 @@
-"""Stopping: a stop goes to the board before everything, and counts when the servos report it."""
+"""Stopping: a stop goes to the board before everything, and counts when confirmed by the servos' state."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ _LAST_TRIES = 1.0  # seconds in which stops may still be confirmed, or sent agai
 
 
 class MotionsCancelled(Struct, frozen=True):
-    """Notice within the hub: no motion that was asked for until now is sent any more."""
+    """Notice within the hub: motions requested until now are not sent any more."""
 
     are_all: bool
     """Whether all servos are being stopped; False for some."""
 
 
 class _Stopping(NamedTuple):
-    """A stop that is under way."""
+    """Stop under way, shared by equal stops."""
 
     motions: int
-    """How many motions had been sent when it began."""
+    """Number of motions sent before the stop began."""
     task: asyncio.Task[SetServoParameterResponse]
 
 
@@ -67,7 +67,7 @@ class Stops:
         tell: Callable[[Struct, str], None],
         follow: RequestFollower,
     ) -> None:
-        """Stop `board`. `tell` passes on notices; `follow` hears of stops that no packet of a program asked for."""
+        """Stop `board`. `tell` passes on notices; `follow` hears of stops without a packet of a program."""
         self._board = board
         self._stops = stops
         self._sender = sender
@@ -80,11 +80,11 @@ class Stops:
         self._under_way: dict[SetServoParameterRequest, _Stopping] = {}
 
     async def close(self) -> None:
-        """Give up the stops that cannot be confirmed soon."""
+        """Give up stops without a confirmation soon."""
         await self._tasks.close(linger=_LAST_TRIES)
 
     def ask(self, exchange: Exchange) -> None:
-        """Send the stop of a program before everything else, and finish it."""
+        """Send the stop of a program before everything else, and finish the request."""
         packet = exchange.packet
         assert isinstance(packet, SetServoParameterRequest)  # noqa: S101 - narrows the type
         if stops_all(packet):
@@ -115,7 +115,7 @@ class Stops:
         except ServolinkError as error:
             self.begin_unwatched(f"{program.who} has let go")
             raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
-        # A board may turn a started servo to its old target: start only servos that have stopped (3.2.3).
+        # A board may turn a started servo to an old target: start only stopped servos (3.2.3).
         for servo_id in servo_ids:
             if self._sender.is_stopped or self._upstream.waiting.holder not in (None, program.queue):
                 return
@@ -144,14 +144,14 @@ class Stops:
         self._keeper.stopped()
 
     def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
-        """Cancel all motions requested until now, and notify the programs that wait to send one."""
+        """Cancel all motions requested until now, and notify programs with unsent motions."""
         self._stops.stop()
         self._board.connection.stops.stop()  # also motions under way in the connection, even before the stop is sent
         self._upstream.drop_motions()
         self._tell(MotionsCancelled(are_all), session_id)
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:
-        """Send a stop at once and return its task; or the task of an equal stop with no motion since.
+        """Send a stop immediately and return the task; or the task of an equal stop without a motion since.
 
         Others may wait for the task, too: do not cancel it.
         """
@@ -209,7 +209,7 @@ async def _stop(board: Board, packet: SetServoParameterRequest) -> SetServoParam
         except (RequestTimeout, DecodeError):
             continue
         if not states:
-            return SetServoParameterResponse(0, 1, 0)  # as a board answers that has no such servo
+            return SetServoParameterResponse(0, 1, 0)  # as a board without such a servo answers
         if (states[0].is_start, states[0].is_hold) == (0, 1):
             return SetServoParameterResponse(packet.servo_id, 0, 1)
     raise OutcomeUnknown(f"a stop was sent {_TRIES} times and could not be confirmed", packet)

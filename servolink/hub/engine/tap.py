@@ -1,4 +1,4 @@
-"""HubTap: everything that passes through a hub, as messages of a recording."""
+"""HubTap: all traffic of a hub, as messages of a recording."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class HubTap(WireTap):
             end()
 
     def _over(self, packet: Packet, outcome: object, asked_at: float, who: str, session: str) -> None:
-        """Pass on what became of a request of a program."""
+        """Pass on the outcome of a program's request."""
         now, lease = self._now(), self._hub.lease
         holder = "" if lease is None else lease.who
         self._take(now, command_done(packet, outcome, now - asked_at, who=who, session=session, lease=holder))

@@ -22,13 +22,13 @@ class UnitsKept(RequestError):
 
 
 class UnitSwitch:
-    """Angle units of the board, kept as one program needs them while its requests depend on them.
+    """Angle units of the board, kept as needed by a program while requests depend on them.
 
     Angles are never converted. So the board is set to the units of a program before each packet that depends on them.
     """
 
     def __init__(self, board: Board) -> None:
-        """Set units on `board`. Nothing else may set them."""
+        """Set units on `board`. Nothing else may set units."""
         self._board = board
         self._reservation = UnitReservation()
         self._setting = asyncio.Lock()
@@ -48,7 +48,7 @@ class UnitSwitch:
                 self._users += 1
 
     def is_set_for(self, packet: Packet, units: ServoUnits) -> bool:
-        """Return whether the units that `packet` depends on are set, and no others are about to be set."""
+        """Return whether the units needed by `packet` are set, and no others are about to be set."""
         return not self._setting.locked() and not self._needed(packet, units)
 
     def enter_at_once(self, packet: Packet, units: ServoUnits) -> bool:
@@ -108,14 +108,14 @@ class UnitSwitch:
         return all(self._reservation.allows(request, units, now) for request in requests)
 
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
-        # Through the board's own methods, which check limits in the units known to them.
+        # Through the methods of `Board`, which check limits in the units known to them.
         response = await self._board.request(request, unchecked=True)
         if not is_accepted(request, response):
-            self._board.units.forget(request.servo_id)  # on a bad line, the board may have set it all the same
+            self._board.units.forget(request.servo_id)  # on a bad line, the board may have set the unit all the same
         return response
 
     async def _until_unused(self, may_set: Callable[[], bool]) -> None:
-        """Wait until no request under way depends on the units, or until setting them is refused."""
+        """Wait until no request under way depends on the units, or until setting units is refused."""
         while self._users and may_set():
             self._unused.clear()
             await self._unused.wait()

@@ -1,4 +1,4 @@
-"""Upstream: requests of all programs on their way to the board, through one connection."""
+"""Upstream: requests of all programs on the way to the board, through a shared connection."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from servolink.tasks import Tasks
 _logger = logging.getLogger(__name__)
 
 RequestFollower: TypeAlias = Callable[[Packet, object, float, str, str], None]
-"""Takes a request and its response, True if boards do not answer it, False or a reason if it was not sent, or an error;
+"""Takes a request and the response, True for a request without response, False or a reason if unsent, or an error;
 when it was asked, who asked, and the session, empty for the hub itself."""
 
 
@@ -37,7 +37,7 @@ class Upstream:
     def __init__(self, board: Board, sender: PacketSender) -> None:
         """Send to `board` through `sender`, from `start` on."""
         self.waiting = RoundRobin()
-        """Unsent requests."""
+        """Unsent requests of all programs."""
         self._board = board
         self._sender = sender
         self._loop = asyncio.get_running_loop()
@@ -48,24 +48,24 @@ class Upstream:
         """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
 
     def start(self) -> None:
-        """Begin to send."""
+        """Begin to send queued requests."""
         for _ in range(self._board.connection.depth_bound + MOST_ASIDE):
             first = self._loop.create_future()
             self._idle.append(first)
             self._tasks.begin(self._work(first))
 
     async def close(self) -> None:
-        """Stop sending. What is under way is given up."""
+        """Stop sending. Requests under way are given up."""
         self._idle.clear()
         await self._tasks.close()
 
     def ask(self, exchange: Exchange) -> None:
-        """Queue a request, send it in turn, and finish it."""
+        """Queue a request, send the request in turn, and finish."""
         self.waiting.add(exchange)
         self.send_waiting()
 
     def withdraw(self, exchange: Exchange) -> bool:
-        """Drop a request that was not sent yet. Return whether there was one."""
+        """Drop a request that was not sent yet. Return whether the request was unsent."""
         return bool(self.waiting.drop_where(lambda waiting: waiting is exchange))
 
     async def begin(self, exchange: Exchange) -> Packet | None:
@@ -81,14 +81,14 @@ class Upstream:
         return response
 
     def finish(self, exchange: Exchange, outcome: Packet | ServolinkError | Literal[False]) -> None:
-        """Finish a request with its response, an error, or False after giving up."""
+        """Finish a request with the response, an error, or False after giving up."""
         self._tell(exchange, outcome)
         if isinstance(outcome, ServolinkError):
             exchange.error = outcome
         _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
     def drop_motions(self) -> None:
-        """Give up the motions that wait: a stop comes first."""
+        """Give up waiting motions: a stop comes first."""
         for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
             self._tasks.begin(self._finish_stopped(exchange))
 
@@ -113,7 +113,7 @@ class Upstream:
                 self._idle.popleft().set_result(exchange)
 
     def _answered(self, exchange: Exchange, outcome: Packet | ServolinkError, content: bytes | None) -> None:
-        """Finish a query that was sent at once."""
+        """Finish a query that was sent immediately."""
         self._active -= 1
         if isinstance(outcome, ServolinkError):
             _logger.debug("%s", outcome)
@@ -123,7 +123,7 @@ class Upstream:
         self.send_waiting()
 
     async def _work(self, next_one: asyncio.Future[Exchange]) -> None:
-        """Carry out exchanges one by one."""
+        """Carry out exchanges in turn, each to the end."""
         while True:
             await self._carry_out(await next_one)
             self._active -= 1
@@ -169,7 +169,7 @@ class Upstream:
 def _finish(
     exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
 ) -> None:
-    """Finish an exchange and all equal ones. `content` is the response as `codec` would write it."""
+    """Finish an exchange and all equal exchanges. `content` is the response in the encoding of `codec`."""
     for each in (exchange, *exchange.equal):
         if response is None:
             each.program.counters.unanswered += isinstance(each.packet, Request)
@@ -178,5 +178,5 @@ def _finish(
 
 
 def _means_same(one: Exchange, other: Exchange) -> bool:
-    """Return whether the response to a query answers an equal one as well."""
+    """Return whether the response to a query answers an equal query as well."""
     return one.program.units == other.program.units or not carries_angles(one.packet)

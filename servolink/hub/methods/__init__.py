@@ -1,1 +1,1 @@
-"""The methods of the control interface, as a hub carries them out."""
+"""Methods of the control interface, carried out by a hub."""

@@ -50,30 +50,30 @@ class PreparedRun(NamedTuple):
 
 
 class Readings:
-    """Board that the hub reads for all programs, so that all watchers share one poll."""
+    """Board read by the hub for all programs, so that all watchers share a poll."""
 
     def __init__(self, hub: Hub) -> None:
-        """Connect when it is first needed."""
+        """Connect when first needed."""
         self._hub = hub
         self._board: Board | None = None
 
     async def board(self) -> Board:
-        """Return the board."""
+        """Return the board of this program."""
         if self._board is None:
             self._board = _board_on(self._hub, DirectConnection(self._hub, who="the hub", role=Role.WATCH))
         return self._board
 
     async def close(self) -> None:
-        """Leave the hub."""
+        """Leave the hub at the end."""
         if self._board is not None:
             await self._board.close()
 
 
 class Control:
-    """One program's session with a hub, on the side of the control interface."""
+    """Session of a program with a hub, on the side of the control interface."""
 
     def __init__(self, hub: Hub, readings: Readings, greeting: Greeting, session: str) -> None:
-        """Speak for the program of `greeting`: if that names a session, it uses a board through frames already."""
+        """Speak for the program of `greeting`: a greeting with a session means that the program uses frames already."""
         self.hub = hub
         self.who = greeting.who
         self.role = Role.parse(greeting.role)
@@ -82,7 +82,7 @@ class Control:
         self.wants_programs = False
         """Whether the program is notified of programs that join and leave."""
         self.prepared: PreparedRun | None = None
-        """What `run.start` begins."""
+        """Prepared run for the method `run.start`; None without a run."""
         self._readings = readings
         self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man
@@ -91,12 +91,12 @@ class Control:
             self._connection = _joined(hub, who=self.who, role=self.role, session=session)
             self._connection.before_motion = self.take_lease
         self.stops = StopCounter() if self._connection is None else self._connection.stops
-        """Stops that end motions of this program."""
+        """Stops that end motions of the program."""
         self._board: Board | None = None
         self._changed = asyncio.Event()
 
     async def close(self) -> None:
-        """Leave the hub, which ends lease and exclusive use; a program with its own frames ends only exclusive use."""
+        """Leave the hub, which ends lease and exclusive use; a program with frames ends only exclusive use."""
         self.hub.end_exclusive_use(self.session)
         if self._board is not None:
             await self._board.close()
@@ -133,7 +133,7 @@ class Control:
         return self._board
 
     async def board_to_move(self, ticket: Ticket) -> Board:
-        """Return the board of this program for one motion, once no other program has exclusive use.
+        """Return the board of the program for a motion, once no other program has exclusive use.
 
         Raise MotionRefused if a stop or `end_move` comes after the motion was asked for, and when its time has passed.
         """
@@ -225,7 +225,7 @@ class Control:
 
     @asynccontextmanager
     async def exclusive(self, reason: str) -> AsyncIterator[None]:
-        """Take exclusive use of the board in this context, once no other program has it; unless already held."""
+        """Take exclusive use of the board in this context, after waiting for other programs; unless already held."""
         hold = self.hub.exclusive_use
         if hold is not None and hold.session == self.session:
             yield
@@ -252,10 +252,10 @@ class Control:
         self._check_joined()
         while not self.hub.begin_exclusive_use(self.session, reason):
             await self.until_free()
-            self._check_joined()  # the session of its frames may have ended meanwhile
+            self._check_joined()  # the session of the program's frames may have ended meanwhile
 
     def _check_joined(self) -> None:
-        """Raise ConnectionLost if the session has ended: its board was disconnected, or the hub has ended."""
+        """Raise ConnectionLost for an ended session: the board was disconnected, or the hub has ended."""
         if self.session not in self.hub.programs:
             raise ConnectionLost("the session has ended; connect again")
 
@@ -268,7 +268,7 @@ def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection
 
 
 def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits | None = None) -> Board:
-    """Return the board of `hub` for one program; `limits` hold beside those of the board."""
+    """Return the board of `hub` for a program; `limits` hold beside the limits of the board."""
     upstream = hub.board
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
     session = Session(connection, None, upstream.profile)

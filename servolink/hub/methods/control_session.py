@@ -1,4 +1,4 @@
-"""ControlSession: control interface for one program, over any carrier of messages."""
+"""ControlSession: control interface for a program, over any carrier of messages."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ __all__ = ["METHODS", "ControlSession", "prepared", "stored", "tap_methods"]
 
 
 class ControlInterface:
-    """The control interface of one hub, for any door."""
+    """Control interface of a hub, for any door."""
 
     def __init__(self, hub: Hub) -> None:
-        """Connect to the board when that is first needed."""
+        """Connect to the board when first needed."""
         self._readings = Readings(hub)
         self.recorder = HubRecorder(hub, self._readings.board)
-        """The recording that programs start and stop."""
+        """Recording started and stopped by programs."""
 
     def open_channel(
         self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]
     ) -> ControlSession:
-        """Begin to serve a program, as `servolink.hub.doors` wants it."""
+        """Begin to serve a program that a door has admitted."""
         return ControlSession(hub, self._readings, self.recorder, greeting, session, send, abort)
 
     async def close(self) -> None:
-        """End the recording, and read the board no longer. Sessions are closed by their doors, before that."""
+        """End the recording, and stop reading the board. Sessions are closed by the doors, earlier."""
         await self.recorder.close()
         await self._readings.close()
 
 
 class ControlSession:
-    """Control interface for one program: messages in, responses and notifications out."""
+    """Control interface for a program: messages in, responses and notifications out."""
 
     def __init__(
         self,
@@ -81,7 +81,7 @@ class ControlSession:
         self._peer.pause()
 
     def resume(self) -> None:
-        """Send again."""
+        """Send notifications to the program again."""
         self._peer.resume()
         self._servos.resume()
         if self._peer.dropped > self._told_dropped:
@@ -89,7 +89,7 @@ class ControlSession:
             self._notify(ProblemNotice(f"this program reads too slowly: {count} notifications were dropped"))
 
     async def close(self) -> None:
-        """Leave the hub; an import that is under way is interrupted."""
+        """Leave the hub; an import under way is interrupted."""
         if self._end_listening is not None:
             self._end_listening()
         self._tap.stop()
@@ -99,14 +99,14 @@ class ControlSession:
         await self.control.close()
 
     def _caller(self) -> Caller:
-        """Return what a request that is received now is carried out with: a later stop ends its motion."""
+        """Return the context of a request received now: a later stop ends the motion of the request."""
         return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.stops.ticket())
 
     def _notify(self, notification: Struct) -> None:
         self._peer.notify(NAMES[type(notification)], notification)
 
     def _hear(self, notice: Struct, session: str) -> None:
-        """Pass on a notice of the hub, if meant for this program."""
+        """Pass on a notice of the hub, if meant for the program."""
         self.control.heard(notice, session)
         is_own = session == self.control.session
         match notice:

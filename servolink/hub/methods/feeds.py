@@ -26,7 +26,7 @@ from servolink.recorder.channels import TOPICS
 
 Notify = Callable[[Struct], None]
 
-_IDLE = 2.0  # seconds without an acknowledgement after which the servos are not read any more
+_IDLE = 2.0  # seconds without an acknowledgement until reading of the servos ends
 _PAUSE = 0.5  # seconds until the servos are read again after an error
 _TAP_EVERY = 0.05  # seconds: a notification for each message would cost the hub more than the message
 _MOST_AT_ONCE = 64 * 1024  # bytes of messages in a notification
@@ -35,7 +35,7 @@ _TAP_DROPS = "the program that records reads too slowly"
 
 
 class Feed(ABC):
-    """Runs in the background until it is ended."""
+    """Background task of a feed, until `end`."""
 
     def __init__(self, open_board: OpenBoard, notify: Notify) -> None:
         """Read the board of `open_board`, and pass notifications to `notify`."""
@@ -45,7 +45,7 @@ class Feed(ABC):
         self._changing = asyncio.Lock()
 
     async def _begin(self) -> None:
-        """Start again, and return when reading has begun. Raise the error that prevents reading."""
+        """Start again, and return when reading has begun. Raise the error of the reading."""
         async with self._changing:
             await self._end()
             loop = asyncio.get_running_loop()
@@ -54,7 +54,7 @@ class Feed(ABC):
             await ready
 
     async def close(self) -> None:
-        """End it."""
+        """End the background task of the feed."""
         async with self._changing:
             await self._end()
 
@@ -111,7 +111,7 @@ class ServosFeed(Feed):
         await self._begin()
 
     def acknowledge(self, number: int) -> None:
-        """Count what the program has drawn."""
+        """Count a frame drawn by the program."""
         self._acknowledged = max(self._acknowledged, min(number, self._sent))
         self._room.set()
 
@@ -128,7 +128,7 @@ class ServosFeed(Feed):
         async with board.watch(self._hz) as readings:
             _resolve(ready)
             await self._until_room()
-            # The iterator keeps the latest reading only, so this is the newest one however long there was no room.
+            # The iterator keeps only the latest reading, so the reading is fresh however long there was no room.
             async for reading in readings:
                 self._send(reading)
                 try:
@@ -153,7 +153,7 @@ class ServosFeed(Feed):
 
 
 class _Latest:
-    """The latest servos in the form of the control interface: all programs that watch get the same."""
+    """Latest servos in the form of the control interface: all watching programs get the same."""
 
     def __init__(self) -> None:
         self._latest: tuple[tuple[Servo, ...], tuple[ServoNow, ...]] = ((), ())
@@ -170,7 +170,7 @@ _latest = _Latest()
 
 
 class ButtonsFeed(Feed):
-    """Sends each button event."""
+    """Sender of each button event to the program."""
 
     async def subscribe(self) -> None:
         """Begin to send events; return when the board sends them. Raise Rejected if the board refuses."""
@@ -201,7 +201,7 @@ class TapFeed:
         return self._loop.time()
 
     def start(self, *, wire_only: bool) -> None:
-        """Send from now on."""
+        """Send notifications `tap` from now on."""
         self.stop()
         self._tap = HubTap(self._hub, self._backlog.put, wire_only=wire_only)
         self._timer = self._loop.call_later(_TAP_EVERY, self._flush)

@@ -43,7 +43,7 @@ from servolink.protocol.servos import ALL_SERVOS
 
 
 class Caller(NamedTuple):
-    """The program that calls a method."""
+    """Program that calls a method."""
 
     control: Control
     servos: ServosFeed
@@ -54,7 +54,7 @@ class Caller(NamedTuple):
     """When the request was received."""
 
     async def board_to_move(self, until: float | None) -> Board:
-        """Return the board for one motion, which must begin by `until` (see `Control.board_to_move`)."""
+        """Return the board for a motion, which must begin by `until` (see `Control.board_to_move`)."""
         ticket = self.ticket if until is None else self.ticket._replace(until=until)
         return await self.control.board_to_move(ticket)
 
@@ -75,7 +75,7 @@ def status(caller: Caller, params: NoParams) -> HubStatus:
 
 @METHODS.add("rename", Role.WATCH)
 def rename(caller: Caller, params: Rename) -> Done:
-    """Rename this program. Lease and hold stay as they are."""
+    """Rename the program. Lease and hold stay unchanged."""
     caller.control.who = params.who
     caller.control.hub.rename(caller.control.session, params.who)
     return Done()
@@ -106,7 +106,7 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
 
 @METHODS.add("lease.give", Role.WATCH)
 def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
-    """Give the lease back; programs that lost it to this one may take it again. A motion ends by itself."""
+    """Give the lease back; programs that lost the lease to this program may take it again. A motion continues."""
     caller.control.prepared = None
     caller.control.hub.leases.give(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
@@ -138,7 +138,7 @@ async def board_hold(caller: Caller, params: Hold) -> HoldNow:
 
 @METHODS.add("board.release", Role.EDIT, in_order=True)
 async def board_release(caller: Caller, params: NoParams) -> HoldNow:
-    """Share the board again."""
+    """Share the board again with other programs."""
     caller.control.hub.end_exclusive_use(caller.control.session)
     return HoldNow(caller.control.hub.exclusive_use)
 

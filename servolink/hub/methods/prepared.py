@@ -1,4 +1,4 @@
-"""Prepared runs: checked in advance, so that starting one only sends a packet."""
+"""Prepared runs: checked in advance, so that a start only sends a packet."""
 
 from __future__ import annotations
 

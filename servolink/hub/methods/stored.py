@@ -1,4 +1,4 @@
-"""The methods of the control interface for what is stored on the board: records and projects."""
+"""Methods of the control interface for stored content of the board: records and projects."""
 
 from __future__ import annotations
 

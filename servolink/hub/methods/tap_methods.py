@@ -1,4 +1,4 @@
-"""The methods of the control interface for who records: a tap, and the hub's own recorder."""
+"""Methods of the control interface for recording: a tap, and the hub's own recorder."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
 
 @METHODS.add("recorder.status", Role.WATCH)
 def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
-    """Return the state of the recording, or of the latest one."""
+    """Return the state of the present or latest recording."""
     return caller.recorder.now()
 
 

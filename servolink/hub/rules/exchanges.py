@@ -1,4 +1,4 @@
-"""Exchanges: the requests of all programs, and the order in which they are sent to the board."""
+"""Exchanges: requests of all programs, and the order of sending to the board."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query
 
-_MOST_EQUAL = 16  # queries of one program that are answered at once: a response can have 64 KiB
-_FARTHEST_EQUAL = 64  # requests of one program that are searched for equal queries at each sending
+_MOST_EQUAL = 16  # queries of a program that are answered together: a response can have 64 KiB
+_FARTHEST_EQUAL = 64  # requests of a program that are searched for equal queries at each sending
 
 
 class ProgramCounters(Struct):
-    """What has passed between a program and the hub."""
+    """Counters of the traffic between a program and the hub."""
 
     requests: int = 0
     """Frames of the program, of whatever kind."""
     responses: int = 0
-    """Frames sent to it, button events included."""
+    """Frames sent to the program, button events included."""
     unanswered: int = 0
     """Requests that the board did not answer."""
     refused: int = 0
@@ -36,7 +36,7 @@ class ProgramCounters(Struct):
 
 
 class Asker(Protocol):
-    """Program that sends requests, as seen by the parts that answer requests."""
+    """Program that sends requests, as seen by the senders of responses."""
 
     session_id: str
     who: str
@@ -51,18 +51,18 @@ class Asker(Protocol):
     def finish(
         self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
     ) -> None:
-        """Finish a request with a response, or with None; `content` is how `codec` would write it."""
+        """Finish a request with a response, or with None; `content` is the response in the encoding of `codec`."""
 
 
 class Exchange(Struct, eq=False):
-    """Request of a program until its response, its sending (without a response) or its failure."""
+    """Request of a program until the response, the sending (without a response) or the failure."""
 
     program: Asker
     packet: Packet
     ticket: Ticket
-    """When it was asked for; a motion is not sent after a later stop."""
+    """Ticket of the request; a motion is not sent after a later stop."""
     asked_at: float = 0.0
-    """Time of its arrival, on the clock of the event loop."""
+    """Time of arrival, on the clock of the event loop."""
     size: int = 0
     """Bytes that count as held until the request is finished."""
     seconds: float | None = None
@@ -70,7 +70,7 @@ class Exchange(Struct, eq=False):
     is_unchecked: bool = True
     """Whether values that only a board sends are allowed, as in frames."""
     refused: str = ""
-    """Reason for not sending the request; empty if it is or will be sent."""
+    """Reason for not sending the request; empty if sent or still queued."""
     error: ServolinkError | None = None
     """Error in place of a response: refused, or not answered."""
     frame: bytes | None = None
@@ -92,40 +92,40 @@ class Exchange(Struct, eq=False):
 
 
 class ProgramQueue:
-    """Unsent requests of one program in their order."""
+    """Unsent requests of a program, in order."""
 
     __slots__ = ("blocked_by", "exchanges", "is_listed", "is_unread")
 
     def __init__(self) -> None:
-        """Start empty."""
+        """Start without unsent requests of the program."""
         self.exchanges: deque[Exchange] = deque()
         self.blocked_by: Exchange | None = None
-        """Request being sent, which later ones must not overtake; None without one."""
+        """Request being sent, which later requests must not overtake; None without one."""
         self.is_unread = False
-        """Whether the program leaves responses unread, so that its requests are held back."""
+        """Whether the program leaves responses unread, so that requests are held back."""
         self.is_listed = False
-        """Whether it is in the ring of a `RoundRobin`."""
+        """Whether the queue is in the ring of a `RoundRobin`."""
 
 
 class RoundRobin:
-    """Takes the requests of programs in turn, one from each.
+    """Queues of all programs, served in turn, a request from each.
 
     A program that floods waits in its own queue. Nothing here is asynchronous: whoever sends asks for the next one.
     """
 
     def __init__(self) -> None:
-        """Start without requests."""
+        """Start without requests of any program."""
         self.ring: deque[ProgramQueue] = deque()
-        """Queues with unsent requests; the next one first."""
+        """Queues with unsent requests; the next first."""
         self.holder: ProgramQueue | None = None
-        """While a program holds the board alone, only its requests are taken."""
+        """Program with exclusive use, whose requests alone are taken; None without one."""
 
     def __bool__(self) -> bool:
-        """Return whether there is a request that may be sent."""
+        """Return whether there is a request to send."""
         return any(self._may_take(queue) for queue in self.ring)
 
     def add(self, exchange: Exchange) -> None:
-        """Append a request to the queue of its program."""
+        """Append a request to the program's queue."""
         queue = exchange.program.queue
         queue.exchanges.append(exchange)
         if not queue.is_listed:
@@ -133,7 +133,7 @@ class RoundRobin:
             self.ring.append(queue)
 
     def take(self) -> Exchange | None:
-        """Return the next request to send, and move its program to the end of the ring; None without one."""
+        """Return the next request to send, and move the program to the end of the ring; None without one."""
         ring = self.ring
         for _ in range(len(ring)):
             queue = ring[0]
@@ -146,7 +146,7 @@ class RoundRobin:
         return None
 
     def take_equal(self, taken: Exchange, means_same: Callable[[Exchange, Exchange], bool]) -> list[Exchange]:
-        """Return the unsent queries that the response to `taken`, a query, answers as well.
+        """Return the unsent queries that the response to the query `taken` answers as well.
 
         That is an equal query for which `means_same`, if it is the next request of its program; in the program of
         `taken` itself, if there are only queries before it. Others may depend on what is sent before them.
@@ -167,7 +167,7 @@ class RoundRobin:
         return equal
 
     def drop(self, queue: ProgramQueue) -> list[Exchange]:
-        """Remove all requests of a program and return them."""
+        """Remove and return all requests of a program."""
         dropped = list(queue.exchanges)
         queue.exchanges.clear()
         if self.holder is queue:
@@ -176,7 +176,7 @@ class RoundRobin:
         return dropped
 
     def drop_where(self, unwanted: Callable[[Exchange], bool]) -> list[Exchange]:
-        """Remove the requests of all programs that are `unwanted` and return them."""
+        """Remove the requests of all programs that are `unwanted` and return the removed requests."""
         dropped = list[Exchange]()
         for queue in self.ring:
             found = [exchange for exchange in queue.exchanges if unwanted(exchange)]

@@ -1,4 +1,4 @@
-"""Gates of a hub: whether a packet of a program may be sent, and what the program gets if not."""
+"""Gates of a hub: whether a packet of a program may be sent, and the response for a refused packet."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def refuse_role(packet: Packet, role: Role) -> Rejected | None:
 
 
 def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float) -> MotionOver | None:
-    """Refuse a motion after a stop that came since `ticket` was issued, and after its time."""
+    """Refuse a motion after a stop since the issue of `ticket`, and after the deadline."""
     if not is_motion(packet):
         return None
     if not stops.holds(ticket):
@@ -53,7 +53,7 @@ class LeaseGate:
         self._who_of = who_of
 
     def refuse(self, packet: Packet, ticket: Ticket, now: float) -> LeaseRefused | None:
-        """Refuse a motion of the program that `ticket` names, unless it holds the lease or could take it."""
+        """Refuse a motion of the program in `ticket`, unless the program holds the lease or could take the lease."""
         if not is_motion(packet) or not (reason := self.reason(ticket.who, now)):
             return None
         return LeaseRefused(reason)
@@ -78,7 +78,7 @@ class LeaseGate:
 
 
 def refused_response(packet: Packet, states: Iterable[ServoState] = ()) -> Response | None:
-    """Return the response to a packet that was not sent; None without one.
+    """Return the response to an unsent packet; None without one.
 
     `states` are those of the servos of a SetServoParameterRequest, whose response reports the flags in force.
     """
@@ -98,7 +98,7 @@ def _flags_in_force(packet: SetServoParameterRequest, states: Iterable[ServoStat
     flags = {(state.is_start, state.is_hold) for state in states if packet.servo_id in {state.servo_id, ALL_SERVOS}}
     if not flags:
         return None
-    # The response about all servos differs from the request if the board did not carry it out.
+    # The response about all servos differs from the request if the board did not obey.
     is_start, is_hold = min(flags - {(packet.is_start, packet.is_hold)} or flags)
     return SetServoParameterResponse(packet.servo_id, is_start, is_hold)
 

@@ -1,4 +1,4 @@
-"""MotionLease: the right of one program to move the robot, and its end."""
+"""MotionLease: right of a program to move the robot, and the end of the right."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import NamedTuple
 from servolink.control.status import LeaseEvent
 
 SECONDS_AFTER = 10.0
-"""How long a lease lasts after the computed end of its holder's last motion, unless the hub was told otherwise."""
-LEAST_DEAD_MAN, MOST_DEAD_MAN = 0.05, 60.0  # seconds
+"""Seconds from the computed end of the holder's last motion to the end of a lease, by default."""
+LEAST_DEAD_MAN, MOST_DEAD_MAN = 0.05, 60.0  # limits of a dead-man time, seconds
 
 
 class LeaseChange(NamedTuple):
@@ -21,27 +21,27 @@ class LeaseChange(NamedTuple):
     holder: str | None
     """Session that holds the lease now; None if the lease is free."""
     by: str | None = None
-    """Session that asked for the lease or took it; None if time or a loss ended the lease."""
+    """Session that asked for the lease or took the lease; None if time or a loss ended the lease."""
     must_stop: bool = False
-    """Whether the board must be stopped at once: nobody watches over its motion any more."""
+    """Whether the board must be stopped immediately: the watching program is gone."""
 
 
 class MotionLease:
-    """Right to move the robot, for one program at a time. A stop needs no lease and does not change the holder.
+    """Right to move the robot, for a single program at a time. A stop needs no lease and does not change the holder.
 
     `now` is in seconds of any clock that does not jump. Each method that is passed `now` first does what was due by
     then (see `advance`), and returns what has changed.
     """
 
     def __init__(self, seconds_after: float = SECONDS_AFTER) -> None:
-        """Start free. A lease ends `seconds_after` seconds after the end of its holder's last motion."""
+        """Start free. A lease ends `seconds_after` seconds after the end of the holder's last motion."""
         if not 0 <= seconds_after < math.inf:
             raise ValueError(f"seconds_after must be finite and at least 0, not {seconds_after}")
         self.seconds_after = seconds_after
         self.holder: str | None = None
         """Session that holds the lease; None if the lease is free."""
         self.since = 0.0
-        """When the present holder got it."""
+        """Time at which the present holder got the lease."""
         self.dead_man: float | None = None
         """Seconds without a beat until the board is stopped; None if no beats are expected."""
         self.is_end_unknown = False
@@ -55,7 +55,7 @@ class MotionLease:
     def take(
         self, session: str, now: float, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True
     ) -> list[LeaseChange]:
-        """Give the lease to `session` if it is free or already its own, or with `force` in any case.
+        """Give the lease to `session` if free or already held by `session`, or with `force` in any case.
 
         A program from which it was taken over gets a free one only with `force`, until the lease is given back.
 
@@ -85,7 +85,7 @@ class MotionLease:
         return changes
 
     def give(self, session: str, now: float) -> list[LeaseChange]:
-        """Free the lease if `session` holds it; sessions that lost it to another program may take it again.
+        """Free the lease if `session` holds it; sessions that lost the lease to another program may take it again.
 
         But nobody does the latter for themselves while another session holds it. A motion ends by itself.
         """
@@ -97,7 +97,7 @@ class MotionLease:
         return changes
 
     def asked(self, session: str, now: float) -> list[LeaseChange]:
-        """Return the request of `session` for the lease; nothing if the lease is free or its own."""
+        """Return the request of `session` for the lease; None for a free lease or the holder."""
         changes = self.advance(now)
         if self.holder not in {None, session}:
             changes.append(LeaseChange("asked for", self.holder, self.holder, session))
@@ -145,7 +145,7 @@ class MotionLease:
         return changes
 
     def advance(self, now: float) -> list[LeaseChange]:
-        """Do what is due by `now`: free the lease of a holder whose beats stopped, or whose motion is long over."""
+        """Do due changes at `now`: free the lease of a holder without beats, or with a motion that is long over."""
         due = self.next_due()
         if due is None or now < due:
             return []

@@ -9,15 +9,15 @@ from servolink.protocol.servos import SetAngleUnitRequest
 
 
 class UnitReservation:
-    """Units that nobody may change, because the macro of a program runs in them."""
+    """Units that nobody may change, because the macro of a program depends on the units."""
 
     def __init__(self) -> None:
-        """Start without a macro."""
+        """Start without the macro of any program."""
         self._units: ServoUnits | None = None
         self._until = 0.0
 
     def keep_for(self, units: ServoUnits, until: float) -> None:
-        """Keep the units of a program while its macro runs, until `until` or until it is stopped.
+        """Keep the units of a program while a macro runs, until `until` or a stop.
 
         `until` is infinite while it is unknown. The board reads each step of a macro when it comes to it, in the unit
         that the servo is set to then.
@@ -34,7 +34,7 @@ class UnitReservation:
             self._units = None
 
     def allows(self, request: SetAngleUnitRequest, units: ServoUnits, now: float) -> bool:
-        """Return whether a unit may be set for the program with `units`, without spoiling the macro of another one."""
+        """Return whether a unit may be set for the program with `units`, without spoiling another program's macro."""
         if self._units is None or self._units is units or now >= self._until:
             return True
         return self._units.has(request)
