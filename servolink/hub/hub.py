@@ -37,7 +37,7 @@ Listener = Callable[[Struct, str], None]
 
 
 class Hub:
-    """Board shared by many programs; each program uses the board like an own board."""
+    """Board shared by many programs; each program uses the board like a board of its own."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
         """Use `share`, which opens and closes the hub."""

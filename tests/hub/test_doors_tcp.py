@@ -82,7 +82,7 @@ def test_what_does_not_begin_with_a_frame_is_closed_before_it_is_parsed(
         assert hub.board.stats.frames_sent == before
 
     on_hub(use)
-    assert caplog.text.count("not as this protocol does") == 1
+    assert caplog.text.count("not of this protocol") == 1
 
 
 def test_the_first_wrong_byte_closes_it() -> None:

@@ -59,7 +59,7 @@ class TcpConnection(AcceptedConnection):
         self._first += data
         if not MAGIC.startswith(self._first[: len(MAGIC)]):
             shown = quote(self._first[:_SHOWN])
-            self._warning.log("%s was disconnected: it began with %s, not as this protocol does", self.who, shown)
+            self._warning.log("%s was disconnected: its first bytes are %s, not of this protocol", self.who, shown)
             self.abort()
         elif len(self._first) >= len(MAGIC):
             program = self._join_hub(self.send, who=self.who)

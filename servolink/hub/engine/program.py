@@ -298,7 +298,7 @@ class FrameProgram(Program):
                 self.on_room()
 
     def push(self, event: ButtonEvent) -> None:
-        """Send a button event to a program in a mode with events."""
+        """Send a button event, unless the program is in transmission mode 0."""
         if not self.has_left and self.mode == 1:
             self._send([self.codec.encode(event, unchecked=True)])
 

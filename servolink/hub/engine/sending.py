@@ -185,7 +185,7 @@ class PacketSender:
                 return None
 
     async def _move(self, exchange: Exchange) -> Packet | None:
-        """Send a motion, unless stopped, without the lease by now, or beyond a limit."""
+        """Send a motion, unless forbidden by a limit, or by a stop or another holder since the request."""
         if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
             return await self.refused(exchange, refusal)
         stops, until = self._board.connection.stops, exchange.ticket.until
