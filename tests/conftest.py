@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import logging
 import os
 import signal
@@ -14,6 +15,7 @@ import pytest
 from hypothesis import settings
 
 from tests.processes import sessions
+from tests.virtual_time import run
 
 # No deadline: these machines stall. On a build server the same examples are tried each time, so that a change
 # fails because of what it changed; everywhere else new ones are.
@@ -31,6 +33,16 @@ def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
     """Run the tests in three processes on two cores: a quarter of the time, they wait for programs and lines."""
     cores = yield
     return cores + cores // 2
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run a test that is a coroutine function in virtual time."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    wanted = inspect.signature(pyfuncitem.obj).parameters
+    run(pyfuncitem.obj(**{name: value for name, value in pyfuncitem.funcargs.items() if name in wanted}))
+    return True
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -27,7 +27,6 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
 from servolink.recorder.recorder import Wanted
 from tests.client.fake_board import FakeBoard, opened
-from tests.virtual_time import run
 
 
 class Whole:
@@ -120,52 +119,40 @@ MOVES: list[Callable[[Board], Awaitable[object]]] = [
 
 
 @pytest.mark.parametrize("move", MOVES)
-def test_a_movement_takes_them(move: Callable[[Board], Awaitable[object]]) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            assert await move(board) == 0.5
-            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 60, 50),))]
-
-    run(main())
+async def test_a_movement_takes_them(move: Callable[[Board], Awaitable[object]]) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        assert await move(board) == 0.5
+        assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 60, 50),))]
 
 
-def test_a_speed_may_be_one() -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            assert await board.move({1: 60}, speed=whole(5)) == await board.move({1: 60}, speed=5)
-
-    run(main())
+async def test_a_speed_may_be_one() -> None:
+    async with opened(FakeBoard()) as board:
+        assert await board.move({1: 60}, speed=whole(5)) == await board.move({1: 60}, speed=5)
 
 
 @pytest.mark.parametrize("angle", [measure(60.5), truth(True)])
-def test_a_fraction_and_a_truth_value_are_no_angle(angle: Any) -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            with pytest.raises(EncodeError, match="the angle must be a whole number, not "):
-                await board.move({1: angle}, duration=1)
-
-    run(main())
+async def test_a_fraction_and_a_truth_value_are_no_angle(angle: Any) -> None:
+    async with opened(FakeBoard()) as board:
+        with pytest.raises(EncodeError, match="the angle must be a whole number, not "):
+            await board.move({1: angle}, duration=1)
 
 
-def test_methods_of_a_board_take_them() -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            assert (await board.servo(whole(1))).servo_id == 1
-            await board.set_servo(whole(1), start=truth(True), hold=whole(1))
-            assert (await board.servo(1)).state == "ready"
-            await board.set_servo(1, start=truth(False), hold=True)
-            assert (await board.servo(1)).state == "stopped"
-            await board.write_project_id(whole(7))
-            assert await board.project_id() == 7
-            stored = await board.add_action(Action.pose("Bow", {whole(1): whole(60)}, action_id=whole(3)))
-            assert await board.action(whole(3)) == stored
-            await board.request(QueryServoRequest(255), timeout=measure(2))
-            async with board.watch(measure(20)) as readings:
-                assert (await anext(readings)).servos
-            assert len([servos async for servos in board.follow({2: whole(3)}, measure(0.1))]) > 1
-
-    run(main())
+async def test_methods_of_a_board_take_them() -> None:
+    async with opened(FakeBoard()) as board:
+        assert (await board.servo(whole(1))).servo_id == 1
+        await board.set_servo(whole(1), start=truth(True), hold=whole(1))
+        assert (await board.servo(1)).state == "ready"
+        await board.set_servo(1, start=truth(False), hold=True)
+        assert (await board.servo(1)).state == "stopped"
+        await board.write_project_id(whole(7))
+        assert await board.project_id() == 7
+        stored = await board.add_action(Action.pose("Bow", {whole(1): whole(60)}, action_id=whole(3)))
+        assert await board.action(whole(3)) == stored
+        await board.request(QueryServoRequest(255), timeout=measure(2))
+        async with board.watch(measure(20)) as readings:
+            assert (await anext(readings)).servos
+        assert len([servos async for servos in board.follow({2: whole(3)}, measure(0.1))]) > 1
 
 
 def test_options_and_limits_hold_plain_numbers() -> None:

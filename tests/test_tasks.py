@@ -8,15 +8,12 @@ from servolink.tasks import Tasks
 from tests.virtual_time import run
 
 
-def test_tasks_are_kept_until_they_are_over() -> None:
-    async def main() -> None:
-        tasks = Tasks()
-        task = tasks.begin(asyncio.sleep(1, "done"))
-        assert len(tasks) == 1
-        assert await task == "done"
-        assert len(tasks) == 0
-
-    run(main())
+async def test_tasks_are_kept_until_they_are_over() -> None:
+    tasks = Tasks()
+    task = tasks.begin(asyncio.sleep(1, "done"))
+    assert len(tasks) == 1
+    assert await task == "done"
+    assert len(tasks) == 0
 
 
 def test_those_that_do_not_end_in_time_are_cancelled_with_what_they_begin() -> None:

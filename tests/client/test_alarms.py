@@ -92,38 +92,32 @@ def test_each_servo_and_each_alarm_counts_for_itself() -> None:
     ]
 
 
-def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=2)
-        async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
-            assert (await anext(found)).alarms == ()
-            await board.move({1: 90}, duration=5)
-            async with asyncio.timeout(1):
-                while not (reading := await anext(found)).alarms:
-                    pass
-                assert [each.servo_id for each in reading.alarms] == [1]
-                while not all(servo.state == "stopped" for servo in reading.servos):
-                    reading = await anext(found)
-            assert 0 <= (await board.servo(1)).angle < 45
-
-    run(main())
+async def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
+    fake = FakeBoard(servos=2)
+    async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
+        assert (await anext(found)).alarms == ()
+        await board.move({1: 90}, duration=5)
+        async with asyncio.timeout(1):
+            while not (reading := await anext(found)).alarms:
+                pass
+            assert [each.servo_id for each in reading.alarms] == [1]
+            while not all(servo.state == "stopped" for servo in reading.servos):
+                reading = await anext(found)
+        assert 0 <= (await board.servo(1)).angle < 45
 
 
-def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_does_not_wait_for_it() -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=1)
-        alarms = [Alarm.parse("current_raw>50", stops=True), Alarm.parse("current_raw>51")]
-        async with opened(fake) as board, board.watch(50, alarms=alarms) as found:
-            await anext(found)
-            await board.move({1: 90}, duration=5)
-            await asyncio.sleep(1)
-            assert len(fake.executed_of(SetServoParameterRequest)) == 1
-            reading = await anext(found)
-            assert [each.alarm for each in reading.alarms] == alarms
-            assert reading.servos[0].state == "stopped"
-            assert (await anext(found)).alarms == ()
-
-    run(main())
+async def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_does_not_wait_for_it() -> None:
+    fake = FakeBoard(servos=1)
+    alarms = [Alarm.parse("current_raw>50", stops=True), Alarm.parse("current_raw>51")]
+    async with opened(fake) as board, board.watch(50, alarms=alarms) as found:
+        await anext(found)
+        await board.move({1: 90}, duration=5)
+        await asyncio.sleep(1)
+        assert len(fake.executed_of(SetServoParameterRequest)) == 1
+        reading = await anext(found)
+        assert [each.alarm for each in reading.alarms] == alarms
+        assert reading.servos[0].state == "stopped"
+        assert (await anext(found)).alarms == ()
 
 
 def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_stop(
@@ -151,33 +145,27 @@ def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_s
     run(main())
 
 
-def test_a_stop_is_finished_before_the_board_is_closed() -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=1)
-        async with opened(fake) as board:
-            async for reading in board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
-                assert reading.alarms
-                break
-        assert len(fake.executed_of(SetServoParameterRequest)) == 1
-
-    run(main())
+async def test_a_stop_is_finished_before_the_board_is_closed() -> None:
+    fake = FakeBoard(servos=1)
+    async with opened(fake) as board:
+        async for reading in board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
+            assert reading.alarms
+            break
+    assert len(fake.executed_of(SetServoParameterRequest)) == 1
 
 
-def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=1)
-        async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
-            quiet = board.watch(50, alarms=[Alarm.parse("current_raw>5000")])
-            await anext(found)
-            await anext(quiet)
-            fake.plan(SetServoParameterRequest, LOST, LOST, LOST)
-            await board.move({1: 90}, duration=5)
-            with pytest.raises(OutcomeUnknown, match="an alarm was raised, and the servos may still move: a stop was"):
-                async for _ in found:
-                    pass
-            await anext(quiet)
-
-    run(main())
+async def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
+    fake = FakeBoard(servos=1)
+    async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
+        quiet = board.watch(50, alarms=[Alarm.parse("current_raw>5000")])
+        await anext(found)
+        await anext(quiet)
+        fake.plan(SetServoParameterRequest, LOST, LOST, LOST)
+        await board.move({1: 90}, duration=5)
+        with pytest.raises(OutcomeUnknown, match="an alarm was raised, and the servos may still move: a stop was"):
+            async for _ in found:
+                pass
+        await anext(quiet)
 
 
 @pytest.mark.parametrize(
@@ -188,10 +176,7 @@ def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
         (["current_raw>1"], r"alarms must be of type Alarm, not 'current_raw>1'; see Alarm\.parse"),
     ],
 )
-def test_what_is_no_list_of_alarms_is_refused(alarms: Any, words: str) -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            with pytest.raises(TypeError, match=words):
-                board.watch(alarms=alarms)
-
-    run(main())
+async def test_what_is_no_list_of_alarms_is_refused(alarms: Any, words: str) -> None:
+    async with opened(FakeBoard()) as board:
+        with pytest.raises(TypeError, match=words):
+            board.watch(alarms=alarms)

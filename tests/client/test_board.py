@@ -148,15 +148,12 @@ CHAPTERS = (use_settings, use_servos, use_actions, use_macros, use_parameters, u
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 @pytest.mark.parametrize("use", CHAPTERS)
-def test_each_command_does_what_it_says(use: Any, byte_order: Any) -> None:
-    async def main() -> None:
-        url = f"virtual://?servos=3&byte_order={byte_order}"
-        async with connect(url, byte_order=byte_order) as board:
-            await use(board)
-            assert board.url == url
-            assert board.stats.timeouts == board.stats.undecodable == board.stats.unsolicited == 0
-
-    run(main())
+async def test_each_command_does_what_it_says(use: Any, byte_order: Any) -> None:
+    url = f"virtual://?servos=3&byte_order={byte_order}"
+    async with connect(url, byte_order=byte_order) as board:
+        await use(board)
+        assert board.url == url
+        assert board.stats.timeouts == board.stats.undecodable == board.stats.unsolicited == 0
 
 
 def test_every_request_and_command_of_the_document_has_been_sent_by_these_tests() -> None:
@@ -174,116 +171,89 @@ def test_every_request_and_command_of_the_document_has_been_sent_by_these_tests(
     assert len(sent) == 31
 
 
-def test_a_button_press_on_the_board_arrives_as_an_event() -> None:
-    async def main() -> None:
-        virtual = VirtualBoard(2)
-        async with connect(VirtualTransport(virtual)) as board, board.button_events() as events:
-            virtual.press_button(4, now())
-            event = await anext(events)
-            assert (event.button_id, event.kind) == (4, "press")
-
-    run(main())
+async def test_a_button_press_on_the_board_arrives_as_an_event() -> None:
+    virtual = VirtualBoard(2)
+    async with connect(VirtualTransport(virtual)) as board, board.button_events() as events:
+        virtual.press_button(4, now())
+        event = await anext(events)
+        assert (event.button_id, event.kind) == (4, "press")
 
 
-def test_several_commands_at_once_give_each_its_own_answer() -> None:
-    async def main() -> None:
-        async with connect("virtual://?servos=5") as board:
-            await board.write_project_id(12)
-            servo_ids, project_id, battery, servos = await asyncio.gather(
-                board.servo_ids(), board.project_id(), board.battery(), board.servos()
-            )
-            assert (len(servo_ids), project_id, len(servos)) == (5, 12, 5)
-            assert battery > 0
-
-    run(main())
+async def test_several_commands_at_once_give_each_its_own_answer() -> None:
+    async with connect("virtual://?servos=5") as board:
+        await board.write_project_id(12)
+        servo_ids, project_id, battery, servos = await asyncio.gather(
+            board.servo_ids(), board.project_id(), board.battery(), board.servos()
+        )
+        assert (len(servo_ids), project_id, len(servos)) == (5, 12, 5)
+        assert battery > 0
 
 
-def test_a_bad_line_costs_time_and_not_rightness() -> None:
-    async def main() -> None:
-        async with connect("virtual://?servos=5&seed=6&flip=0.001&drop=0.001&delay=0.05", patience=10) as board:
-            for _ in range(100):
-                assert await board.servo_ids() == (1, 2, 3, 4, 5)
-                assert [servo.servo_id for servo in (await board.request(QueryServoRequest(255))).servos] == [
-                    1,
-                    2,
-                    3,
-                    4,
-                    5,
-                ]
-            assert board.stats.retries > 0
-
-    run(main())
+async def test_a_bad_line_costs_time_and_not_rightness() -> None:
+    async with connect("virtual://?servos=5&seed=6&flip=0.001&drop=0.001&delay=0.05", patience=10) as board:
+        for _ in range(100):
+            assert await board.servo_ids() == (1, 2, 3, 4, 5)
+            assert [servo.servo_id for servo in (await board.request(QueryServoRequest(255))).servos] == [
+                1,
+                2,
+                3,
+                4,
+                5,
+            ]
+        assert board.stats.retries > 0
 
 
-def test_any_packet_can_be_sent() -> None:
-    async def main() -> None:
-        async with connect("virtual://?servos=2") as board:
-            assert await board.request(QueryProjectIDRequest(), timeout=0.5) == QueryProjectIDResponse(0)
-            await board.send(ExecuteActionRequest((Step(1, 20, 10),)))
-            await asyncio.sleep(0.2)
-            assert (await board.request(QueryServoRequest(1))).servos[0].angle == 20
-
-    run(main())
+async def test_any_packet_can_be_sent() -> None:
+    async with connect("virtual://?servos=2") as board:
+        assert await board.request(QueryProjectIDRequest(), timeout=0.5) == QueryProjectIDResponse(0)
+        await board.send(ExecuteActionRequest((Step(1, 20, 10),)))
+        await asyncio.sleep(0.2)
+        assert (await board.request(QueryServoRequest(1))).servos[0].angle == 20
 
 
-def test_a_board_that_tells_only_its_free_memory() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryMemorySizeRequest, lie(QueryMemorySizeResponse(100)))
-        async with opened(fake) as board:
-            memory = await board.memory()
-            assert (memory.size, memory.total_size) == (100, None)
-
-    run(main())
+async def test_a_board_that_tells_only_its_free_memory() -> None:
+    fake = FakeBoard()
+    fake.plan(QueryMemorySizeRequest, lie(QueryMemorySizeResponse(100)))
+    async with opened(fake) as board:
+        memory = await board.memory()
+        assert (memory.size, memory.total_size) == (100, None)
 
 
-def test_a_mode_that_the_board_does_not_take_is_rejected() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
-        async with opened(fake) as board:
-            with pytest.raises(Rejected, match=r"asked for .*mode 1 and is in mode 0"):
-                await board.set_transmission_mode(1)
-
-    run(main())
+async def test_a_mode_that_the_board_does_not_take_is_rejected() -> None:
+    fake = FakeBoard()
+    fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
+    async with opened(fake) as board:
+        with pytest.raises(Rejected, match=r"asked for .*mode 1 and is in mode 0"):
+            await board.set_transmission_mode(1)
 
 
-def test_too_much_is_refused_before_anything_is_sent() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            with pytest.raises(EncodeError, match=r"65536 bytes are outside 0\.\.65535"):
-                await board.send_dummy_data(bytes(65536))
-            with pytest.raises(EncodeError, match="action_caption"):
-                await board.add_action(Action(1, "x" * 33))
-            assert fake.sent == []
-
-    run(main())
+async def test_too_much_is_refused_before_anything_is_sent() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        with pytest.raises(EncodeError, match=r"65536 bytes are outside 0\.\.65535"):
+            await board.send_dummy_data(bytes(65536))
+        with pytest.raises(EncodeError, match="action_caption"):
+            await board.add_action(Action(1, "x" * 33))
+        assert fake.sent == []
 
 
 @pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf"), 10**400])
-def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(timeout: float) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            with pytest.raises(ValueError, match=r"timeout must be 0\.001\.\.3600 seconds"):
-                await board.request(QueryProjectIDRequest(), timeout=timeout)
-            assert fake.sent == []
-
-    run(main())
+async def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(timeout: float) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        with pytest.raises(ValueError, match=r"timeout must be 0\.001\.\.3600 seconds"):
+            await board.request(QueryProjectIDRequest(), timeout=timeout)
+        assert fake.sent == []
 
 
-def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            with pytest.raises(TypeError, match="the board does not answer ExecuteActionExRequest; use send"):
-                await board.request(ExecuteActionExRequest(1))  # type: ignore[arg-type]
-            with pytest.raises(TypeError, match="the board answers QueryProjectIDRequest; use request"):
-                await board.send(QueryProjectIDRequest())  # type: ignore[arg-type]
-            assert fake.sent == []
-
-    run(main())
+async def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        with pytest.raises(TypeError, match="the board does not answer ExecuteActionExRequest; use send"):
+            await board.request(ExecuteActionExRequest(1))  # type: ignore[arg-type]
+        with pytest.raises(TypeError, match="the board answers QueryProjectIDRequest; use request"):
+            await board.send(QueryProjectIDRequest())  # type: ignore[arg-type]
+        assert fake.sent == []
 
 
 @pytest.mark.parametrize("method", ["request", "send"])
@@ -296,13 +266,10 @@ def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None
         ("3.2.1", r"packet must be a packet, such as QueryServoListRequest\(\), not '3.2.1'"),
     ],
 )
-def test_what_is_no_packet_for_a_board_is_refused_with_what_to_pass(method: str, packet: Any, words: str) -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            with pytest.raises(TypeError, match=words):
-                await getattr(board, method)(packet)
-
-    run(main())
+async def test_what_is_no_packet_for_a_board_is_refused_with_what_to_pass(method: str, packet: Any, words: str) -> None:
+    async with opened(FakeBoard()) as board:
+        with pytest.raises(TypeError, match=words):
+            await getattr(board, method)(packet)
 
 
 def test_an_angle_unit_that_does_not_exist_is_refused() -> None:

@@ -16,7 +16,6 @@ from servolink import Board, connect
 from servolink.protocol.codec import PACKETS
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
-from tests.virtual_time import run
 
 PUBLIC = [name for name in vars(Board) if not name.startswith("_")]
 """In the order of the source."""
@@ -56,16 +55,13 @@ def test_the_api_page_lists_every_method() -> None:
 # --- what a person meets in a shell -----------------------------------------------------------------------------------
 
 
-def test_a_board_shows_its_address_and_state() -> None:
-    async def main() -> None:
-        async with connect("virtual://") as board, board.button_events() as events:
-            assert repr(board) == "<Board virtual:// connected>"
-            assert repr(events) == "<ButtonEvents subscribed, 0 unread, 0 dropped>"
-            assert repr(board.button_events()) == "<ButtonEvents not subscribed, 0 unread, 0 dropped>"
-        assert repr(board) == "<Board virtual:// closed>"
-        assert repr(events) == "<ButtonEvents ended, 0 unread, 0 dropped>"
-
-    run(main())
+async def test_a_board_shows_its_address_and_state() -> None:
+    async with connect("virtual://") as board, board.button_events() as events:
+        assert repr(board) == "<Board virtual:// connected>"
+        assert repr(events) == "<ButtonEvents subscribed, 0 unread, 0 dropped>"
+        assert repr(board.button_events()) == "<ButtonEvents not subscribed, 0 unread, 0 dropped>"
+    assert repr(board) == "<Board virtual:// closed>"
+    assert repr(events) == "<ButtonEvents ended, 0 unread, 0 dropped>"
 
 
 @pytest.mark.parametrize("name", ["servos", "move", "url"])

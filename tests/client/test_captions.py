@@ -198,24 +198,21 @@ def test_a_name_is_looked_up_each_time() -> None:
         lambda board: board.set_servo("hip", start=True, hold=True),
     ],
 )
-def test_a_stop_while_a_name_is_looked_up_comes_first(use: Use) -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=3)
-        fake.virtual.storage.contents = contents_of(STORED)
-        async with opened(fake) as board:
-            answer = fake._answer
+async def test_a_stop_while_a_name_is_looked_up_comes_first(use: Use) -> None:
+    fake = FakeBoard(servos=3)
+    fake.virtual.storage.contents = contents_of(STORED)
+    async with opened(fake) as board:
+        answer = fake._answer
 
-            def stop_meanwhile() -> None:
-                board.connection.stops.stop()
-                answer()
+        def stop_meanwhile() -> None:
+            board.connection.stops.stop()
+            answer()
 
-            fake._answer = stop_meanwhile  # type: ignore[method-assign]
-            with pytest.raises(RequestError, match="a stop came first"):
-                await use(board)
-        for motion in (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest, SetServoParameterRequest):
-            assert not fake.executed_of(motion)
-
-    run(main())
+        fake._answer = stop_meanwhile  # type: ignore[method-assign]
+        with pytest.raises(RequestError, match="a stop came first"):
+            await use(board)
+    for motion in (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest, SetServoParameterRequest):
+        assert not fake.executed_of(motion)
 
 
 # --- what is not clear --------------------------------------------------------------------------------------------

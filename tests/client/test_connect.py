@@ -30,105 +30,84 @@ from tests.virtual_time import run
 # --- opening and closing ------------------------------------------------------------------------------------------
 
 
-def test_await_opens_and_the_caller_closes_once_or_twice() -> None:
-    async def main() -> None:
-        board = await connect("virtual://?servos=1")
-        assert await board.servo_ids() == (1,)
-        await board.close()
-        await board.close()
-        with pytest.raises(ConnectionLost, match="closed by this program"):
-            await board.servo_ids()
-
-    run(main())
+async def test_await_opens_and_the_caller_closes_once_or_twice() -> None:
+    board = await connect("virtual://?servos=1")
+    assert await board.servo_ids() == (1,)
+    await board.close()
+    await board.close()
+    with pytest.raises(ConnectionLost, match="closed by this program"):
+        await board.servo_ids()
 
 
-def test_one_async_with_at_a_time() -> None:
-    async def main() -> None:
-        connecting = connect("virtual://?servos=1")
+async def test_one_async_with_at_a_time() -> None:
+    connecting = connect("virtual://?servos=1")
 
-        async def enter() -> Board:
-            async with connecting as board:
-                await board.servo_ids()
-                return board
-
+    async def enter() -> Board:
         async with connecting as board:
-            with pytest.raises(RuntimeError, match=r"used by another `async with`; call connect again"):
-                await enter()
-            assert await board.servo_ids() == (1,)
-        assert repr(board).endswith("closed>")
-        outcomes = await asyncio.gather(enter(), enter(), return_exceptions=True)  # while the first one opens
-        assert [type(outcome) for outcome in outcomes] == [Board, RuntimeError]
+            await board.servo_ids()
+            return board
 
-    run(main())
-
-
-def test_async_with_may_be_entered_again_after_an_opening_that_failed() -> None:
-    async def main() -> None:
-        connecting = connect("tcp://127.0.0.1:1")
-        for _ in range(2):
-            with pytest.raises(OpenError):
-                await connecting.__aenter__()
-
-    run(main())
+    async with connecting as board:
+        with pytest.raises(RuntimeError, match=r"used by another `async with`; call connect again"):
+            await enter()
+        assert await board.servo_ids() == (1,)
+    assert repr(board).endswith("closed>")
+    outcomes = await asyncio.gather(enter(), enter(), return_exceptions=True)  # while the first one opens
+    assert [type(outcome) for outcome in outcomes] == [Board, RuntimeError]
 
 
-def test_async_with_closes_also_after_an_error() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        with pytest.raises(KeyError):
-            async with opened(fake):
-                raise KeyError
-        assert fake.closed == 1
-
-    run(main())
+async def test_async_with_may_be_entered_again_after_an_opening_that_failed() -> None:
+    connecting = connect("tcp://127.0.0.1:1")
+    for _ in range(2):
+        with pytest.raises(OpenError):
+            await connecting.__aenter__()
 
 
-def test_the_end_of_async_with_fails_what_still_waits() -> None:
-    async def main() -> None:
-        fake = FakeBoard(usual=LOST)
-        async with opened(fake) as board:
-            waiting = asyncio.create_task(board.servo_ids())
-            await asyncio.sleep(0.1)
-        with pytest.raises(ConnectionLost, match="closed by this program"):
-            await waiting
-
-    run(main())
+async def test_async_with_closes_also_after_an_error() -> None:
+    fake = FakeBoard()
+    with pytest.raises(KeyError):
+        async with opened(fake):
+            raise KeyError
+    assert fake.closed == 1
 
 
-def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        board = await connect(fake, patience=15)
-        await board.button_events().__aenter__()
-        events = board.button_events()
-        await events.__aenter__()
-        fake.usual = LOST
+async def test_the_end_of_async_with_fails_what_still_waits() -> None:
+    fake = FakeBoard(usual=LOST)
+    async with opened(fake) as board:
         waiting = asyncio.create_task(board.servo_ids())
         await asyncio.sleep(0.1)
-        begun = now()
-        await board.close()
-        assert now() - begun <= 1
-        await asyncio.wait((waiting,))
-        assert isinstance(waiting.exception(), ConnectionLost)
-
-    run(main())
+    with pytest.raises(ConnectionLost, match="closed by this program"):
+        await waiting
 
 
-def test_who_is_cancelled_while_closing_has_closed() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        board = await connect(fake)
-        events = board.button_events()
-        await events.__aenter__()
-        fake.plan(SubscribeButtonEventRequest, LOST)
-        closing = asyncio.create_task(board.close())
-        await asyncio.sleep(0.02)
-        closing.cancel()
-        await asyncio.wait((closing,))
-        assert closing.cancelled()
-        assert fake.closed == 1
+async def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
+    fake = FakeBoard()
+    board = await connect(fake, patience=15)
+    await board.button_events().__aenter__()
+    events = board.button_events()
+    await events.__aenter__()
+    fake.usual = LOST
+    waiting = asyncio.create_task(board.servo_ids())
+    await asyncio.sleep(0.1)
+    begun = now()
+    await board.close()
+    assert now() - begun <= 1
+    await asyncio.wait((waiting,))
+    assert isinstance(waiting.exception(), ConnectionLost)
 
-    run(main())
+
+async def test_who_is_cancelled_while_closing_has_closed() -> None:
+    fake = FakeBoard()
+    board = await connect(fake)
+    events = board.button_events()
+    await events.__aenter__()
+    fake.plan(SubscribeButtonEventRequest, LOST)
+    closing = asyncio.create_task(board.close())
+    await asyncio.sleep(0.02)
+    closing.cancel()
+    await asyncio.wait((closing,))
+    assert closing.cancelled()
+    assert fake.closed == 1
 
 
 def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -151,17 +130,14 @@ def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monkeypatch
     run(main())
 
 
-def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.servo_ids()
-            fake.vanish()
-            with pytest.raises(ConnectionLost, match="device disconnected"):
-                await board.move({1: 0}, duration=1)
-        assert fake.closed == 1
-
-    run(main())
+async def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.servo_ids()
+        fake.vanish()
+        with pytest.raises(ConnectionLost, match="device disconnected"):
+            await board.move({1: 0}, duration=1)
+    assert fake.closed == 1
 
 
 def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
@@ -224,104 +200,80 @@ def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], 
         connect("virtual://", **options)
 
 
-def test_options_hold_for_all_requests() -> None:
-    async def main() -> None:
-        fake = FakeBoard(usual=LOST)
-        async with opened(fake, patience=0.5) as board:
-            begun = now()
-            with pytest.raises(RequestTimeout):
-                await board.servo_ids()
-            assert now() - begun == pytest.approx(0.5)
-            with pytest.raises(ConnectionLost):  # twice that without a response
-                await board.write_project_id(1)
-            assert now() - begun == pytest.approx(1.0)
-
-    run(main())
-
-
-def test_options_of_the_address_hold_for_the_connection() -> None:
-    async def main() -> None:
-        async with connect("virtual://?byte_order=big&caption_encoding=big5") as board:
-            assert (board.codec.byte_order, board.codec.caption_encoding) == ("big", "big5")
-            assert board.url == "virtual://?byte_order=big&caption_encoding=big5"
-            await board.add_action(Action(1, "揮手"))
-            assert (await board.action(1)).action_caption == "揮手"
-
-    run(main())
-
-
-def test_an_argument_overrides_the_address() -> None:
-    async def main() -> None:
+async def test_options_hold_for_all_requests() -> None:
+    fake = FakeBoard(usual=LOST)
+    async with opened(fake, patience=0.5) as board:
         begun = now()
-        with pytest.raises(OpenError, match="byte order"):
-            await connect("virtual://?byte_order=big&patience=600", byte_order="little", patience=0.5)
+        with pytest.raises(RequestTimeout):
+            await board.servo_ids()
         assert now() - begun == pytest.approx(0.5)
-
-    run(main())
-
-
-def test_a_wrong_option_in_the_address_is_refused_before_anything_is_opened() -> None:
-    async def main() -> None:
-        with pytest.raises(InvalidAddress, match=r"option patience must be a number .*, not 'long'"):
-            await connect("tcp://127.0.0.1:1?patience=long")
-        with pytest.raises(InvalidAddress, match=r"unknown option dept; .*every address has: byte_order, .* depth"):
-            await connect("tcp://127.0.0.1:1?dept=4")
-
-    run(main())
+        with pytest.raises(ConnectionLost):  # twice that without a response
+            await board.write_project_id(1)
+        assert now() - begun == pytest.approx(1.0)
 
 
-def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.virtual.mode = 0
-        async with connect(fake, transmission_mode=1) as board:
-            assert fake.virtual.mode == 1
-            assert len(await board.servo_ids()) == 4
-        assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)] * 2
+async def test_options_of_the_address_hold_for_the_connection() -> None:
+    async with connect("virtual://?byte_order=big&caption_encoding=big5") as board:
+        assert (board.codec.byte_order, board.codec.caption_encoding) == ("big", "big5")
+        assert board.url == "virtual://?byte_order=big&caption_encoding=big5"
+        await board.add_action(Action(1, "揮手"))
+        assert (await board.action(1)).action_caption == "揮手"
 
-    run(main())
+
+async def test_an_argument_overrides_the_address() -> None:
+    begun = now()
+    with pytest.raises(OpenError, match="byte order"):
+        await connect("virtual://?byte_order=big&patience=600", byte_order="little", patience=0.5)
+    assert now() - begun == pytest.approx(0.5)
+
+
+async def test_a_wrong_option_in_the_address_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(InvalidAddress, match=r"option patience must be a number .*, not 'long'"):
+        await connect("tcp://127.0.0.1:1?patience=long")
+    with pytest.raises(InvalidAddress, match=r"unknown option dept; .*every address has: byte_order, .* depth"):
+        await connect("tcp://127.0.0.1:1?dept=4")
+
+
+async def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
+    fake = FakeBoard()
+    fake.virtual.mode = 0
+    async with connect(fake, transmission_mode=1) as board:
+        assert fake.virtual.mode == 1
+        assert len(await board.servo_ids()) == 4
+    assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)] * 2
 
 
 @pytest.mark.parametrize("fate", [LOST, lie(TransmissionModeSettingResponse(0))])
-def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.usual_of[TransmissionModeSettingRequest] = fate
-        with pytest.raises(OpenError, match=r"TransmissionModeSettingRequest|in mode 0"):
-            await connect(fake, transmission_mode=1, patience=0.5)
-        assert fake.closed == 1
-
-    run(main())
+async def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> None:
+    fake = FakeBoard()
+    fake.usual_of[TransmissionModeSettingRequest] = fate
+    with pytest.raises(OpenError, match=r"TransmissionModeSettingRequest|in mode 0"):
+        await connect(fake, transmission_mode=1, patience=0.5)
+    assert fake.closed == 1
 
 
-def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake, caption_encoding="big5") as board:
-            await board.add_action(Action(1, "揮手"))
-            assert (await board.action(1)).action_caption == "揮手"
-            assert "揮手".encode("big5") in (fake.virtual.storage.get(ACTION, 1) or b"")
-
-    run(main())
+async def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
+    fake = FakeBoard()
+    async with opened(fake, caption_encoding="big5") as board:
+        await board.add_action(Action(1, "揮手"))
+        assert (await board.action(1)).action_caption == "揮手"
+        assert "揮手".encode("big5") in (fake.virtual.storage.get(ACTION, 1) or b"")
 
 
 # --- counters -----------------------------------------------------------------------------------------------------
 
 
-def test_stats_count_what_went_over_the_line() -> None:
-    async def main() -> None:
-        fake = FakeBoard(servos=2, usual=Fate(after=0.010))
-        async with opened(fake) as board:
-            await board.servo_ids()
-            await board.project_id()
-            stats = board.stats.as_dict()
-        assert stats["frames_sent"] == stats["frames_received"] == 2
-        assert stats["bytes_sent"] == 9 + 9
-        assert stats["bytes_received"] == 9 + 3 + 9 + 4
-        assert stats["round_trip_ms"] == {"p50": 10.0, "p90": 10.0, "p99": 10.0}
-        assert stats["skipped"] == {}
-
-    run(main())
+async def test_stats_count_what_went_over_the_line() -> None:
+    fake = FakeBoard(servos=2, usual=Fate(after=0.010))
+    async with opened(fake) as board:
+        await board.servo_ids()
+        await board.project_id()
+        stats = board.stats.as_dict()
+    assert stats["frames_sent"] == stats["frames_received"] == 2
+    assert stats["bytes_sent"] == 9 + 9
+    assert stats["bytes_received"] == 9 + 3 + 9 + 4
+    assert stats["round_trip_ms"] == {"p50": 10.0, "p90": 10.0, "p99": 10.0}
+    assert stats["skipped"] == {}
 
 
 class _Broken:
@@ -343,36 +295,27 @@ class _Broken:
         pass
 
 
-def test_errors_of_a_foreign_transport_become_errors_of_the_library() -> None:
-    async def main() -> None:
-        with pytest.raises(
-            OpenError, match=r"broken://: cannot open it: KeyError: 'wire' \(raised by the transport _Broken\)"
-        ):
-            await connect(_Broken("open"))
-        with pytest.raises(OpenError, match=r"broken://: the connection was lost: KeyError: 'wire'"):
-            await connect(_Broken("send"))
-        async with connect(_Broken("send"), handshake=False, angle_unit=None) as board:
-            with pytest.raises(ConnectionLost, match="'wire'"):
-                await board.battery()
-
-    run(main())
+async def test_errors_of_a_foreign_transport_become_errors_of_the_library() -> None:
+    with pytest.raises(
+        OpenError, match=r"broken://: cannot open it: KeyError: 'wire' \(raised by the transport _Broken\)"
+    ):
+        await connect(_Broken("open"))
+    with pytest.raises(OpenError, match=r"broken://: the connection was lost: KeyError: 'wire'"):
+        await connect(_Broken("send"))
+    async with connect(_Broken("send"), handshake=False, angle_unit=None) as board:
+        with pytest.raises(ConnectionLost, match="'wire'"):
+            await board.battery()
 
 
 @pytest.mark.parametrize("method", ["plan_project", "apply_project"])
-def test_a_path_is_not_a_project(method: str) -> None:
-    async def main() -> None:
-        async with connect("virtual://") as board:
-            with pytest.raises(TypeError, match=r"must be a Project, not 'robot.json'; read a file with load_project"):
-                await getattr(board, method)("robot.json")
-
-    run(main())
+async def test_a_path_is_not_a_project(method: str) -> None:
+    async with connect("virtual://") as board:
+        with pytest.raises(TypeError, match=r"must be a Project, not 'robot.json'; read a file with load_project"):
+            await getattr(board, method)("robot.json")
 
 
 @pytest.mark.parametrize("seconds", [0.3, 0.5])
-def test_a_board_that_takes_longer_than_a_try_for_each_response_is_connected_to(seconds: float) -> None:
-    async def main() -> None:
-        for _ in range(10):
-            async with connect(FakeBoard(usual=Fate(after=seconds))) as board:
-                assert len(await board.servo_ids()) == 4
-
-    run(main())
+async def test_a_board_that_takes_longer_than_a_try_for_each_response_is_connected_to(seconds: float) -> None:
+    for _ in range(10):
+        async with connect(FakeBoard(usual=Fate(after=seconds))) as board:
+            assert len(await board.servo_ids()) == 4

@@ -16,7 +16,6 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind, Clear
 from tests.client.fake_board import FakeBoard, late, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
-from tests.virtual_time import run
 
 Deed = Callable[[Board, Socket], Awaitable[None]]
 
@@ -76,146 +75,126 @@ DEEDS: list[Deed] = [
 
 @pytest.mark.parametrize("keeps", ["all", "records"])
 @pytest.mark.parametrize("deed", DEEDS)
-def test_another_board_is_never_taken_for_ours_and_ours_always_is(
+async def test_another_board_is_never_taken_for_ours_and_ours_always_is(
     deed: Deed, keeps: Clear, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def main() -> None:
-        ours, other = VirtualBoard(kind=BoardKind(clear=keeps)), VirtualBoard()
-        ours.storage.project_id, other.storage.project_id = 5, 77
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True) as board:
-            await deed(board, socket)
-            socket.pull()
-            socket.plug(other)
-            await asyncio.sleep(20)
-            assert board.stats.reconnects == 0
-            assert other.sessions == []
-            (said,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
-            assert re.search(r"the board at virtual:// has project id 77, not .*, so it is another one", said)
-            socket.plug(ours)
-            await asyncio.sleep(20)
-            assert board.stats.reconnects == 1
-
-    run(main())
+    ours, other = VirtualBoard(kind=BoardKind(clear=keeps)), VirtualBoard()
+    ours.storage.project_id, other.storage.project_id = 5, 77
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        await deed(board, socket)
+        socket.pull()
+        socket.plug(other)
+        await asyncio.sleep(20)
+        assert board.stats.reconnects == 0
+        assert other.sessions == []
+        (said,) = [record.message for record in caplog.records if record.levelname == "WARNING"]
+        assert re.search(r"the board at virtual:// has project id 77, not .*, so it is another one", said)
+        socket.plug(ours)
+        await asyncio.sleep(20)
+        assert board.stats.reconnects == 1
 
 
-def test_which_board_it_is_is_learnt_when_it_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_which_board_it_is_is_learnt_when_it_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """What it might have become for all that was known does not stand for it any longer."""
-
-    async def main() -> None:
-        ours, other = VirtualBoard(), VirtualBoard()
-        ours.storage.project_id, other.storage.project_id = 5, 6
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True) as board:
-            await write_in_vain(board, socket)
-            socket.pull()
-            socket.plug(ours)
-            await asyncio.sleep(5)
-            assert board.stats.reconnects == 1
-            socket.pull()
-            socket.plug(other)
-            await asyncio.sleep(20)
-            assert board.stats.reconnects == 1
-
-    run(main())
+    ours, other = VirtualBoard(), VirtualBoard()
+    ours.storage.project_id, other.storage.project_id = 5, 6
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        await write_in_vain(board, socket)
+        socket.pull()
+        socket.plug(ours)
+        await asyncio.sleep(5)
+        assert board.stats.reconnects == 1
+        socket.pull()
+        socket.plug(other)
+        await asyncio.sleep(20)
+        assert board.stats.reconnects == 1
 
 
-def test_a_new_board_is_not_taken_for_a_cleared_one_that_keeps_its_id(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        ours, new = VirtualBoard(kind=BoardKind(clear="records")), VirtualBoard()
-        ours.storage.project_id = 5
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True) as board:
-            await board.clear_all_data()
-            socket.pull()
-            socket.plug(new)
-            await asyncio.sleep(20)
-            assert board.stats.reconnects == 0
-
-    run(main())
+async def test_a_new_board_is_not_taken_for_a_cleared_one_that_keeps_its_id(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, new = VirtualBoard(kind=BoardKind(clear="records")), VirtualBoard()
+    ours.storage.project_id = 5
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        await board.clear_all_data()
+        socket.pull()
+        socket.plug(new)
+        await asyncio.sleep(20)
+        assert board.stats.reconnects == 0
 
 
-def test_a_board_that_is_lost_right_after_it_was_cleared_has_been_cleared(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        ours = VirtualBoard()
-        ours.storage.project_id = 5
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True) as board:
-            clearing = asyncio.create_task(board.clear_all_data())
-            with suppress(TimeoutError):
-                async with asyncio.timeout(60):
-                    while ours.storage.project_id:
-                        await asyncio.sleep(0)
-            while not clearing.done() and not board._session.identity._project_ids >= {0, 5}:
-                await asyncio.sleep(0)
-            socket.pull()
-            await clearing
-            socket.plug(ours)
-            await asyncio.sleep(5)
-            assert board.stats.reconnects == 1
-            assert await board.project_id() == 0
-
-    run(main())
+async def test_a_board_that_is_lost_right_after_clearing_has_been_cleared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ours = VirtualBoard()
+    ours.storage.project_id = 5
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        clearing = asyncio.create_task(board.clear_all_data())
+        with suppress(TimeoutError):
+            async with asyncio.timeout(60):
+                while ours.storage.project_id:
+                    await asyncio.sleep(0)
+        while not clearing.done() and not board._session.identity._project_ids >= {0, 5}:
+            await asyncio.sleep(0)
+        socket.pull()
+        await clearing
+        socket.plug(ours)
+        await asyncio.sleep(5)
+        assert board.stats.reconnects == 1
+        assert await board.project_id() == 0
 
 
 @pytest.mark.parametrize("is_cleared", [False, True])
 @pytest.mark.parametrize(("seconds", "reconnects"), [(0.3, 1), (60, 0)])
-def test_a_board_may_lose_power_before_it_has_stored_its_new_id(
+async def test_a_board_may_lose_power_before_it_has_stored_its_new_id(
     seconds: float, reconnects: int, is_cleared: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def main() -> None:
-        ours = VirtualBoard()
+    ours = VirtualBoard()
+    ours.storage.project_id = 5
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        await (board.clear_all_data() if is_cleared else board.write_project_id(6))
+        assert await board.project_id() == (0 if is_cleared else 6)
+        await asyncio.sleep(seconds)
+        socket.pull()
         ours.storage.project_id = 5
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True) as board:
-            await (board.clear_all_data() if is_cleared else board.write_project_id(6))
-            assert await board.project_id() == (0 if is_cleared else 6)
-            await asyncio.sleep(seconds)
-            socket.pull()
-            ours.storage.project_id = 5
-            socket.plug(ours)
-            await asyncio.sleep(20)
-            assert board.stats.reconnects == reconnects  # later it is another board, with the id that ours had once
-
-    run(main())
+        socket.plug(ours)
+        await asyncio.sleep(20)
+        assert board.stats.reconnects == reconnects  # later it is another board, with the id that ours had once
 
 
-def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.project_id()
-            fake.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
-            with pytest.raises(Rejected):
-                await board.write_project_id(6)
-            fake.virtual.storage.project_id = 6
-            with pytest.raises(NotFound, match="project id 6, not 0"):
-                await board._session.identity.check(board._session.connection)
-
-    run(main())
+async def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.project_id()
+        fake.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
+        with pytest.raises(Rejected):
+            await board.write_project_id(6)
+        fake.virtual.storage.project_id = 6
+        with pytest.raises(NotFound, match="project id 6, not 0"):
+            await board._session.identity.check(board._session.connection)
 
 
-def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_board_has() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryProjectIDRequest, late(0), late(0.5))
-        async with opened(fake, depth=2, patience=6) as board:
-            await board.write_project_id(5)
-            assert await board.project_id() == 5
-            asking = asyncio.create_task(board.project_id())
-            await turns_of_the_loop(2)
-            writing = asyncio.create_task(board.write_project_id(6))
-            await turns_of_the_loop(2)
-            writing.cancel()
-            assert await asking == 5
-            await board._session.identity.check(board._session.connection)  # it has 6, and is still ours
-            board._session.identity.set(9)
-            with pytest.raises(NotFound, match="has project id 6, not 9"):
-                await board._session.identity.check(board._session.connection)
-
-    run(main())
+async def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_board_has() -> None:
+    fake = FakeBoard()
+    fake.plan(QueryProjectIDRequest, late(0), late(0.5))
+    async with opened(fake, depth=2, patience=6) as board:
+        await board.write_project_id(5)
+        assert await board.project_id() == 5
+        asking = asyncio.create_task(board.project_id())
+        await turns_of_the_loop(2)
+        writing = asyncio.create_task(board.write_project_id(6))
+        await turns_of_the_loop(2)
+        writing.cancel()
+        assert await asking == 5
+        await board._session.identity.check(board._session.connection)  # it has 6, and is still ours
+        board._session.identity.set(9)
+        with pytest.raises(NotFound, match="has project id 6, not 9"):
+            await board._session.identity.check(board._session.connection)

@@ -142,17 +142,14 @@ def test_a_ratio_slows_down_what_would_be_too_fast() -> None:
     )
 
 
-def test_a_step_is_checked_from_where_its_servo_is_now() -> None:
-    async def main() -> None:
-        virtual = prepared(VirtualBoard(4))
-        async with connect(VirtualTransport(virtual), speed_cap={1: 100}) as board:
-            await board.move({1: -40}, duration=1, wait=True)
-            with pytest.raises(MotionRefused, match="servo 1 for 160 degrees/s"):
-                await board.run_action(1)
-            await board.move({1: 40}, duration=1, wait=True)
+async def test_a_step_is_checked_from_where_its_servo_is_now() -> None:
+    virtual = prepared(VirtualBoard(4))
+    async with connect(VirtualTransport(virtual), speed_cap={1: 100}) as board:
+        await board.move({1: -40}, duration=1, wait=True)
+        with pytest.raises(MotionRefused, match="servo 1 for 160 degrees/s"):
             await board.run_action(1)
-
-    run(main())
+        await board.move({1: 40}, duration=1, wait=True)
+        await board.run_action(1)
 
 
 def test_a_dry_run_checks_and_moves_nothing() -> None:
@@ -432,39 +429,33 @@ def test_a_step_without_time_is_too_fast(interval: int) -> None:
     assert sent_on_fake(use, speed_cap=100).executed_of(ExecuteActionExRequest) == []
 
 
-def test_the_interval_unit_counts_for_moves_and_stored_records() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        prepared(fake.virtual)
-        async with opened(fake) as connected:
-            board = Board(connected._session, "degree", MotionLimits(speed_cap=45), 0.02)
-            assert await board.run_action(1) == 1.0
-            assert await board.move({1: 0}, duration=1) == 1.0
-            assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 0, 50),))]
-            await board.send(ExecuteActionRequest((Step(1, 0, 50),)))
-            with pytest.raises(EncodeError, match=r"duration 0\.01 is outside 0\.02\.\.655\.34 s"):
-                await board.move({1: Adc(0)}, duration=0.01)
-
-    run(main())
+async def test_the_interval_unit_counts_for_moves_and_stored_records() -> None:
+    fake = FakeBoard()
+    prepared(fake.virtual)
+    async with opened(fake) as connected:
+        board = Board(connected._session, "degree", MotionLimits(speed_cap=45), 0.02)
+        assert await board.run_action(1) == 1.0
+        assert await board.move({1: 0}, duration=1) == 1.0
+        assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 0, 50),))]
+        await board.send(ExecuteActionRequest((Step(1, 0, 50),)))
+        with pytest.raises(EncodeError, match=r"duration 0\.01 is outside 0\.02\.\.655\.34 s"):
+            await board.move({1: Adc(0)}, duration=0.01)
 
 
 @pytest.mark.parametrize("unit", [0.001, 0.01, 0.1])
-def test_a_board_that_counts_otherwise_takes_the_time_that_was_said(unit: float) -> None:
-    async def main() -> None:
-        virtual = prepared(VirtualBoard(4, kind=BoardKind(interval_unit=unit)))
-        profile = BoardProfile(settings=BoardSettings(interval_unit=unit))
-        async with connect(VirtualTransport(virtual), profile=profile) as board:
-            begun = now()
-            assert await board.move({1: 60}, speed=30, wait=True) == 2.0
-            assert 2 <= now() - begun < 2.1
-            seconds = await board.run_action(1)
-            assert seconds == pytest.approx(50 * unit)
-            await asyncio.sleep(seconds / 2)
-            assert (await board.servo(2)).angle == pytest.approx(-20, abs=8)
-            await asyncio.sleep(seconds / 2)
-            assert (await board.servo(2)).angle == -40
-
-    run(main())
+async def test_a_board_that_counts_otherwise_takes_the_time_that_was_said(unit: float) -> None:
+    virtual = prepared(VirtualBoard(4, kind=BoardKind(interval_unit=unit)))
+    profile = BoardProfile(settings=BoardSettings(interval_unit=unit))
+    async with connect(VirtualTransport(virtual), profile=profile) as board:
+        begun = now()
+        assert await board.move({1: 60}, speed=30, wait=True) == 2.0
+        assert 2 <= now() - begun < 2.1
+        seconds = await board.run_action(1)
+        assert seconds == pytest.approx(50 * unit)
+        await asyncio.sleep(seconds / 2)
+        assert (await board.servo(2)).angle == pytest.approx(-20, abs=8)
+        await asyncio.sleep(seconds / 2)
+        assert (await board.servo(2)).angle == -40
 
 
 def test_angles_reported_by_the_board_are_where_a_run_starts() -> None:

@@ -122,89 +122,71 @@ def test_another_board_is_neither_moved_nor_changed(name: str, caplog: pytest.Lo
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_another_board_can_be_stopped_released_and_read(name: str) -> None:
-    async def main() -> None:
-        fake = other_board()
-        store(fake)
-        async with opened(fake, profile=REX) as board:
-            before = len(fake.executed)
-            await FREE[name](board)
-            assert len(fake.executed) > before
-
-    run(main())
+async def test_another_board_can_be_stopped_released_and_read(name: str) -> None:
+    fake = other_board()
+    store(fake)
+    async with opened(fake, profile=REX) as board:
+        before = len(fake.executed)
+        await FREE[name](board)
+        assert len(fake.executed) > before
 
 
-def test_a_stop_does_not_wait_for_the_check() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.usual_of[QueryServoListRequest] = LOST
-        async with connect(fake, profile=REX, handshake=False) as board:
-            moving = asyncio.create_task(board.move({1: 5}, duration=1))
-            await asyncio.sleep(1)
-            await board.stop()
-            with pytest.raises((RequestTimeout, RequestError)):
-                await moving
-        assert not fake.executed_of(ExecuteActionRequest)
-        assert fake.executed_of(SetServoParameterRequest)
-
-    run(main())
+async def test_a_stop_does_not_wait_for_the_check() -> None:
+    fake = FakeBoard()
+    fake.usual_of[QueryServoListRequest] = LOST
+    async with connect(fake, profile=REX, handshake=False) as board:
+        moving = asyncio.create_task(board.move({1: 5}, duration=1))
+        await asyncio.sleep(1)
+        await board.stop()
+        with pytest.raises((RequestTimeout, RequestError)):
+            await moving
+    assert not fake.executed_of(ExecuteActionRequest)
+    assert fake.executed_of(SetServoParameterRequest)
 
 
-def test_a_macro_asked_for_before_a_stop_is_not_started_after_it() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        store(fake)
-        async with opened(fake, profile=REX, handshake=False) as board:
-            starting = asyncio.create_task(board.run_macro(2))
-            await turns_of_the_loop(3)
-            await board.stop()
-            with pytest.raises(RequestError, match="a stop came first"):
-                await starting
-        assert not fake.executed_of(ExecuteMacroRequest)
-
-    run(main())
+async def test_a_macro_asked_for_before_a_stop_is_not_started_after_it() -> None:
+    fake = FakeBoard()
+    store(fake)
+    async with opened(fake, profile=REX, handshake=False) as board:
+        starting = asyncio.create_task(board.run_macro(2))
+        await turns_of_the_loop(3)
+        await board.stop()
+        with pytest.raises(RequestError, match="a stop came first"):
+            await starting
+    assert not fake.executed_of(ExecuteMacroRequest)
 
 
-def test_the_right_board_is_asked_once_for_each_connection() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        store(fake)
-        async with connect(fake, profile=REX) as board:
-            assert len(fake.sent_of(QueryServoListRequest)) == 1
-            await asyncio.gather(board.move({1: 5}, duration=1), board.run_action(1), board.write_project_id(8))
+async def test_the_right_board_is_asked_once_for_each_connection() -> None:
+    fake = FakeBoard()
+    store(fake)
+    async with connect(fake, profile=REX) as board:
         assert len(fake.sent_of(QueryServoListRequest)) == 1
+        await asyncio.gather(board.move({1: 5}, duration=1), board.run_action(1), board.write_project_id(8))
+    assert len(fake.sent_of(QueryServoListRequest)) == 1
+    assert fake.executed_of(ExecuteActionRequest)
+
+
+async def test_without_a_handshake_the_board_is_checked_before_it_moves() -> None:
+    fake = FakeBoard()
+    fake.plan(QueryServoListRequest, lie(QueryServoListResponse((9,))))
+    async with connect(fake, profile=REX, handshake=False) as board:
+        await board.servos()
+        assert not fake.sent_of(QueryServoListRequest)
+        with pytest.raises(WrongBoard):
+            await board.move({1: 5}, duration=1)
+        await board.move({1: 5}, duration=1)  # it was a damaged response, perhaps: now it is right
         assert fake.executed_of(ExecuteActionRequest)
 
-    run(main())
 
-
-def test_without_a_handshake_the_board_is_checked_before_it_moves() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryServoListRequest, lie(QueryServoListResponse((9,))))
-        async with connect(fake, profile=REX, handshake=False) as board:
-            await board.servos()
-            assert not fake.sent_of(QueryServoListRequest)
-            with pytest.raises(WrongBoard):
-                await board.move({1: 5}, duration=1)
-            await board.move({1: 5}, duration=1)  # it was a damaged response, perhaps: now it is right
-            assert fake.executed_of(ExecuteActionRequest)
-
-    run(main())
-
-
-def test_a_check_that_is_not_answered_refuses_too() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.usual_of[QueryServoListRequest] = LOST
-        async with opened(fake, profile=REX, handshake=False) as board:
-            with pytest.raises(RequestTimeout, match="QueryServoList"):
-                await board.move({1: 5}, duration=1)
-            with pytest.raises(RequestTimeout, match="ExecuteMacro"):
-                await board.request(ExecuteMacroRequest(2), timeout=0.2)
-        assert not fake.executed_of(ExecuteActionRequest)
-
-    run(main())
+async def test_a_check_that_is_not_answered_refuses_too() -> None:
+    fake = FakeBoard()
+    fake.usual_of[QueryServoListRequest] = LOST
+    async with opened(fake, profile=REX, handshake=False) as board:
+        with pytest.raises(RequestTimeout, match="QueryServoList"):
+            await board.move({1: 5}, duration=1)
+        with pytest.raises(RequestTimeout, match="ExecuteMacro"):
+            await board.request(ExecuteMacroRequest(2), timeout=0.2)
+    assert not fake.executed_of(ExecuteActionRequest)
 
 
 @pytest.mark.parametrize(
@@ -278,46 +260,38 @@ def test_another_board_served_in_the_place_of_rex_is_refused() -> None:
     asyncio.run(main())
 
 
-def test_the_memory_is_in_bytes_whatever_the_board_counts_in() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30, 64))
-        for settings, size in (
-            (BoardSettings(), 30),
-            (BoardSettings(memory_unit=1), 30),
-            (BoardSettings(memory_unit=1024), 30 * 1024),
-        ):
-            async with connect(fake, profile=BoardProfile(settings=settings)) as board:
-                assert (await board.memory()).size == size
-                assert (await board.memory()).total_size == size // 30 * 64
-            fake.gone = None
-        fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30))
-        async with connect(fake, profile=BoardProfile(settings=BoardSettings(memory_unit=1024))) as board:
-            assert await board.memory() == QueryMemorySizeResponse(30 * 1024)
-
-    run(main())
+async def test_the_memory_is_in_bytes_whatever_the_board_counts_in() -> None:
+    fake = FakeBoard()
+    fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30, 64))
+    for settings, size in (
+        (BoardSettings(), 30),
+        (BoardSettings(memory_unit=1), 30),
+        (BoardSettings(memory_unit=1024), 30 * 1024),
+    ):
+        async with connect(fake, profile=BoardProfile(settings=settings)) as board:
+            assert (await board.memory()).size == size
+            assert (await board.memory()).total_size == size // 30 * 64
+        fake.gone = None
+    fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30))
+    async with connect(fake, profile=BoardProfile(settings=BoardSettings(memory_unit=1024))) as board:
+        assert await board.memory() == QueryMemorySizeResponse(30 * 1024)
 
 
-def test_another_board_that_comes_back_under_the_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        ours, other = VirtualBoard(4), VirtualBoard(6)  # with the same project id
-        socket = Socket(ours)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        use("rex", "virtual://", REX)
-        async with connect("rex", reconnect=True) as board:
+async def test_another_board_that_comes_back_under_the_name_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, other = VirtualBoard(4), VirtualBoard(6)  # with the same project id
+    socket = Socket(ours)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    use("rex", "virtual://", REX)
+    async with connect("rex", reconnect=True) as board:
+        await board.move({1: 5}, duration=1)
+        socket.pull()
+        socket.plug(other)
+        await asyncio.sleep(5)
+        assert board.stats.reconnects == 1
+        assert len(await board.servos()) == 6
+        with pytest.raises(WrongBoard, match=r"learn it again: servolink doctor rex --learn; else .* servolink use"):
             await board.move({1: 5}, duration=1)
-            socket.pull()
-            socket.plug(other)
-            await asyncio.sleep(5)
-            assert board.stats.reconnects == 1
-            assert len(await board.servos()) == 6
-            with pytest.raises(
-                WrongBoard, match=r"learn it again: servolink doctor rex --learn; else .* servolink use"
-            ):
-                await board.move({1: 5}, duration=1)
-            socket.pull()
-            socket.plug(ours)
-            await asyncio.sleep(5)
-            await board.move({1: 5}, duration=1)
-
-    run(main())
+        socket.pull()
+        socket.plug(ours)
+        await asyncio.sleep(5)
+        await board.move({1: 5}, duration=1)

@@ -60,28 +60,22 @@ def use(name: str, url: str, profile: BoardProfile) -> None:
 
 
 @pytest.mark.parametrize("board", ["rex", "tcp://pi:9000", "tcp://pi:9000?patience=2"])
-def test_a_profile_is_used_by_name_and_by_the_address_of_the_name(board: str, asked: list[ConnectionOptions]) -> None:
-    async def main() -> None:
-        use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
-        async with connect(board) as connected:
-            assert connected.profile == ProfileInUse("rex", BoardProfile(settings=BIG))
-        (options,) = asked
-        assert (options.byte_order, options.caption_encoding, options.transmission_mode) == ("big", "big5", "keep")
-        assert options.depth == 4
-
-    run(main())
+async def test_a_profile_is_used_by_name_and_by_address(board: str, asked: list[ConnectionOptions]) -> None:
+    use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
+    async with connect(board) as connected:
+        assert connected.profile == ProfileInUse("rex", BoardProfile(settings=BIG))
+    (options,) = asked
+    assert (options.byte_order, options.caption_encoding, options.transmission_mode) == ("big", "big5", "keep")
+    assert options.depth == 4
 
 
 @pytest.mark.parametrize("board", ["tcp://pi:9001", "tcp://pie:9000", "max"])
-def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOptions]) -> None:
-    async def main() -> None:
-        use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
-        save_alias("max", Alias("tcp://pi:9002"))
-        async with connect(board) as connected:
-            assert connected.profile is None
-        assert asked == [ConnectionOptions()]
-
-    run(main())
+async def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOptions]) -> None:
+    use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
+    save_alias("max", Alias("tcp://pi:9002"))
+    async with connect(board) as connected:
+        assert connected.profile is None
+    assert asked == [ConnectionOptions()]
 
 
 @pytest.mark.parametrize(
@@ -163,21 +157,18 @@ def test_a_damaged_profile_is_refused_by_name_and_by_address() -> None:
             run(connect(board).open())
 
 
-def test_a_profile_can_be_given() -> None:
-    async def main() -> None:
-        use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
-        given = BoardProfile(settings=BoardSettings(depth=2))
-        async with connect("virtual://", profile=given) as board:
-            assert board.profile == (None, given)
-        async with connect("virtual://", profile="rex", byte_order="little") as board:
-            assert repr(board) == '<Board "rex" virtual:// connected>'
-            assert board.profile == ("rex", BoardProfile(settings=BIG))
-        with pytest.raises(ProfileError, match=r"max has no profile \(known: rex\); `servolink doctor max --learn`"):
-            await connect("virtual://", profile="max")
-        with pytest.raises(TypeError, match="profile must be a BoardProfile, the name of a board or None, not 3"):
-            connect("virtual://", profile=3)  # type: ignore[arg-type]
-
-    run(main())
+async def test_a_profile_can_be_given() -> None:
+    use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
+    given = BoardProfile(settings=BoardSettings(depth=2))
+    async with connect("virtual://", profile=given) as board:
+        assert board.profile == (None, given)
+    async with connect("virtual://", profile="rex", byte_order="little") as board:
+        assert repr(board) == '<Board "rex" virtual:// connected>'
+        assert board.profile == ("rex", BoardProfile(settings=BIG))
+    with pytest.raises(ProfileError, match=r"max has no profile \(known: rex\); `servolink doctor max --learn`"):
+        await connect("virtual://", profile="max")
+    with pytest.raises(TypeError, match="profile must be a BoardProfile, the name of a board or None, not 3"):
+        connect("virtual://", profile=3)  # type: ignore[arg-type]
 
 
 def test_limits_of_program_and_profile_hold_both() -> None:
@@ -218,17 +209,14 @@ def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
 
 
 @pytest.mark.parametrize("unsupported", [("QueryMemorySize",), ("QueryMemorySize", "QueryRemainPower")])
-def test_the_handshake_does_without_what_the_board_does_not_answer(unsupported: tuple[str, ...]) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        for kind in (QueryMemorySizeRequest, QueryRemainPowerRequest)[: len(unsupported)]:
-            fake.usual_of[kind] = LOST
-        async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=unsupported))) as board:
-            assert len(fake.sent) == 16  # fewer kinds need a longer word
-            assert {type(packet).__name__.removesuffix("Request") for _, packet in fake.sent}.isdisjoint(unsupported)
-            assert board.stats.retries == 0
-
-    run(main())
+async def test_the_handshake_does_without_what_the_board_does_not_answer(unsupported: tuple[str, ...]) -> None:
+    fake = FakeBoard()
+    for kind in (QueryMemorySizeRequest, QueryRemainPowerRequest)[: len(unsupported)]:
+        fake.usual_of[kind] = LOST
+    async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=unsupported))) as board:
+        assert len(fake.sent) == 16  # fewer kinds need a longer word
+        assert {type(packet).__name__.removesuffix("Request") for _, packet in fake.sent}.isdisjoint(unsupported)
+        assert board.stats.retries == 0
 
 
 def test_a_profile_that_is_wrong_about_what_is_unsupported_hinders_nothing() -> None:

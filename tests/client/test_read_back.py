@@ -34,7 +34,6 @@ from servolink.protocol.servos import (
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie, opened
-from tests.virtual_time import run
 
 ACTION = AddActionRequest(1, "a", (Step(1, 10, 20),))
 MACRO = AddMacroRequest(2, "m", (MacroCommand(1),))
@@ -61,20 +60,17 @@ CASES: list[tuple[tuple[Request[Any], ...], Request[Any]]] = [
 
 @pytest.mark.parametrize(("before", "request_"), CASES, ids=[type(request).__name__ for _, request in CASES])
 @pytest.mark.parametrize(("fate", "done"), [(SWALLOWED, True), (LOST, False)])
-def test_what_was_done_is_told_from_what_was_lost(
+async def test_what_was_done_is_told_from_what_was_lost(
     before: tuple[Request[Any], ...], request_: Request[Any], fate: Any, done: bool
 ) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake, patience=1 / 32) as board:  # what may be repeated is sent once in that
-            for request in before:
-                await board.request(request)
-            fake.plan(type(request_), fate)
-            with pytest.raises(OutcomeUnknown) as caught:
-                await board.request(request_)
-            assert await board.took_effect(caught.value.request) is done
-
-    run(main())
+    fake = FakeBoard()
+    async with opened(fake, patience=1 / 32) as board:  # what may be repeated is sent once in that
+        for request in before:
+            await board.request(request)
+        fake.plan(type(request_), fate)
+        with pytest.raises(OutcomeUnknown) as caught:
+            await board.request(request_)
+        assert await board.took_effect(caught.value.request) is done
 
 
 @pytest.mark.parametrize(
@@ -89,25 +85,19 @@ def test_what_was_done_is_told_from_what_was_lost(
         (SetServoParameterRequest(1, 0, 1), SetServoParameterRequest(ALL_SERVOS, 0, 1)),
     ],
 )
-def test_something_else_in_its_place_is_no_effect(there: Request[Any], wanted: Request[Any]) -> None:
-    async def main() -> None:
-        async with opened(FakeBoard()) as board:
-            await board.request(there)
-            assert await board.took_effect(wanted) is False
-            assert await board.took_effect(there) is True
-
-    run(main())
+async def test_something_else_in_its_place_is_no_effect(there: Request[Any], wanted: Request[Any]) -> None:
+    async with opened(FakeBoard()) as board:
+        await board.request(there)
+        assert await board.took_effect(wanted) is False
+        assert await board.took_effect(there) is True
 
 
-def test_a_servo_that_is_not_there_was_not_set() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            assert await board.took_effect(SetServoParameterRequest(99, 1, 1)) is False
-            fake.plan(QueryServoRequest, lie(QueryServoResponse()))
-            assert await board.took_effect(SetServoParameterRequest(ALL_SERVOS, 1, 1)) is False
-
-    run(main())
+async def test_a_servo_that_is_not_there_was_not_set() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        assert await board.took_effect(SetServoParameterRequest(99, 1, 1)) is False
+        fake.plan(QueryServoRequest, lie(QueryServoResponse()))
+        assert await board.took_effect(SetServoParameterRequest(ALL_SERVOS, 1, 1)) is False
 
 
 @pytest.mark.parametrize(
@@ -121,11 +111,8 @@ def test_a_servo_that_is_not_there_was_not_set() -> None:
         QueryServoRequest(1),
     ],
 )
-def test_what_leaves_no_trace_cannot_be_told(request_: Packet) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            assert await board.took_effect(request_) is None
-            assert fake.sent == []
-
-    run(main())
+async def test_what_leaves_no_trace_cannot_be_told(request_: Packet) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        assert await board.took_effect(request_) is None
+        assert fake.sent == []

@@ -34,107 +34,89 @@ def socket(monkeypatch: pytest.MonkeyPatch) -> Socket:
     return place
 
 
-def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
-    async def main() -> None:
-        async with connected() as board:
-            there = socket.board
-            assert there is not None
-            await board.memory()
-            sent = board.stats.frames_sent
-            socket.pull()
-            socket.plug(there)
-            await until(board, "connected")
-            assert board.stats.frames_sent > sent
-            assert isinstance(board.connection, Connection)
-
-    run(main())
+async def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
+    async with connected() as board:
+        there = socket.board
+        assert there is not None
+        await board.memory()
+        sent = board.stats.frames_sent
+        socket.pull()
+        socket.plug(there)
+        await until(board, "connected")
+        assert board.stats.frames_sent > sent
+        assert isinstance(board.connection, Connection)
 
 
-def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
-    async def main() -> None:
-        async with connected() as board:
-            await board.set_transmission_mode(1)
-            socket.pull()
-            restarted = VirtualBoard()
-            restarted.mode = 0
-            socket.plug(restarted)
-            await until(board, "connected")
-            assert restarted.mode == 1
-            assert await board.servo_ids() == tuple(range(1, 17))
-
-    run(main())
+async def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
+    async with connected() as board:
+        await board.set_transmission_mode(1)
+        socket.pull()
+        restarted = VirtualBoard()
+        restarted.mode = 0
+        socket.plug(restarted)
+        await until(board, "connected")
+        assert restarted.mode == 1
+        assert await board.servo_ids() == tuple(range(1, 17))
 
 
 @pytest.mark.parametrize("forgets", [False, True])
-def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bool, socket: Socket) -> None:
-    async def main() -> None:
-        async with connected(patience=0.3) as board:
-            ours, other = socket.board, VirtualBoard()
-            assert ours is not None
-            await board.write_project_id(7)
-            await board.servos()  # sets the angle unit, which is to be there again too
-            await asyncio.sleep(SETTLES_AFTER)  # sooner lost, it could come back with the id that the other has
-            await board.set_transmission_mode(0)
-            socket.pull()
-            socket.plug(other)
-            await asyncio.sleep(20)
-            assert (other.mode, board.stats.reconnects) == (1, 0)
-            if forgets:
-                ours.mode = 1
-            socket.plug(ours)
-            await until(board, "connected")
-            assert ours.mode == 0
-
-    run(main())
-
-
-def test_a_board_that_stays_in_another_mode_is_not_connected_to(
-    socket: Socket, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with connected(patience=0.3) as board:
-            await board.set_transmission_mode(1)
-            monkeypatch.setattr(connecting, "create", lambda _: fake)
-            fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
-            socket.pull()
-            await asyncio.sleep(10)
-            assert board.stats.reconnects == 0
-            assert len(fake.executed_of(TransmissionModeSettingRequest)) == 1
-            assert fake.closed
-
-    run(main())
-
-
-def test_closing_while_the_session_is_being_restored_frees_the_port(socket: Socket) -> None:
-    async def main() -> None:
-        board = await connect("virtual://", reconnect=True)
-        silent = VirtualBoard()
-        silent.mode = 0
+async def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bool, socket: Socket) -> None:
+    async with connected(patience=0.3) as board:
+        ours, other = socket.board, VirtualBoard()
+        assert ours is not None
+        await board.write_project_id(7)
+        await board.servos()  # sets the angle unit, which is to be there again too
+        await asyncio.sleep(SETTLES_AFTER)  # sooner lost, it could come back with the id that the other has
+        await board.set_transmission_mode(0)
         socket.pull()
-        socket.plug(silent)
-        await asyncio.sleep(0.5)
-        assert len(silent.sessions) == 1
-        await board.close()
-        assert silent.sessions == []
-        assert socket.live == []
+        socket.plug(other)
+        await asyncio.sleep(20)
+        assert (other.mode, board.stats.reconnects) == (1, 0)
+        if forgets:
+            ours.mode = 1
+        socket.plug(ours)
+        await until(board, "connected")
+        assert ours.mode == 0
 
-    run(main())
 
-
-def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(
+async def test_a_board_that_stays_in_another_mode_is_not_connected_to(
     socket: Socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryProjectIDRequest, *[LOST] * 100)
+    fake = FakeBoard()
+    async with connected(patience=0.3) as board:
+        await board.set_transmission_mode(1)
         monkeypatch.setattr(connecting, "create", lambda _: fake)
-        with pytest.raises(OpenError, match="was not answered") as caught:
-            await connect("virtual://", reconnect=True)
-        assert caught.value.__suppress_context__  # the traceback of the request adds nothing
-        assert fake.closed == 1
+        fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
+        socket.pull()
+        await asyncio.sleep(10)
+        assert board.stats.reconnects == 0
+        assert len(fake.executed_of(TransmissionModeSettingRequest)) == 1
+        assert fake.closed
 
-    run(main())
+
+async def test_closing_while_the_session_is_being_restored_frees_the_port(socket: Socket) -> None:
+    board = await connect("virtual://", reconnect=True)
+    silent = VirtualBoard()
+    silent.mode = 0
+    socket.pull()
+    socket.plug(silent)
+    await asyncio.sleep(0.5)
+    assert len(silent.sessions) == 1
+    await board.close()
+    assert silent.sessions == []
+    assert socket.live == []
+
+
+async def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(
+    socket: Socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake = FakeBoard()
+    fake.plan(QueryProjectIDRequest, *[LOST] * 100)
+    monkeypatch.setattr(connecting, "create", lambda _: fake)
+    with pytest.raises(OpenError, match="was not answered") as caught:
+        await connect("virtual://", reconnect=True)
+    assert caught.value.__suppress_context__  # the traceback of the request adds nothing
+    assert fake.closed == 1
 
 
 def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,10 +162,7 @@ def test_no_failure_of_a_library_ends_the_tries(
     run(main())
 
 
-def test_no_waiting_makes_a_wrong_address_right() -> None:
-    async def main() -> None:
-        with pytest.raises(TransportUnavailable, match="unknown kind of address"):
-            async for _ in reconnecting("carrier-pigeon://coop"):
-                pass
-
-    run(main())
+async def test_no_waiting_makes_a_wrong_address_right() -> None:
+    with pytest.raises(TransportUnavailable, match="unknown kind of address"):
+        async for _ in reconnecting("carrier-pigeon://coop"):
+            pass

@@ -42,93 +42,78 @@ def reported(is_start: int, is_hold: int) -> QueryServoResponse:
     return QueryServoResponse((ServoState(1, 0, 0, 0, 0, 0, 1), ServoState(2, 0, 0, 0, 0, is_start, is_hold)))
 
 
-def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.move({1: 170}, duration=10)
-            await asyncio.sleep(5)
-            await board.stop()
-            assert fake.executed_of(SetServoParameterRequest) == [STOP]
-            assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, True)}
-            stopped_at = (await board.servo(1)).angle
-            await asyncio.sleep(5)
-            assert (await board.servo(1)).angle == stopped_at
-            assert 60 < stopped_at < 110
-
-    run(main())
+async def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.move({1: 170}, duration=10)
+        await asyncio.sleep(5)
+        await board.stop()
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+        assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, True)}
+        stopped_at = (await board.servo(1)).angle
+        await asyncio.sleep(5)
+        assert (await board.servo(1)).angle == stopped_at
+        assert 60 < stopped_at < 110
 
 
 @pytest.mark.parametrize("depth", [1, 2])
-def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryServoListRequest, late(0.12))
-        async with opened(fake, depth=depth) as board:
-            ahead = asyncio.create_task(board.servo_ids())
-            waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]
-            await asyncio.sleep(0.1)
-            begun = now()
-            stopping = asyncio.create_task(board.stop())
-            await turns_of_the_loop(2)
-            assert fake.sent_of(SetServoParameterRequest) == [begun]
-            await stopping
-            sent = [type(packet) for _, packet in fake.sent]
-            before = sent[: sent.index(QueryServoRequest)]
-            assert before.count(QueryProjectIDRequest) == depth - 1  # the read-back, too, went before the others
-            await asyncio.gather(ahead, *waiting)
-
-    run(main())
+async def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
+    fake = FakeBoard()
+    fake.plan(QueryServoListRequest, late(0.12))
+    async with opened(fake, depth=depth) as board:
+        ahead = asyncio.create_task(board.servo_ids())
+        waiting = [asyncio.create_task(board.project_id()) for _ in range(20)]
+        await asyncio.sleep(0.1)
+        begun = now()
+        stopping = asyncio.create_task(board.stop())
+        await turns_of_the_loop(2)
+        assert fake.sent_of(SetServoParameterRequest) == [begun]
+        await stopping
+        sent = [type(packet) for _, packet in fake.sent]
+        before = sent[: sent.index(QueryServoRequest)]
+        assert before.count(QueryProjectIDRequest) == depth - 1  # the read-back, too, went before the others
+        await asyncio.gather(ahead, *waiting)
 
 
-def test_stop_goes_while_all_data_is_being_cleared() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(ClearAllDataRequest, late(0.5))
-        async with opened(fake) as board:
-            clearing = asyncio.create_task(board.clear_all_data())
-            await asyncio.sleep(0.1)
-            begun = now()
-            await board.stop()
-            assert fake.sent_of(SetServoParameterRequest) == [begun]
-            await clearing
-
-    run(main())
+async def test_stop_goes_while_all_data_is_being_cleared() -> None:
+    fake = FakeBoard()
+    fake.plan(ClearAllDataRequest, late(0.5))
+    async with opened(fake) as board:
+        clearing = asyncio.create_task(board.clear_all_data())
+        await asyncio.sleep(0.1)
+        begun = now()
+        await board.stop()
+        assert fake.sent_of(SetServoParameterRequest) == [begun]
+        await clearing
 
 
-def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(SetServoParameterRequest, late(0.5))
-        async with opened(fake) as board:
-            setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
-            await asyncio.sleep(0.1)
-            begun = now()
-            stopping = asyncio.create_task(board.stop())
-            with pytest.raises(OutcomeUnknown, match="overtaken by a stop"):
-                await setting
-            assert now() == begun
-            await stopping
-            assert {servo.is_start for servo in await board.servos()} == {False}
-
-    run(main())
+async def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
+    fake = FakeBoard()
+    fake.plan(SetServoParameterRequest, late(0.5))
+    async with opened(fake) as board:
+        setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
+        await asyncio.sleep(0.1)
+        begun = now()
+        stopping = asyncio.create_task(board.stop())
+        with pytest.raises(OutcomeUnknown, match="overtaken by a stop"):
+            await setting
+        assert now() == begun
+        await stopping
+        assert {servo.is_start for servo in await board.servos()} == {False}
 
 
-def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(SetServoParameterRequest, SWALLOWED)
-        async with opened(fake) as board:
-            setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
-            await turns_of_the_loop(3)
-            setting.cancel()
-            await turns_of_the_loop(3)
-            begun = now()
-            await board.stop()
-            assert now() - begun == pytest.approx(2 * LATENCY)  # the read-back waits for a fence
-            await board.release()
-
-    run(main())
+async def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too() -> None:
+    fake = FakeBoard()
+    fake.plan(SetServoParameterRequest, SWALLOWED)
+    async with opened(fake) as board:
+        setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
+        await turns_of_the_loop(3)
+        setting.cancel()
+        await turns_of_the_loop(3)
+        begun = now()
+        await board.stop()
+        assert now() - begun == pytest.approx(2 * LATENCY)  # the read-back waits for a fence
+        await board.release()
 
 
 MOVES: dict[str, Callable[[Board], Awaitable[object]]] = {
@@ -145,26 +130,23 @@ async def attempt(call: Awaitable[object]) -> object:
 
 
 @pytest.mark.parametrize("name", MOVES)
-def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
-            await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
-            await board.servos()
-            fake.plan(QueryActionListRequest, late(0.5))
-            blocking = asyncio.create_task(board.actions())
-            await turns_of_the_loop(3)
-            moving = asyncio.create_task(attempt(MOVES[name](board)))
-            await turns_of_the_loop(3)
-            await board.stop()
-            with pytest.raises(RequestError, match=r"was not (sent|run): a stop came first"):
-                await moving
-            await blocking
-            assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
-            assert fake.executed_of(SetServoParameterRequest) == [STOP]
-
-    run(main())
+async def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
+        await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
+        await board.servos()
+        fake.plan(QueryActionListRequest, late(0.5))
+        blocking = asyncio.create_task(board.actions())
+        await turns_of_the_loop(3)
+        moving = asyncio.create_task(attempt(MOVES[name](board)))
+        await turns_of_the_loop(3)
+        await board.stop()
+        with pytest.raises(RequestError, match=r"was not (sent|run): a stop came first"):
+            await moving
+        await blocking
+        assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
 
 
 def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move_after_a_stop() -> None:
@@ -185,73 +167,61 @@ def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move
 
 
 @pytest.mark.parametrize("name", ["macro", "start", "move"])
-def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
-            await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
-            await board.servos()
-            fake.plan(ClearAllDataRequest, LOST)
-            clearing = asyncio.create_task(board.clear_all_data())
-            await turns_of_the_loop(3)
-            clearing.cancel()
-            await asyncio.sleep(2)
-            for fence in FENCES:
-                fake.plan(type(fence), late(0.5))
-            moving = asyncio.create_task(attempt(MOVES[name](board)))
-            await asyncio.sleep(0.1)
-            stopping = asyncio.create_task(board.stop())
-            with pytest.raises(RequestError, match="a stop came first"):
-                await moving
-            await stopping
-            assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
-
-    run(main())
+async def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
+        await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
+        await board.servos()
+        fake.plan(ClearAllDataRequest, LOST)
+        clearing = asyncio.create_task(board.clear_all_data())
+        await turns_of_the_loop(3)
+        clearing.cancel()
+        await asyncio.sleep(2)
+        for fence in FENCES:
+            fake.plan(type(fence), late(0.5))
+        moving = asyncio.create_task(attempt(MOVES[name](board)))
+        await asyncio.sleep(0.1)
+        stopping = asyncio.create_task(board.stop())
+        with pytest.raises(RequestError, match="a stop came first"):
+            await moving
+        await stopping
+        assert [packet for _, packet in fake.sent if isinstance(packet, MOTION)] == []
 
 
-def test_what_is_asked_for_after_a_stop_moves() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.stop()
-            await board.set_servo(1, start=True, hold=True)
-            await board.move({1: 90}, duration=1)
-            await board.add_macro(Macro(1, "m"))
-            await board.run_macro(1)
-            assert len(fake.executed_of(ExecuteActionRequest)) == 1
-            assert len(fake.executed_of(AddMacroRequest)) == len(fake.executed_of(ExecuteMacroRequest)) == 1
-
-    run(main())
+async def test_what_is_asked_for_after_a_stop_moves() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.stop()
+        await board.set_servo(1, start=True, hold=True)
+        await board.move({1: 90}, duration=1)
+        await board.add_macro(Macro(1, "m"))
+        await board.run_macro(1)
+        assert len(fake.executed_of(ExecuteActionRequest)) == 1
+        assert len(fake.executed_of(AddMacroRequest)) == len(fake.executed_of(ExecuteMacroRequest)) == 1
 
 
-def test_stopping_and_releasing_wait_for_no_stop() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryActionListRequest, late(0.5))
-        async with opened(fake) as board:
-            blocking = asyncio.create_task(board.actions())
-            await turns_of_the_loop(3)
-            releasing = asyncio.create_task(board.release())
-            await turns_of_the_loop(3)
-            await board.stop()
-            await releasing
-            await blocking
-            assert fake.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(ALL_SERVOS, 0, 0)]
-
-    run(main())
+async def test_stopping_and_releasing_wait_for_no_stop() -> None:
+    fake = FakeBoard()
+    fake.plan(QueryActionListRequest, late(0.5))
+    async with opened(fake) as board:
+        blocking = asyncio.create_task(board.actions())
+        await turns_of_the_loop(3)
+        releasing = asyncio.create_task(board.release())
+        await turns_of_the_loop(3)
+        await board.stop()
+        await releasing
+        await blocking
+        assert fake.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(ALL_SERVOS, 0, 0)]
 
 
 @pytest.mark.parametrize("doubt", [reported(1, 1), reported(0, 0), QueryServoResponse()])
-def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryServoRequest, lie(doubt), lie(doubt))
-        async with opened(fake) as board:
-            await board.stop()
-            assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
-
-    run(main())
+async def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -> None:
+    fake = FakeBoard()
+    fake.plan(QueryServoRequest, lie(doubt), lie(doubt))
+    async with opened(fake) as board:
+        await board.stop()
+        assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
 
 
 @pytest.mark.parametrize(
@@ -263,100 +233,79 @@ def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse) -
         (LOST, "QueryServoRequest.* was not answered"),
     ],
 )
-def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.plan(QueryServoRequest, *[doubt] * 20)
-        async with opened(fake) as board:
-            with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
-                await board.stop()
-            assert caught.value.request == STOP
-            assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
-
-    run(main())
-
-
-def test_a_stop_that_was_lost_is_sent_again() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            fake.plan(SetServoParameterRequest, LOST, LOST)
+async def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
+    fake = FakeBoard()
+    fake.plan(QueryServoRequest, *[doubt] * 20)
+    async with opened(fake) as board:
+        with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
             await board.stop()
-            assert {servo.is_start for servo in await board.servos()} == {False}
+        assert caught.value.request == STOP
+        assert fake.executed_of(SetServoParameterRequest) == [STOP] * 3
 
-    run(main())
+
+async def test_a_stop_that_was_lost_is_sent_again() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        fake.plan(SetServoParameterRequest, LOST, LOST)
+        await board.stop()
+        assert {servo.is_start for servo in await board.servos()} == {False}
 
 
-def test_a_damaged_read_back_is_none() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
+async def test_a_damaged_read_back_is_none() -> None:
+    fake = FakeBoard()
 
-        def one_more(frame: bytes) -> bytes:
-            body = frame[:8] + bytes((frame[8] + 1,)) + frame[9:-1]
-            return body + bytes((sum(body) & 0xFF,))
+    def one_more(frame: bytes) -> bytes:
+        body = frame[:8] + bytes((frame[8] + 1,)) + frame[9:-1]
+        return body + bytes((sum(body) & 0xFF,))
 
-        fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 100)
-        async with opened(fake) as board:
-            with pytest.raises(OutcomeUnknown, match="QueryServoResponse: 5 servos take"):
-                await board.stop()
-
-    run(main())
+    fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 100)
+    async with opened(fake) as board:
+        with pytest.raises(OutcomeUnknown, match="QueryServoResponse: 5 servos take"):
+            await board.stop()
 
 
 @pytest.mark.parametrize("silence", [0.5, 2.0])
-def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            await board.servos()
-            fake.usual = Fate(after=2.5)
-            asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
-            for request in asked:
-                with pytest.raises((RequestTimeout, OutcomeUnknown)):
-                    await board.request(request, timeout=0.01)
-            fake.usual = Fate()
-            await asyncio.sleep(silence)
-            begun = now()
-            stopping = asyncio.create_task(board.stop())
-            await turns_of_the_loop(2)
-            assert fake.sent_of(SetServoParameterRequest)[-1] == begun
-            await stopping
-            assert {servo.is_start for servo in await board.servos()} == {False}
-
-    run(main())
+async def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        await board.servos()
+        fake.usual = Fate(after=2.5)
+        asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
+        for request in asked:
+            with pytest.raises((RequestTimeout, OutcomeUnknown)):
+                await board.request(request, timeout=0.01)
+        fake.usual = Fate()
+        await asyncio.sleep(silence)
+        begun = now()
+        stopping = asyncio.create_task(board.stop())
+        await turns_of_the_loop(2)
+        assert fake.sent_of(SetServoParameterRequest)[-1] == begun
+        await stopping
+        assert {servo.is_start for servo in await board.servos()} == {False}
 
 
-def test_stop_says_when_the_connection_is_gone() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake) as board:
-            fake.vanish()
-            with pytest.raises(ConnectionLost, match="device disconnected"):
-                await board.stop()
-
-    run(main())
-
-
-def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed_after_it() -> None:
-    async def main() -> None:
-        fake = FakeBoard(usual=late(0.5))
-        async with connect(fake, handshake=False) as board:
+async def test_stop_says_when_the_connection_is_gone() -> None:
+    fake = FakeBoard()
+    async with opened(fake) as board:
+        fake.vanish()
+        with pytest.raises(ConnectionLost, match="device disconnected"):
             await board.stop()
-            first = fake.sent[0][1]
-            assert first == STOP
-            assert fake.sent_of(SetServoParameterRequest) == [1000]
-            assert fake.executed_of(SetServoParameterRequest) == [STOP]
-            assert {servo.is_start for servo in await board.servos()} == {False}
-
-    run(main())
 
 
-def test_a_stop_that_a_silent_board_may_have_got_is_not_confirmed() -> None:
-    async def main() -> None:
-        fake = FakeBoard(usual=SWALLOWED)
-        async with connect(fake, handshake=False) as board:
-            with pytest.raises(ConnectionLost, match="a stop was sent and could not be confirmed: fake"):
-                await board.stop()
-            assert fake.sent_of(SetServoParameterRequest) == [1000]
+async def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed_after_it() -> None:
+    fake = FakeBoard(usual=late(0.5))
+    async with connect(fake, handshake=False) as board:
+        await board.stop()
+        first = fake.sent[0][1]
+        assert first == STOP
+        assert fake.sent_of(SetServoParameterRequest) == [1000]
+        assert fake.executed_of(SetServoParameterRequest) == [STOP]
+        assert {servo.is_start for servo in await board.servos()} == {False}
 
-    run(main())
+
+async def test_a_stop_that_a_silent_board_may_have_got_is_not_confirmed() -> None:
+    fake = FakeBoard(usual=SWALLOWED)
+    async with connect(fake, handshake=False) as board:
+        with pytest.raises(ConnectionLost, match="a stop was sent and could not be confirmed: fake"):
+            await board.stop()
+        assert fake.sent_of(SetServoParameterRequest) == [1000]

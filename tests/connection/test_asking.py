@@ -72,24 +72,21 @@ def test_what_must_wait_is_not_sent() -> None:
     asking(use)
 
 
-def test_more_can_be_asked_from_within_the_response() -> None:
-    async def main() -> None:
-        transport = VirtualTransport(VirtualBoard(2))
-        connection = Connection(transport, Codec())
-        await connection.open(handshake=False)
-        heard = list[object]()
+async def test_more_can_be_asked_from_within_the_response() -> None:
+    transport = VirtualTransport(VirtualBoard(2))
+    connection = Connection(transport, Codec())
+    await connection.open(handshake=False)
+    heard = list[object]()
 
-        def done(outcome: object, content: bytes | None) -> None:
-            heard.append(outcome)
-            if len(heard) < 5:
-                assert connection.ask(QUERY, done)
+    def done(outcome: object, content: bytes | None) -> None:
+        heard.append(outcome)
+        if len(heard) < 5:
+            assert connection.ask(QUERY, done)
 
-        assert connection.ask(QUERY, done)
-        await asyncio.sleep(1)
-        assert heard == [QueryServoListResponse((1, 2))] * 5
-        await connection.close()
-
-    run(main())
+    assert connection.ask(QUERY, done)
+    await asyncio.sleep(1)
+    assert heard == [QueryServoListResponse((1, 2))] * 5
+    await connection.close()
 
 
 def test_a_lost_query_is_repeated() -> None:

@@ -127,99 +127,78 @@ async def coroutine(call: Awaitable[object]) -> object:
     return await call
 
 
-def test_who_is_cancelled_as_the_answer_comes_gets_the_cancellation_and_the_lane_is_clean() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            task = asyncio.create_task(connection.request(QueryServoListRequest()))
-            await turns_of_the_loop(3)
-            asyncio.get_running_loop().call_later(LATENCY, task.cancel)
-            await asyncio.wait((task,))
-            assert task.cancelled()
-            await connection.request(QueryServoListRequest())
-            assert connection.stats.fences == 0
-
-    run(main())
+async def test_who_is_cancelled_as_the_answer_comes_gets_the_cancellation_and_the_lane_is_clean() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        task = asyncio.create_task(connection.request(QueryServoListRequest()))
+        await turns_of_the_loop(3)
+        asyncio.get_running_loop().call_later(LATENCY, task.cancel)
+        await asyncio.wait((task,))
+        assert task.cancelled()
+        await connection.request(QueryServoListRequest())
+        assert connection.stats.fences == 0
 
 
-def test_the_answer_to_a_cancelled_request_is_never_given_to_the_next() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
-        async with connected(board) as connection:
-            await cancelled_at(0.1, 0, connection.request(AddActionRequest(1, "a")))
-            assert (await connection.request(AddActionRequest(2, "b"))).result == 1
-
-    run(main())
+async def test_the_answer_to_a_cancelled_request_is_never_given_to_the_next() -> None:
+    board = FakeBoard()
+    board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+    async with connected(board) as connection:
+        await cancelled_at(0.1, 0, connection.request(AddActionRequest(1, "a")))
+        assert (await connection.request(AddActionRequest(2, "b"))).result == 1
 
 
 @pytest.mark.parametrize("after", [0.5, 1.5, 2.5])
-def test_the_late_answer_to_a_cancelled_request_is_never_given_to_the_next(after: float) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(WriteProjectIDRequest, Fate(after=after, says=WriteProjectIDResponse(0)))
-        async with connected(board) as connection:
-            await cancelled_at(0.1, 0, connection.request(WriteProjectIDRequest(1)))
-            assert (await connection.request(WriteProjectIDRequest(2))).result == 1
-
-    run(main())
+async def test_the_late_answer_to_a_cancelled_request_is_never_given_to_the_next(after: float) -> None:
+    board = FakeBoard()
+    board.plan(WriteProjectIDRequest, Fate(after=after, says=WriteProjectIDResponse(0)))
+    async with connected(board) as connection:
+        await cancelled_at(0.1, 0, connection.request(WriteProjectIDRequest(1)))
+        assert (await connection.request(WriteProjectIDRequest(2))).result == 1
 
 
-def test_a_cancelled_fence_ends_by_itself_and_still_proves_something() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(AddActionRequest, LOST)
-        async with connected(board) as connection:
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(AddActionRequest(1), timeout=0.1)
-            await cancelled_at(0, 3, connection.request(AddActionRequest(1)))
-            await asyncio.sleep(1)
-            assert (await connection.request(AddActionRequest(1))).result == 1
-            assert connection.stats.fences == 1
-            assert len(board.executed_of(AddActionRequest)) == 1
-
-    run(main())
+async def test_a_cancelled_fence_ends_by_itself_and_still_proves_something() -> None:
+    board = FakeBoard()
+    board.plan(AddActionRequest, LOST)
+    async with connected(board) as connection:
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(AddActionRequest(1), timeout=0.1)
+        await cancelled_at(0, 3, connection.request(AddActionRequest(1)))
+        await asyncio.sleep(1)
+        assert (await connection.request(AddActionRequest(1))).result == 1
+        assert connection.stats.fences == 1
+        assert len(board.executed_of(AddActionRequest)) == 1
 
 
-def test_a_cancelled_request_that_is_never_answered_gives_its_permit_back_at_its_deadline() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryServoListRequest, LOST)
-        async with connected(board) as connection:
-            begun = now()
-            await cancelled_at(0.1, 0, connection.request(QueryServoListRequest()))
-            await connection.request(QueryProjectIDRequest())
-            assert now() == pytest.approx(begun + FIRST_TRY + LATENCY)
-
-    run(main())
+async def test_a_cancelled_request_that_is_never_answered_gives_its_permit_back_at_its_deadline() -> None:
+    board = FakeBoard()
+    board.plan(QueryServoListRequest, LOST)
+    async with connected(board) as connection:
+        begun = now()
+        await cancelled_at(0.1, 0, connection.request(QueryServoListRequest()))
+        await connection.request(QueryProjectIDRequest())
+        assert now() == pytest.approx(begun + FIRST_TRY + LATENCY)
 
 
-def test_the_end_of_the_link_finds_a_cancelled_request() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with connected(board) as connection:
-            await cancelled_at(0.1, 0, connection.request(QueryServoListRequest()))
-            waiting = asyncio.create_task(connection.request(QueryProjectIDRequest()))
-            await turns_of_the_loop(2)
-            board.vanish()
-            with pytest.raises(ConnectionLost):
-                await waiting
-
-    run(main())
+async def test_the_end_of_the_link_finds_a_cancelled_request() -> None:
+    board = FakeBoard(usual=LOST)
+    async with connected(board) as connection:
+        await cancelled_at(0.1, 0, connection.request(QueryServoListRequest()))
+        waiting = asyncio.create_task(connection.request(QueryProjectIDRequest()))
+        await turns_of_the_loop(2)
+        board.vanish()
+        with pytest.raises(ConnectionLost):
+            await waiting
 
 
-def test_a_time_limit_of_the_caller_is_a_cancellation_like_any_other() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryProjectIDRequest, Fate(after=0.5, says=QueryProjectIDResponse(1)))
-        async with connected(board) as connection:
-            with pytest.raises(TimeoutError) as caught:
-                async with asyncio.timeout(0.1):
-                    await connection.request(QueryProjectIDRequest())
-            assert not isinstance(caught.value, RequestTimeout)
-            assert (await connection.request(QueryProjectIDRequest())).project_id == 0
-
-    run(main())
+async def test_a_time_limit_of_the_caller_is_a_cancellation_like_any_other() -> None:
+    board = FakeBoard()
+    board.plan(QueryProjectIDRequest, Fate(after=0.5, says=QueryProjectIDResponse(1)))
+    async with connected(board) as connection:
+        with pytest.raises(TimeoutError) as caught:
+            async with asyncio.timeout(0.1):
+                await connection.request(QueryProjectIDRequest())
+        assert not isinstance(caught.value, RequestTimeout)
+        assert (await connection.request(QueryProjectIDRequest())).project_id == 0
 
 
 BOARD_CALLS: dict[str, Callable[[Board], Awaitable[object]]] = {

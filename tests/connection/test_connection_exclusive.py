@@ -24,7 +24,6 @@ from servolink.protocol.servos import (
 )
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, connected, late, now
-from tests.virtual_time import run
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 ALONE: list[Request[Any]] = [
@@ -46,152 +45,124 @@ def kinds(board: FakeBoard) -> list[type[Packet]]:
 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
-def test_nothing_overlaps_it(exclusive: Request[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(type(exclusive), late(0.1))
-        async with connected(board, depth=4) as connection:
-            await asyncio.gather(
-                connection.request(QueryProjectIDRequest()),
-                connection.request(exclusive),
-                connection.request(QueryServoListRequest()),
-                connection.send(ExecuteActionRequest((Step(1, 0, 1),))),
-            )
-            times = {type(packet): at for at, packet in board.sent}
-            assert times[type(exclusive)] > times[QueryProjectIDRequest]
-            assert times[QueryServoListRequest] >= times[type(exclusive)] + 0.1
-            assert times[ExecuteActionRequest] >= times[type(exclusive)] + 0.1
-
-    run(main())
+async def test_nothing_overlaps_it(exclusive: Request[Any]) -> None:
+    board = FakeBoard()
+    board.plan(type(exclusive), late(0.1))
+    async with connected(board, depth=4) as connection:
+        await asyncio.gather(
+            connection.request(QueryProjectIDRequest()),
+            connection.request(exclusive),
+            connection.request(QueryServoListRequest()),
+            connection.send(ExecuteActionRequest((Step(1, 0, 1),))),
+        )
+        times = {type(packet): at for at, packet in board.sent}
+        assert times[type(exclusive)] > times[QueryProjectIDRequest]
+        assert times[QueryServoListRequest] >= times[type(exclusive)] + 0.1
+        assert times[ExecuteActionRequest] >= times[type(exclusive)] + 0.1
 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
-def test_it_waits_for_the_last_of_several_fences(exclusive: Request[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryServoListRequest, LOST)
-        for kind in FENCE_KINDS:
-            board.plan(kind, late(0.4), late(0.3))
-        async with connected(board) as connection:
-            with pytest.raises(RequestTimeout):
-                await connection.request(QueryServoListRequest(), timeout=0.05)
-            await connection.request(exclusive)
-            fences = [at for at, packet in board.sent if isinstance(packet, FENCE_KINDS)]
-            assert len(fences) == 2
-            assert board.sent_of(type(exclusive)) == [pytest.approx(fences[1] + 0.3)]
-
-    run(main())
+async def test_it_waits_for_the_last_of_several_fences(exclusive: Request[Any]) -> None:
+    board = FakeBoard()
+    board.plan(QueryServoListRequest, LOST)
+    for kind in FENCE_KINDS:
+        board.plan(kind, late(0.4), late(0.3))
+    async with connected(board) as connection:
+        with pytest.raises(RequestTimeout):
+            await connection.request(QueryServoListRequest(), timeout=0.05)
+        await connection.request(exclusive)
+        fences = [at for at, packet in board.sent if isinstance(packet, FENCE_KINDS)]
+        assert len(fences) == 2
+        assert board.sent_of(type(exclusive)) == [pytest.approx(fences[1] + 0.3)]
 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
-def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(exclusive: Request[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=4) as connection:
-            await asyncio.gather(connection.request(exclusive), connection.request(exclusive))
-            first, second = board.sent_of(type(exclusive))
-            assert second > first
-
-    run(main())
+async def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(exclusive: Request[Any]) -> None:
+    board = FakeBoard()
+    async with connected(board, depth=4) as connection:
+        await asyncio.gather(connection.request(exclusive), connection.request(exclusive))
+        first, second = board.sent_of(type(exclusive))
+        assert second > first
 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
-def test_not_even_a_fence_that_is_due_goes_beside_it(exclusive: Request[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=4) as connection:
-            connection._slots.unproved = 16  # as many equal queries leave it, after which a fence is due
-            await connection.request(exclusive)
-            assert board.sent == [(1000.0, exclusive)]
-
-    run(main())
+async def test_not_even_a_fence_that_is_due_goes_beside_it(exclusive: Request[Any]) -> None:
+    board = FakeBoard()
+    async with connected(board, depth=4) as connection:
+        connection._slots.unproved = 16  # as many equal queries leave it, after which a fence is due
+        await connection.request(exclusive)
+        assert board.sent == [(1000.0, exclusive)]
 
 
-def test_deleting_everything_may_take_half_a_minute() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(SLOW_PATIENCE - 1))
-        async with connected(board) as connection:
-            assert (await connection.request(ClearAllDataRequest())).result == 1
-            assert board.executed_of(ClearAllDataRequest) == [ClearAllDataRequest()]
-
-    run(main())
+async def test_deleting_everything_may_take_half_a_minute() -> None:
+    board = FakeBoard()
+    board.plan(ClearAllDataRequest, late(SLOW_PATIENCE - 1))
+    async with connected(board) as connection:
+        assert (await connection.request(ClearAllDataRequest())).result == 1
+        assert board.executed_of(ClearAllDataRequest) == [ClearAllDataRequest()]
 
 
-def test_deleting_everything_may_take_as_long_as_the_patience_if_that_is_longer() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(50))
-        async with connected(board, patience=60) as connection:
-            assert (await connection.request(ClearAllDataRequest())).result == 1
-
-    run(main())
+async def test_deleting_everything_may_take_as_long_as_the_patience_if_that_is_longer() -> None:
+    board = FakeBoard()
+    board.plan(ClearAllDataRequest, late(50))
+    async with connected(board, patience=60) as connection:
+        assert (await connection.request(ClearAllDataRequest())).result == 1
 
 
 @pytest.mark.parametrize("follow", FOLLOWERS)
-def test_nothing_follows_it_before_it_or_a_fence_is_answered(
+async def test_nothing_follows_it_before_it_or_a_fence_is_answered(
     follow: Callable[[Connection], Awaitable[object]],
 ) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(2.5))
-        async with connected(board) as connection:
-            begun = now()
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(ClearAllDataRequest(), timeout=1)
-            await follow(connection)
-            at, packet = board.sent[-1]
-            assert type(packet) not in FENCE_KINDS
-            assert at >= begun + 2.5
-            assert set(kinds(board)[1:-1]) <= set(FENCE_KINDS)
-            assert connection.stats.fences >= 1
-
-    run(main())
+    board = FakeBoard()
+    board.plan(ClearAllDataRequest, late(2.5))
+    async with connected(board) as connection:
+        begun = now()
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(ClearAllDataRequest(), timeout=1)
+        await follow(connection)
+        at, packet = board.sent[-1]
+        assert type(packet) not in FENCE_KINDS
+        assert at >= begun + 2.5
+        assert set(kinds(board)[1:-1]) <= set(FENCE_KINDS)
+        assert connection.stats.fences >= 1
 
 
 @pytest.mark.parametrize("follow", FOLLOWERS)
-def test_nothing_at_all_follows_it_if_no_fence_is_answered(follow: Callable[[Connection], Awaitable[object]]) -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=SWALLOWED)
-        async with connected(board) as connection:
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(ClearAllDataRequest(), timeout=1)
-            begun = now()
-            with pytest.raises(RequestTimeout, match=r"not sent in 3\.0 s"):
-                await follow(connection)
-            assert now() == pytest.approx(begun + 3)
-            with pytest.raises(ConnectionLost, match="has sent nothing for"):
-                await follow(connection)
-            assert set(kinds(board)[1:]) <= set(FENCE_KINDS)
-
-    run(main())
+async def test_nothing_follows_it_if_no_fence_is_answered(
+    follow: Callable[[Connection], Awaitable[object]],
+) -> None:
+    board = FakeBoard(usual=SWALLOWED)
+    async with connected(board) as connection:
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(ClearAllDataRequest(), timeout=1)
+        begun = now()
+        with pytest.raises(RequestTimeout, match=r"not sent in 3\.0 s"):
+            await follow(connection)
+        assert now() == pytest.approx(begun + 3)
+        with pytest.raises(ConnectionLost, match="has sent nothing for"):
+            await follow(connection)
+        assert set(kinds(board)[1:]) <= set(FENCE_KINDS)
 
 
 @pytest.mark.parametrize("depth", [1, 4])
-def test_a_lost_one_is_over_when_a_fence_is_answered(depth: int) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, LOST)
-        async with connected(board, depth=depth) as connection:
-            begun = now()
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(ClearAllDataRequest())
-            assert now() < begun + 1.1  # one second for the response, then a fence
-            assert [kind in FENCE_KINDS for kind in kinds(board)] == [False, True]
-
-    run(main())
+async def test_a_lost_one_is_over_when_a_fence_is_answered(depth: int) -> None:
+    board = FakeBoard()
+    board.plan(ClearAllDataRequest, LOST)
+    async with connected(board, depth=depth) as connection:
+        begun = now()
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(ClearAllDataRequest())
+        assert now() < begun + 1.1  # one second for the response, then a fence
+        assert [kind in FENCE_KINDS for kind in kinds(board)] == [False, True]
 
 
-def test_one_whose_caller_was_cancelled_still_goes_alone() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(ClearAllDataRequest, late(0.5))
-        async with connected(board, depth=4) as connection:
-            clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
-            await asyncio.sleep(0.1)
-            clearing.cancel()
-            begun = now()
-            await connection.request(AddActionRequest(2))
-            assert board.sent[-1][0] == pytest.approx(begun + 0.4)
-
-    run(main())
+async def test_one_whose_caller_was_cancelled_still_goes_alone() -> None:
+    board = FakeBoard()
+    board.plan(ClearAllDataRequest, late(0.5))
+    async with connected(board, depth=4) as connection:
+        clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
+        await asyncio.sleep(0.1)
+        clearing.cancel()
+        begun = now()
+        await connection.request(AddActionRequest(2))
+        assert board.sent[-1][0] == pytest.approx(begun + 0.4)

@@ -44,334 +44,268 @@ async def abandon(connection: Connection, board: FakeBoard, query: Query[Any], f
 
 
 @pytest.mark.parametrize("depth", [1, 4])
-def test_a_repeat_needs_no_fence_and_takes_the_response_to_any_of_its_slots(depth: int) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryActionRequest, Fate(after=0.7, says=QueryActionResponse(7, "late")))
-        async with connected(board, depth=depth) as connection:
-            begun = now()
-            assert (await connection.request(QueryActionRequest(7))).action_caption == "late"
-            assert now() == pytest.approx(begun + 0.7)
-            assert connection.stats.fences == 0
-            assert len(board.sent_of(QueryActionRequest)) == 3
-
-    run(main())
+async def test_a_repeat_needs_no_fence_and_takes_the_response_to_any_of_its_slots(depth: int) -> None:
+    board = FakeBoard()
+    board.plan(QueryActionRequest, Fate(after=0.7, says=QueryActionResponse(7, "late")))
+    async with connected(board, depth=depth) as connection:
+        begun = now()
+        assert (await connection.request(QueryActionRequest(7))).action_caption == "late"
+        assert now() == pytest.approx(begun + 0.7)
+        assert connection.stats.fences == 0
+        assert len(board.sent_of(QueryActionRequest)) == 3
 
 
-def test_an_equal_query_of_a_new_caller_waits_for_a_fence() -> None:
+async def test_an_equal_query_of_a_new_caller_waits_for_a_fence() -> None:
     """Or it would get the response to the abandoned one, which is older than its question."""
-
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, LIST, Fate(after=1.0, says=QueryServoListResponse((9,))))
-            assert len((await connection.request(LIST)).servo_id_list) == 4
-            assert [kind in FENCE_KINDS for kind in kinds(board)] == [
-                False,
-                True,
-                *[True] * (len(board.sent) - 3),
-                False,
-            ]
-            assert connection.stats.late_responses == 1
-
-    run(main())
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, LIST, Fate(after=1.0, says=QueryServoListResponse((9,))))
+        assert len((await connection.request(LIST)).servo_id_list) == 4
+        assert [kind in FENCE_KINDS for kind in kinds(board)] == [
+            False,
+            True,
+            *[True] * (len(board.sent) - 3),
+            False,
+        ]
+        assert connection.stats.late_responses == 1
 
 
-def test_with_room_for_more_fence_and_query_leave_together() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=2) as connection:
-            await abandon(connection, board, LIST, Fate(after=0.3, says=QueryServoListResponse((9,))))
-            begun = now()
-            assert len((await connection.request(LIST)).servo_id_list) == 4
-            (_, (fence_at, fence), (query_at, query)) = board.sent
-            assert fence in FENCES
-            assert query == LIST
-            assert fence_at == query_at == begun
-            assert now() == pytest.approx(begun + 0.27)  # right behind the late one
-
-    run(main())
+async def test_with_room_for_more_fence_and_query_leave_together() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=2) as connection:
+        await abandon(connection, board, LIST, Fate(after=0.3, says=QueryServoListResponse((9,))))
+        begun = now()
+        assert len((await connection.request(LIST)).servo_id_list) == 4
+        (_, (fence_at, fence), (query_at, query)) = board.sent
+        assert fence in FENCES
+        assert query == LIST
+        assert fence_at == query_at == begun
+        assert now() == pytest.approx(begun + 0.27)  # right behind the late one
 
 
-def test_a_query_about_something_else_waits_for_no_fence() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, QueryActionRequest(7))
-            board.plan(QueryActionRequest, lie(QueryActionResponse(8, "eight")))
-            assert (await connection.request(QueryActionRequest(8))).action_caption == "eight"
-            assert connection.stats.fences == 0
-
-    run(main())
+async def test_a_query_about_something_else_waits_for_no_fence() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, QueryActionRequest(7))
+        board.plan(QueryActionRequest, lie(QueryActionResponse(8, "eight")))
+        assert (await connection.request(QueryActionRequest(8))).action_caption == "eight"
+        assert connection.stats.fences == 0
 
 
-def test_no_where_two_were_asked_waits_until_it_is_clear_who_is_meant() -> None:
+async def test_no_where_two_were_asked_waits_until_it_is_clear_who_is_meant() -> None:
     """0 in place of the id can be the response to either; the response to a fence shows that one was lost."""
-
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(
-                connection, board, QueryActionRequest(7), Fate(after=1.0, says=QueryActionResponse(7, "seven"))
-            )
-            board.plan(QueryActionRequest, lie(QueryActionResponse(0)))
-            assert (await connection.request(QueryActionRequest(8))).action_id == 0
-            assert connection.stats.mismatched == 0
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, QueryActionRequest(7))
-            board.plan(QueryActionRequest, lie(QueryActionResponse(0)), lie(QueryActionResponse(8, "eight")))
-            assert (await connection.request(QueryActionRequest(8))).action_caption == "eight"
-            assert connection.stats.fences == 1
-            assert kinds(board)[2] in FENCE_KINDS
-
-    run(main())
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, QueryActionRequest(7), Fate(after=1.0, says=QueryActionResponse(7, "seven")))
+        board.plan(QueryActionRequest, lie(QueryActionResponse(0)))
+        assert (await connection.request(QueryActionRequest(8))).action_id == 0
+        assert connection.stats.mismatched == 0
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, QueryActionRequest(7))
+        board.plan(QueryActionRequest, lie(QueryActionResponse(0)), lie(QueryActionResponse(8, "eight")))
+        assert (await connection.request(QueryActionRequest(8))).action_caption == "eight"
+        assert connection.stats.fences == 1
+        assert kinds(board)[2] in FENCE_KINDS
 
 
-def test_a_command_on_a_lane_with_an_abandoned_one_waits_for_a_fence() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
-        async with connected(board) as connection:
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(AddActionRequest(1), timeout=0.1)
-            assert (await connection.request(AddActionRequest(2))).result == 1
-            assert connection.stats.fences >= 1
-            assert connection.stats.late_responses == 1
-            fences = connection.stats.fences
-            await connection.request(AddActionRequest(3))
-            assert connection.stats.fences == fences
-
-    run(main())
+async def test_a_command_on_a_lane_with_an_abandoned_one_waits_for_a_fence() -> None:
+    board = FakeBoard()
+    board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+    async with connected(board) as connection:
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(AddActionRequest(1), timeout=0.1)
+        assert (await connection.request(AddActionRequest(2))).result == 1
+        assert connection.stats.fences >= 1
+        assert connection.stats.late_responses == 1
+        fences = connection.stats.fences
+        await connection.request(AddActionRequest(3))
+        assert connection.stats.fences == fences
 
 
-def test_any_later_response_is_as_good_as_a_fence() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(AddActionRequest, LOST)
-        async with connected(board) as connection:
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(AddActionRequest(1), timeout=0.1)
-            await connection.request(LIST)
-            await connection.request(AddActionRequest(2))
-            assert connection.stats.fences == 0
-
-    run(main())
+async def test_any_later_response_is_as_good_as_a_fence() -> None:
+    board = FakeBoard()
+    board.plan(AddActionRequest, LOST)
+    async with connected(board) as connection:
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(AddActionRequest(1), timeout=0.1)
+        await connection.request(LIST)
+        await connection.request(AddActionRequest(2))
+        assert connection.stats.fences == 0
 
 
-def test_the_response_to_what_was_sent_before_proves_nothing() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=2) as connection:
-            board.plan(QueryServoListRequest, late(0.2))
-            earlier = asyncio.create_task(connection.request(LIST))
-            await turns_of_the_loop(3)
-            board.plan(AddActionRequest, Fate(after=0.4, says=AddActionResponse(0)))
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(AddActionRequest(1), timeout=0.1)
-            await earlier
-            assert (await connection.request(AddActionRequest(2))).result == 1
-            assert connection.stats.late_responses == 1
-
-    run(main())
+async def test_the_response_to_what_was_sent_before_proves_nothing() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=2) as connection:
+        board.plan(QueryServoListRequest, late(0.2))
+        earlier = asyncio.create_task(connection.request(LIST))
+        await turns_of_the_loop(3)
+        board.plan(AddActionRequest, Fate(after=0.4, says=AddActionResponse(0)))
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(AddActionRequest(1), timeout=0.1)
+        await earlier
+        assert (await connection.request(AddActionRequest(2))).result == 1
+        assert connection.stats.late_responses == 1
 
 
-def test_a_late_response_that_comes_while_nobody_asks_is_a_proof_itself() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, LIST, late(1.5))
-            await asyncio.sleep(2)
-            assert connection.stats.late_responses == 1
-            await connection.request(LIST)
-            assert connection.stats.fences == 0
-
-    run(main())
+async def test_a_late_response_that_comes_while_nobody_asks_is_a_proof_itself() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, LIST, late(1.5))
+        await asyncio.sleep(2)
+        assert connection.stats.late_responses == 1
+        await connection.request(LIST)
+        assert connection.stats.fences == 0
 
 
-def test_a_response_about_something_else_goes_to_nobody_and_proves_nothing() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryActionRequest, Fate(after=0.2, says=QueryActionResponse(8, "another one")))
-        async with connected(board) as connection:
-            assert (await connection.request(QueryActionRequest(7))).action_id == 0
-            assert connection.stats.mismatched == 1
-            assert connection.stats.late_responses == 0
-            assert len(board.sent_of(QueryActionRequest)) == 2
-
-    run(main())
+async def test_a_response_about_something_else_goes_to_nobody_and_proves_nothing() -> None:
+    board = FakeBoard()
+    board.plan(QueryActionRequest, Fate(after=0.2, says=QueryActionResponse(8, "another one")))
+    async with connected(board) as connection:
+        assert (await connection.request(QueryActionRequest(7))).action_id == 0
+        assert connection.stats.mismatched == 1
+        assert connection.stats.late_responses == 0
+        assert len(board.sent_of(QueryActionRequest)) == 2
 
 
 # --- fences -------------------------------------------------------------------------------------------------------
 
 
-def test_fences_are_taken_in_turn_so_that_one_that_is_not_supported_costs_little() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for _ in FENCES:
-                await abandon(connection, board, LIST)
-                await connection.request(LIST)
-            assert {kind for kind in kinds(board) if kind in FENCE_KINDS} == set(FENCE_KINDS)
-
-    run(main())
+async def test_fences_are_taken_in_turn_so_that_one_that_is_not_supported_costs_little() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for _ in FENCES:
+            await abandon(connection, board, LIST)
+            await connection.request(LIST)
+        assert {kind for kind in kinds(board) if kind in FENCE_KINDS} == set(FENCE_KINDS)
 
 
 @pytest.mark.parametrize("fence", FENCES)
-def test_a_fence_is_never_sent_on_the_lane_that_it_is_for(fence: Query[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for _ in range(2 * len(FENCES)):
-                sent = len(board.sent)
-                await abandon(connection, board, fence)
-                await connection.request(fence)
-                lost, proof, again = kinds(board)[sent:]
-                assert lost is again is type(fence)
-                assert proof is not type(fence)
-
-    run(main())
-
-
-def test_a_kind_of_fence_may_be_sent_again_while_another_is_not_answered() -> None:
-    """They never run out: the first response to any of them proves all that is older than the oldest of them."""
-
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, LIST)
-            for kind in FENCE_KINDS:
-                board.plan(kind, LOST, LOST)
-            await connection.request(LIST)
-            fences = [kind for kind in kinds(board) if kind in FENCE_KINDS]
-            assert len(fences) == 3
-            assert len(set(fences)) == 1
-            await connection.request(LIST)
-            assert connection.stats.fences == 3
-
-    run(main())
-
-
-def test_a_fence_prefers_an_idle_lane() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for fence in FENCES:
-                if not isinstance(fence, QueryRemainPowerRequest):
-                    board.plan(type(fence), LOST)
-            for fence in FENCES:
-                if not isinstance(fence, QueryRemainPowerRequest):
-                    with pytest.raises(RequestTimeout):
-                        await connection.request(fence, timeout=0.01)
-            await abandon(connection, board, LIST)
-            await connection.request(LIST)
-            assert kinds(board)[-2] is QueryRemainPowerRequest
-
-    run(main())
-
-
-def test_a_fence_may_go_where_no_lane_is_idle() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for fence in FENCES:
-                board.plan(type(fence), LOST)
-                with pytest.raises(RequestTimeout):
-                    await connection.request(fence, timeout=0.01)
-            await abandon(connection, board, LIST)
-            begun = now()
-            await connection.request(LIST)
-            assert now() < begun + 0.3  # the first response settles the abandoned slot of its lane only
-
-    run(main())
-
-
-@pytest.mark.parametrize("fence", FENCES)
-def test_not_even_then_does_it_go_where_the_request_itself_will(fence: Query[Any]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for query in (*FENCES, LIST):
-                board.plan(type(query), LOST)
-                with pytest.raises(RequestTimeout):
-                    await connection.request(query, timeout=0.01)
-            board.sent.clear()
+async def test_a_fence_is_never_sent_on_the_lane_that_it_is_for(fence: Query[Any]) -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for _ in range(2 * len(FENCES)):
+            sent = len(board.sent)
+            await abandon(connection, board, fence)
             await connection.request(fence)
-            assert kinds(board)[-1] is type(fence)
-            assert type(fence) not in kinds(board)[:-1]
-
-    run(main())
-
-
-def test_a_request_that_waited_for_fences_has_its_whole_patience_yet() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await abandon(connection, board, LIST)
-            board.usual_of[QueryServoListRequest] = LOST
-            board.usual = late(2)
-            begun = now()
-            with pytest.raises(RequestTimeout):
-                await connection.request(LIST)
-            assert begun + 2 + 3 <= now() < begun + 7
-
-    run(main())
+            lost, proof, again = kinds(board)[sent:]
+            assert lost is again is type(fence)
+            assert proof is not type(fence)
 
 
-def test_the_late_response_to_an_abandoned_fence_kind_is_not_taken_for_a_proof_of_what_came_after_it() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            for fence in FENCES:  # so that every fence has an older slot on its lane, answered late
-                board.plan(type(fence), late(0.6))
+async def test_a_kind_of_fence_may_be_sent_again_while_another_is_not_answered() -> None:
+    """They never run out: the first response to any of them proves all that is older than the oldest of them."""
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, LIST)
+        for kind in FENCE_KINDS:
+            board.plan(kind, LOST, LOST)
+        await connection.request(LIST)
+        fences = [kind for kind in kinds(board) if kind in FENCE_KINDS]
+        assert len(fences) == 3
+        assert len(set(fences)) == 1
+        await connection.request(LIST)
+        assert connection.stats.fences == 3
+
+
+async def test_a_fence_prefers_an_idle_lane() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for fence in FENCES:
+            if not isinstance(fence, QueryRemainPowerRequest):
+                board.plan(type(fence), LOST)
+        for fence in FENCES:
+            if not isinstance(fence, QueryRemainPowerRequest):
                 with pytest.raises(RequestTimeout):
                     await connection.request(fence, timeout=0.01)
-            board.plan(AddActionRequest, Fate(after=0.62, says=AddActionResponse(0)))
-            with pytest.raises(OutcomeUnknown):
-                await connection.request(AddActionRequest(1), timeout=0.1)
-            assert (await connection.request(AddActionRequest(2))).result == 1
+        await abandon(connection, board, LIST)
+        await connection.request(LIST)
+        assert kinds(board)[-2] is QueryRemainPowerRequest
 
-    run(main())
+
+async def test_a_fence_may_go_where_no_lane_is_idle() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for fence in FENCES:
+            board.plan(type(fence), LOST)
+            with pytest.raises(RequestTimeout):
+                await connection.request(fence, timeout=0.01)
+        await abandon(connection, board, LIST)
+        begun = now()
+        await connection.request(LIST)
+        assert now() < begun + 0.3  # the first response settles the abandoned slot of its lane only
+
+
+@pytest.mark.parametrize("fence", FENCES)
+async def test_not_even_then_does_it_go_where_the_request_itself_will(fence: Query[Any]) -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for query in (*FENCES, LIST):
+            board.plan(type(query), LOST)
+            with pytest.raises(RequestTimeout):
+                await connection.request(query, timeout=0.01)
+        board.sent.clear()
+        await connection.request(fence)
+        assert kinds(board)[-1] is type(fence)
+        assert type(fence) not in kinds(board)[:-1]
+
+
+async def test_a_request_that_waited_for_fences_has_its_whole_patience_yet() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await abandon(connection, board, LIST)
+        board.usual_of[QueryServoListRequest] = LOST
+        board.usual = late(2)
+        begun = now()
+        with pytest.raises(RequestTimeout):
+            await connection.request(LIST)
+        assert begun + 2 + 3 <= now() < begun + 7
+
+
+async def test_the_late_response_to_an_abandoned_fence_kind_is_not_taken_for_a_proof_of_what_came_after_it() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        for fence in FENCES:  # so that every fence has an older slot on its lane, answered late
+            board.plan(type(fence), late(0.6))
+            with pytest.raises(RequestTimeout):
+                await connection.request(fence, timeout=0.01)
+        board.plan(AddActionRequest, Fate(after=0.62, says=AddActionResponse(0)))
+        with pytest.raises(OutcomeUnknown):
+            await connection.request(AddActionRequest(1), timeout=0.1)
+        assert (await connection.request(AddActionRequest(2))).result == 1
 
 
 @pytest.mark.parametrize("missing", FENCE_KINDS)
-def test_a_kind_of_fence_that_the_board_does_not_support_holds_nothing_up_for_long(missing: type[Packet]) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.usual_of[missing] = LOST
-        async with connected(board) as connection:
-            for _ in range(8):
-                await abandon(connection, board, LIST)
-                assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
-
-    run(main())
+async def test_a_kind_of_fence_that_the_board_does_not_support_holds_nothing_up_for_long(missing: type[Packet]) -> None:
+    board = FakeBoard()
+    board.usual_of[missing] = LOST
+    async with connected(board) as connection:
+        for _ in range(8):
+            await abandon(connection, board, LIST)
+            assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
 
 
 # --- several under way --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("lost_every", "least", "most"), [(0, 8, 20), (40, 50, 150)])
-def test_among_equal_queries_a_fence_shows_gaps_and_is_not_sent_more_often_than_needed(
+async def test_among_equal_queries_a_fence_shows_gaps_and_is_not_sent_more_often_than_needed(
     lost_every: int, least: int, most: int
 ) -> None:
     """One in 16 sendings, but one in 128 on a line that loses nothing."""
+    board = FakeBoard(usual=Fate(after=0.05))
+    if lost_every:
+        board.plan(QueryServoRequest, *[LOST, *[board.usual] * (lost_every - 1)] * (1600 // lost_every))
+    async with connected(board, depth=16) as connection:
 
-    async def main() -> None:
-        board = FakeBoard(usual=Fate(after=0.05))
-        if lost_every:
-            board.plan(QueryServoRequest, *[LOST, *[board.usual] * (lost_every - 1)] * (1600 // lost_every))
-        async with connected(board, depth=16) as connection:
+        async def ask(number: int) -> None:
+            await asyncio.sleep(number * 0.003)
+            for _ in range(100):
+                await connection.request(QueryServoRequest(1))
 
-            async def ask(number: int) -> None:
-                await asyncio.sleep(number * 0.003)
-                for _ in range(100):
-                    await connection.request(QueryServoRequest(1))
-
-            await asyncio.gather(*map(ask, range(16)))
-            assert least <= connection.stats.fences <= most
-            assert (connection.stats.retries > 0) is bool(lost_every)
-
-    run(main())
+        await asyncio.gather(*map(ask, range(16)))
+        assert least <= connection.stats.fences <= most
+        assert (connection.stats.retries > 0) is bool(lost_every)
 
 
 @pytest.mark.parametrize(("depth", "most"), [(4, 0.51), (8, 0.2), (16, 0.12)])
@@ -388,109 +322,89 @@ def test_in_a_run_of_commands_a_fence_for_each_half_window_is_enough(depth: int,
     run(main())
 
 
-def test_in_a_run_of_commands_each_keeps_its_own_result() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=8) as connection:
-            for number in range(200):
-                board.plan(AddActionRequest, lie(AddActionResponse(number % 2)))
-            asked = (connection.request(AddActionRequest(number)) for number in range(200))
-            results = [response.result for response in await asyncio.gather(*asked)]
-            assert results == [number % 2 for number in range(200)]
-            assert connection.stats.fences <= 50
-
-    run(main())
+async def test_in_a_run_of_commands_each_keeps_its_own_result() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=8) as connection:
+        for number in range(200):
+            board.plan(AddActionRequest, lie(AddActionResponse(number % 2)))
+        asked = (connection.request(AddActionRequest(number)) for number in range(200))
+        results = [response.result for response in await asyncio.gather(*asked)]
+        assert results == [number % 2 for number in range(200)]
+        assert connection.stats.fences <= 50
 
 
-def test_in_a_run_of_commands_a_lost_result_makes_no_other_wrong() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=8) as connection:
-            for number in range(100):
-                board.plan(AddActionRequest, LOST if number % 40 == 5 else lie(AddActionResponse(number % 2)))
-            asked = (connection.request(AddActionRequest(number)) for number in range(100))
-            outcomes = await asyncio.gather(*asked, return_exceptions=True)
-            known = [
-                (number, outcome) for number, outcome in enumerate(outcomes) if isinstance(outcome, AddActionResponse)
-            ]
-            assert all(outcome.result == number % 2 for number, outcome in known)
-            assert all(isinstance(outcome, (AddActionResponse, OutcomeUnknown)) for outcome in outcomes)
-            assert len(known) >= 40
-            executed = [packet.action_id for packet in board.executed_of(AddActionRequest)]  # type: ignore[attr-defined]
-            assert len(executed) == len(set(executed)) == 97
-
-    run(main())
+async def test_in_a_run_of_commands_a_lost_result_makes_no_other_wrong() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=8) as connection:
+        for number in range(100):
+            board.plan(AddActionRequest, LOST if number % 40 == 5 else lie(AddActionResponse(number % 2)))
+        asked = (connection.request(AddActionRequest(number)) for number in range(100))
+        outcomes = await asyncio.gather(*asked, return_exceptions=True)
+        known = [(number, outcome) for number, outcome in enumerate(outcomes) if isinstance(outcome, AddActionResponse)]
+        assert all(outcome.result == number % 2 for number, outcome in known)
+        assert all(isinstance(outcome, (AddActionResponse, OutcomeUnknown)) for outcome in outcomes)
+        assert len(known) >= 40
+        executed = [packet.action_id for packet in board.executed_of(AddActionRequest)]  # type: ignore[attr-defined]
+        assert len(executed) == len(set(executed)) == 97
 
 
-def test_equal_queries_behind_a_lost_one_are_all_answered_by_their_own_or_a_fresh_response() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=4) as connection:
-            for number in range(1, 400):
-                board.plan(QueryProjectIDRequest, LOST if number % 7 == 0 else lie(QueryProjectIDResponse(number)))
-            asked_at: list[int] = []
+async def test_equal_queries_behind_a_lost_one_are_all_answered_by_their_own_or_a_fresh_response() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=4) as connection:
+        for number in range(1, 400):
+            board.plan(QueryProjectIDRequest, LOST if number % 7 == 0 else lie(QueryProjectIDResponse(number)))
+        asked_at: list[int] = []
 
-            async def ask() -> None:
-                asked_at.append(len(board.sent_of(QueryProjectIDRequest)))
-                before = asked_at[-1]
-                answer = await connection.request(QueryProjectIDRequest())
-                assert answer.project_id > before  # produced after its own first sending
+        async def ask() -> None:
+            asked_at.append(len(board.sent_of(QueryProjectIDRequest)))
+            before = asked_at[-1]
+            answer = await connection.request(QueryProjectIDRequest())
+            assert answer.project_id > before  # produced after its own first sending
 
-            for _ in range(20):
-                await asyncio.gather(*(ask() for _ in range(4)))
-
-    run(main())
+        for _ in range(20):
+            await asyncio.gather(*(ask() for _ in range(4)))
 
 
-def test_a_query_found_lost_gets_the_next_response_before_equal_ones_that_were_asked_for_later() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=8) as connection:
-            board.plan(QueryProjectIDRequest, LOST)  # so the youngest of the first four is left without a response
-            order: list[int] = []
+async def test_a_query_found_lost_gets_the_next_response_before_equal_ones_that_were_asked_for_later() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=8) as connection:
+        board.plan(QueryProjectIDRequest, LOST)  # so the youngest of the first four is left without a response
+        order: list[int] = []
 
-            async def ask(number: int) -> None:
-                await connection.request(PROJECT)
-                order.append(number)
+        async def ask(number: int) -> None:
+            await connection.request(PROJECT)
+            order.append(number)
 
-            first = [asyncio.create_task(ask(number)) for number in range(4)]
-            await asyncio.sleep(0)
-            other = asyncio.create_task(connection.request(LIST))  # whose response proves that
-            await asyncio.sleep(LATENCY / 2)
-            later = [asyncio.create_task(ask(number)) for number in range(4, 7)]
-            await asyncio.gather(*first, *later)
-            await other
-            assert order == list(range(7))
-            assert connection.stats.retries == 1
-            assert (connection.stats.timeouts, connection.stats.late_responses) == (0, 0)
-
-    run(main())
+        first = [asyncio.create_task(ask(number)) for number in range(4)]
+        await asyncio.sleep(0)
+        other = asyncio.create_task(connection.request(LIST))  # whose response proves that
+        await asyncio.sleep(LATENCY / 2)
+        later = [asyncio.create_task(ask(number)) for number in range(4, 7)]
+        await asyncio.gather(*first, *later)
+        await other
+        assert order == list(range(7))
+        assert connection.stats.retries == 1
+        assert (connection.stats.timeouts, connection.stats.late_responses) == (0, 0)
 
 
-def test_a_repeat_behind_what_others_left_overdue_is_sent_with_a_fence() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=8) as connection:
-            await connection.request(LIST)
-            # Each leaves a slot, and the first one of them gets the response to a later call.
-            await asyncio.gather(*(abandon(connection, board, LIST) for _ in range(6)))
-            for fence in FENCE_KINDS:
-                board.plan(fence, LOST)
-            before = len(board.sent)
-            await connection.request(LIST)
-            assert kinds(board)[before:].count(QueryServoListRequest) <= 4  # once for each of the others, without it
-
-    run(main())
+async def test_a_repeat_behind_what_others_left_overdue_is_sent_with_a_fence() -> None:
+    board = FakeBoard()
+    async with connected(board, depth=8) as connection:
+        await connection.request(LIST)
+        # Each leaves a slot, and the first one of them gets the response to a later call.
+        await asyncio.gather(*(abandon(connection, board, LIST) for _ in range(6)))
+        for fence in FENCE_KINDS:
+            board.plan(fence, LOST)
+        before = len(board.sent)
+        await connection.request(LIST)
+        assert kinds(board)[before:].count(QueryServoListRequest) <= 4  # once for each of the others, without it
 
 
-def test_different_kinds_under_way_that_are_lost_are_asked_for_again_as_soon_as_that_is_proved() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryServoListRequest, LOST)
-        async with connected(board, depth=2) as connection:
-            begun = now()
-            await asyncio.gather(connection.request(LIST), connection.request(QueryMemorySizeRequest()))
-            assert now() == pytest.approx(begun + 2 * LATENCY)
-            assert connection.stats.retries == 1
-
-    run(main())
+async def test_different_kinds_under_way_that_are_lost_are_asked_for_again_as_soon_as_that_is_proved() -> None:
+    board = FakeBoard()
+    board.plan(QueryServoListRequest, LOST)
+    async with connected(board, depth=2) as connection:
+        begun = now()
+        await asyncio.gather(connection.request(LIST), connection.request(QueryMemorySizeRequest()))
+        assert now() == pytest.approx(begun + 2 * LATENCY)
+        assert connection.stats.retries == 1

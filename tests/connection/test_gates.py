@@ -15,7 +15,6 @@ from servolink.protocol.packet import Effect, Packet, Query, Response, is_motion
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest
 from tests.client.fake_board import FakeBoard, connected, now
-from tests.virtual_time import run
 
 MOVE = ExecuteActionRequest((Step(1, 0, 1),))
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -51,76 +50,64 @@ def test_a_stop_and_a_query_pass_closed_gates() -> None:
     assert None not in [gates.refusal(packet, ticket) for packet in refused]
 
 
-def test_a_stop_is_sent_through_closed_gates_and_a_motion_is_not() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            connection.gates = Gates(*map(refusing, Gates._fields))
-            await connection.send_stop(STOP)
-            await connection.request(SetServoParameterRequest(2, 0, 1))
-            for packet in (START, RELEASE):
-                with pytest.raises(MotionRefused, match="identity"):
-                    await connection.request(packet)
+async def test_a_stop_is_sent_through_closed_gates_and_a_motion_is_not() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        connection.gates = Gates(*map(refusing, Gates._fields))
+        await connection.send_stop(STOP)
+        await connection.request(SetServoParameterRequest(2, 0, 1))
+        for packet in (START, RELEASE):
             with pytest.raises(MotionRefused, match="identity"):
-                await connection.send(MOVE)
-            await connection.request(QueryServoListRequest())
-            assert board.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(2, 0, 1)]
-            assert not board.executed_of(ExecuteActionRequest)
-
-    run(main())
-
-
-def test_gates_are_asked_after_everything_that_is_awaited() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            asked: list[Packet] = []
-
-            async def stop_meanwhile(packet: Packet, ticket: Ticket) -> None:
-                await asyncio.sleep(1)
-                connection.stops.stop()
-
-            def note(packet: Packet, ticket: Ticket) -> None:
-                asked.append(packet)
-
-            connection.preparations = (stop_meanwhile,)
-            connection.gates = connection.gates._replace(identity=note)
-            with pytest.raises(RequestError, match="ExecuteActionRequest was not sent: a stop came first"):
-                await connection.send(MOVE)
-            with pytest.raises(RequestError, match="SetServoParameterRequest was not sent: a stop came first"):
-                await connection.request(START)
-            await connection.request(RELEASE)  # goes limp after a stop, too
-            assert asked == [MOVE, START, RELEASE]
-
-    run(main())
+                await connection.request(packet)
+        with pytest.raises(MotionRefused, match="identity"):
+            await connection.send(MOVE)
+        await connection.request(QueryServoListRequest())
+        assert board.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(2, 0, 1)]
+        assert not board.executed_of(ExecuteActionRequest)
 
 
-def test_a_ticket_ends_at_its_time_and_with_its_connection() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard()) as connection:
-            late = connection.stops.ticket(until=now() + 1)
-            await connection.send(MOVE, ticket=late)
-            await asyncio.sleep(1.1)
-            for packet in (MOVE, RELEASE, START):
-                assert "time by which it was to begin has passed" in str(connection.gates.refusal(packet, late))
-            await connection.send(MOVE, ticket=late.begun())
-            with pytest.raises(ConnectionLost, match="the connection was lost after it was asked for"):
-                await connection.send(MOVE, ticket=StopCounter().ticket())
+async def test_gates_are_asked_after_everything_that_is_awaited() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        asked: list[Packet] = []
 
-    run(main())
-
-
-def test_after_a_stop_the_ticket_gate_refuses_every_motion_but_a_release() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard()) as connection:
-            ticket = connection.stops.ticket()
+        async def stop_meanwhile(packet: Packet, ticket: Ticket) -> None:
+            await asyncio.sleep(1)
             connection.stops.stop()
-            for declared in PACKETS.values():
-                if issubclass(declared, Query | Response):
-                    continue
-                needed = len(declared.__struct_fields__) - len(declared.__struct_defaults__)
-                packet = declared(*[1] * needed)
-                expects = is_motion(packet) and packet.effect is not Effect.GOES_LIMP
-                assert (connection.gates.refusal(packet, ticket) is not None) == expects, packet
 
-    run(main())
+        def note(packet: Packet, ticket: Ticket) -> None:
+            asked.append(packet)
+
+        connection.preparations = (stop_meanwhile,)
+        connection.gates = connection.gates._replace(identity=note)
+        with pytest.raises(RequestError, match="ExecuteActionRequest was not sent: a stop came first"):
+            await connection.send(MOVE)
+        with pytest.raises(RequestError, match="SetServoParameterRequest was not sent: a stop came first"):
+            await connection.request(START)
+        await connection.request(RELEASE)  # goes limp after a stop, too
+        assert asked == [MOVE, START, RELEASE]
+
+
+async def test_a_ticket_ends_at_its_time_and_with_its_connection() -> None:
+    async with connected(FakeBoard()) as connection:
+        late = connection.stops.ticket(until=now() + 1)
+        await connection.send(MOVE, ticket=late)
+        await asyncio.sleep(1.1)
+        for packet in (MOVE, RELEASE, START):
+            assert "time by which it was to begin has passed" in str(connection.gates.refusal(packet, late))
+        await connection.send(MOVE, ticket=late.begun())
+        with pytest.raises(ConnectionLost, match="the connection was lost after it was asked for"):
+            await connection.send(MOVE, ticket=StopCounter().ticket())
+
+
+async def test_after_a_stop_the_ticket_gate_refuses_every_motion_but_a_release() -> None:
+    async with connected(FakeBoard()) as connection:
+        ticket = connection.stops.ticket()
+        connection.stops.stop()
+        for declared in PACKETS.values():
+            if issubclass(declared, Query | Response):
+                continue
+            needed = len(declared.__struct_fields__) - len(declared.__struct_defaults__)
+            packet = declared(*[1] * needed)
+            expects = is_motion(packet) and packet.effect is not Effect.GOES_LIMP
+            assert (connection.gates.refusal(packet, ticket) is not None) == expects, packet

@@ -19,7 +19,6 @@ from servolink.protocol.frame import HEADER, MAGIC, ByteOrder, Frame, encode_fra
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from tests.client.fake_board import SWALLOWED, FakeBoard, connected
-from tests.virtual_time import run
 
 EVENT = ButtonEventResponse(9, 1)
 PROJECT = QueryProjectIDResponse(666)
@@ -83,38 +82,32 @@ def test_a_frame_with_others_inside_takes_the_place_of_the_one_before() -> None:
 
 @pytest.mark.parametrize("before", [b"", b"noise"])
 @pytest.mark.parametrize("behind", [b"", bytes(50), b"noise", MAGIC + b"noise"])
-def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryActionListRequest, SWALLOWED)
-        async with connected(board) as connection:
-            events: list[ButtonEventResponse] = []
-            connection.answers.on_event = events.append
-            asking = asyncio.create_task(connection.request(QueryActionListRequest()))
-            await asyncio.sleep(0.01)
-            board.deliver(before + hostile_list(hidden(EVENT), hidden(EVENT)) + behind)
-            answer = await asking
-            assert isinstance(answer, QueryActionListResponse)
-            assert len(answer.actions) == 2
-            board.speak(OTHER)
-            await asyncio.sleep(3)
-            assert events == [OTHER]
-            assert connection.stats.hidden == (2 if before or behind == b"noise" else 0)
-
-    run(main())
+async def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
+    board = FakeBoard()
+    board.plan(QueryActionListRequest, SWALLOWED)
+    async with connected(board) as connection:
+        events: list[ButtonEventResponse] = []
+        connection.answers.on_event = events.append
+        asking = asyncio.create_task(connection.request(QueryActionListRequest()))
+        await asyncio.sleep(0.01)
+        board.deliver(before + hostile_list(hidden(EVENT), hidden(EVENT)) + behind)
+        answer = await asking
+        assert isinstance(answer, QueryActionListResponse)
+        assert len(answer.actions) == 2
+        board.speak(OTHER)
+        await asyncio.sleep(3)
+        assert events == [OTHER]
+        assert connection.stats.hidden == (2 if before or behind == b"noise" else 0)
 
 
-def test_no_answer_comes_out_of_a_caption() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=SWALLOWED)
-        async with connected(board, depth=2, patience=0.2) as connection:
-            listing = asyncio.create_task(connection.request(QueryActionListRequest()))
-            asking = asyncio.create_task(connection.request(QueryProjectIDRequest()))
-            await asyncio.sleep(0.01)
-            board.deliver(b"noise" + hostile_list(hidden(PROJECT)))
-            assert len((await listing).actions) == 1
-            with pytest.raises(RequestTimeout):
-                await asking
-            assert connection.stats.hidden == 1
-
-    run(main())
+async def test_no_answer_comes_out_of_a_caption() -> None:
+    board = FakeBoard(usual=SWALLOWED)
+    async with connected(board, depth=2, patience=0.2) as connection:
+        listing = asyncio.create_task(connection.request(QueryActionListRequest()))
+        asking = asyncio.create_task(connection.request(QueryProjectIDRequest()))
+        await asyncio.sleep(0.01)
+        board.deliver(b"noise" + hostile_list(hidden(PROJECT)))
+        assert len((await listing).actions) == 1
+        with pytest.raises(RequestTimeout):
+            await asking
+        assert connection.stats.hidden == 1

@@ -37,20 +37,17 @@ from tests.virtual_time import run
 # --- a good board -------------------------------------------------------------------------------------------------
 
 
-def test_a_handshake_takes_six_short_queries_and_nothing_else() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            begun = now()
-            await connection.shake_hands()
-            assert now() == pytest.approx(begun + 6 * LATENCY)
-            assert len(board.sent) == 6
-            assert set(kinds(board)) <= set(FENCE_KINDS)
-            assert kinds(board).count(kinds(board)[-1]) == 1
-            await connection.shake_hands()  # once is enough
-            assert len(board.sent) == 6
-
-    run(main())
+async def test_a_handshake_takes_six_short_queries_and_nothing_else() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        begun = now()
+        await connection.shake_hands()
+        assert now() == pytest.approx(begun + 6 * LATENCY)
+        assert len(board.sent) == 6
+        assert set(kinds(board)) <= set(FENCE_KINDS)
+        assert kinds(board).count(kinds(board)[-1]) == 1
+        await connection.shake_hands()  # once is enough
+        assert len(board.sent) == 6
 
 
 def test_its_queries_are_drawn_anew_each_time() -> None:
@@ -63,210 +60,167 @@ def test_its_queries_are_drawn_anew_each_time() -> None:
     assert len({run(main(seed)) for seed in range(20)}) > 15
 
 
-def test_the_first_request_brings_it_about() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            assert len((await connection.request(LIST)).servo_id_list) == 4
-            assert set(kinds(board)[:6]) <= set(FENCE_KINDS)
-            assert kinds(board)[6:] == [QueryServoListRequest]
-
-    run(main())
+async def test_the_first_request_brings_it_about() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        assert len((await connection.request(LIST)).servo_id_list) == 4
+        assert set(kinds(board)[:6]) <= set(FENCE_KINDS)
+        assert kinds(board)[6:] == [QueryServoListRequest]
 
 
-def test_all_who_ask_meanwhile_wait_for_the_same_one() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board, depth=4) as connection:
-            await asyncio.gather(
-                connection.shake_hands(),
-                connection.request(LIST),
-                connection.request(QueryProjectIDRequest()),
-                connection.shake_hands(),
-            )
-            assert len(board.sent) == 8
-
-    run(main())
+async def test_all_who_ask_meanwhile_wait_for_the_same_one() -> None:
+    board = FakeBoard()
+    async with opening(board, depth=4) as connection:
+        await asyncio.gather(
+            connection.shake_hands(),
+            connection.request(LIST),
+            connection.request(QueryProjectIDRequest()),
+            connection.shake_hands(),
+        )
+        assert len(board.sent) == 8
 
 
-def test_who_is_cancelled_leaves_it_to_the_others() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            first = asyncio.create_task(connection.shake_hands())
-            second = asyncio.create_task(connection.request(LIST))
-            await asyncio.sleep(2.5 * LATENCY)
-            first.cancel()
-            assert len((await second).servo_id_list) == 4
-            assert first.cancelled()
-            assert len(board.sent) == 7
-
-    run(main())
+async def test_who_is_cancelled_leaves_it_to_the_others() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        first = asyncio.create_task(connection.shake_hands())
+        second = asyncio.create_task(connection.request(LIST))
+        await asyncio.sleep(2.5 * LATENCY)
+        first.cancel()
+        assert len((await second).servo_id_list) == 4
+        assert first.cancelled()
+        assert len(board.sent) == 7
 
 
-def test_one_that_nobody_waits_for_any_more_serves_the_next() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            asking = asyncio.create_task(connection.request(LIST))
-            await asyncio.sleep(2.5 * LATENCY)
-            asking.cancel()
-            await asyncio.sleep(1)
-            assert len(board.sent) == 6
-            await connection.request(LIST)
-            assert len(board.sent) == 7
-
-    run(main())
+async def test_one_that_nobody_waits_for_any_more_serves_the_next() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        asking = asyncio.create_task(connection.request(LIST))
+        await asyncio.sleep(2.5 * LATENCY)
+        asking.cancel()
+        await asyncio.sleep(1)
+        assert len(board.sent) == 6
+        await connection.request(LIST)
+        assert len(board.sent) == 7
 
 
-def test_a_time_limit_counts_meanwhile() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=late(0.2))
-        async with opening(board) as connection:
-            begun = now()
-            with pytest.raises(RequestTimeout, match=r"not sent in 0\.5 s"):
-                await connection.request(LIST, timeout=0.5)
-            assert now() == pytest.approx(begun + 0.5)
-
-    run(main())
+async def test_a_time_limit_counts_meanwhile() -> None:
+    board = FakeBoard(usual=late(0.2))
+    async with opening(board) as connection:
+        begun = now()
+        with pytest.raises(RequestTimeout, match=r"not sent in 0\.5 s"):
+            await connection.request(LIST, timeout=0.5)
+        assert now() == pytest.approx(begun + 0.5)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_for_one_to_a_request(seed: int) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        chance = Random(seed)
-        for kind in FENCE_KINDS:
-            board.plan(kind, *(chance.choice((Fate(), LOST, SWALLOWED, late(0.4), late(1.1))) for _ in range(3)))
-        async with opening(board, seed=seed, patience=10) as connection:
-            await connection.shake_hands()
-            board.forget_plans()
-            for number in range(1, 6):
-                board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(number)))
-                assert (await connection.request(QueryProjectIDRequest())).project_id == number
-            assert connection.stats.reopenings == 0
-
-    run(main())
+async def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_for_one_to_a_request(seed: int) -> None:
+    board = FakeBoard()
+    chance = Random(seed)
+    for kind in FENCE_KINDS:
+        board.plan(kind, *(chance.choice((Fate(), LOST, SWALLOWED, late(0.4), late(1.1))) for _ in range(3)))
+    async with opening(board, seed=seed, patience=10) as connection:
+        await connection.shake_hands()
+        board.forget_plans()
+        for number in range(1, 6):
+            board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(number)))
+            assert (await connection.request(QueryProjectIDRequest())).project_id == number
+        assert connection.stats.reopenings == 0
 
 
 # --- what an earlier program is owed ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_up_to_five_responses_to_an_earlier_program_are_never_taken_for_ours(seed: int) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        chance = Random(1000 + seed)
-        owed = [
-            (chance.choice([*FENCES, LIST]), Fate(after=chance.uniform(0, 2), says=None))
-            for _ in range(chance.randint(1, 4))
-        ]
-        wrong = (LIST, Fate(after=chance.uniform(0, 2), says=QueryServoListResponse((99,))))
-        async with opening(board, seed=seed) as connection:
-            await owe(board, *owed, wrong)
-            assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
-            assert connection.stats.late_responses == connection.stats.unsolicited == 0
-
-    run(main())
+async def test_up_to_five_responses_to_an_earlier_program_are_never_taken_for_ours(seed: int) -> None:
+    board = FakeBoard()
+    chance = Random(1000 + seed)
+    owed = [
+        (chance.choice([*FENCES, LIST]), Fate(after=chance.uniform(0, 2), says=None))
+        for _ in range(chance.randint(1, 4))
+    ]
+    wrong = (LIST, Fate(after=chance.uniform(0, 2), says=QueryServoListResponse((99,))))
+    async with opening(board, seed=seed) as connection:
+        await owe(board, *owed, wrong)
+        assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
+        assert connection.stats.late_responses == connection.stats.unsolicited == 0
 
 
-def test_a_response_that_does_not_fit_makes_it_longer() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            await owe(board, (LIST, late(0.006)))
-            await connection.shake_hands()
-            assert len(board.sent) >= 10
-
-    run(main())
+async def test_a_response_that_does_not_fit_makes_it_longer() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        await owe(board, (LIST, late(0.006)))
+        await connection.shake_hands()
+        assert len(board.sent) >= 10
 
 
-def test_without_it_the_response_to_an_earlier_program_is_taken_for_ours() -> None:
+async def test_without_it_the_response_to_an_earlier_program_is_taken_for_ours() -> None:
     """What the handshake is for."""
-
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            await owe(board, (LIST, Fate(after=0.1, says=QueryServoListResponse((99,)))))
-            assert (await connection.request(LIST)).servo_id_list == (99,)
-
-    run(main())
+    board = FakeBoard()
+    async with connected(board) as connection:
+        await owe(board, (LIST, Fate(after=0.1, says=QueryServoListResponse((99,)))))
+        assert (await connection.request(LIST)).servo_id_list == (99,)
 
 
-def test_what_comes_before_the_handshake_opens_nothing_twice() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            board.speak(QueryProjectIDResponse(5))
-            await connection.shake_hands()
-            assert connection.stats.reopenings == 0
-            assert len(board.sent) == 6
-
-    run(main())
+async def test_what_comes_before_the_handshake_opens_nothing_twice() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        board.speak(QueryProjectIDResponse(5))
+        await connection.shake_hands()
+        assert connection.stats.reopenings == 0
+        assert len(board.sent) == 6
 
 
 # --- button events, stops -----------------------------------------------------------------------------------------
 
 
-def test_button_events_arrive_meanwhile_and_disturb_nothing() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            events: list[ButtonEventResponse] = []
-            connection.answers.on_event = events.append
-            for number in range(20):
-                asyncio.get_running_loop().call_later(number / 1000, board.speak, ButtonEventResponse(number, 1))
-            asyncio.get_running_loop().call_later(0.003, board.speak, LIST)  # nothing that a board sends
-            await connection.shake_hands()
-            assert len(events) == 20
-            assert len(board.sent) == 6
-
-    run(main())
+async def test_button_events_arrive_meanwhile_and_disturb_nothing() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        events: list[ButtonEventResponse] = []
+        connection.answers.on_event = events.append
+        for number in range(20):
+            asyncio.get_running_loop().call_later(number / 1000, board.speak, ButtonEventResponse(number, 1))
+        asyncio.get_running_loop().call_later(0.003, board.speak, LIST)  # nothing that a board sends
+        await connection.shake_hands()
+        assert len(events) == 20
+        assert len(board.sent) == 6
 
 
-def test_a_stop_goes_at_once_and_the_handshake_begins_again() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            opened = asyncio.create_task(connection.shake_hands())
-            await asyncio.sleep(2.5 * LATENCY)
+async def test_a_stop_goes_at_once_and_the_handshake_begins_again() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        opened = asyncio.create_task(connection.shake_hands())
+        await asyncio.sleep(2.5 * LATENCY)
+        begun = now()
+        await connection.send_stop(STOP)
+        assert board.sent[-1] == (begun, STOP)
+        await opened
+        at = kinds(board).index(SetServoParameterRequest)
+        assert len(kinds(board)[at + 1 :]) >= 6
+        begun = now()
+        assert (await connection.request(SetServoParameterRequest(1, 1, 1))).servo_id == 1
+        assert connection.stats.fences == 0  # the handshake has settled the stop
+
+
+async def test_a_stop_before_it_waits_for_nothing() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        await connection.send_stop(STOP)
+        assert kinds(board) == [SetServoParameterRequest]
+        await connection.request(LIST)
+        assert len(board.sent) == 8
+
+
+async def test_a_stop_reaches_a_board_that_answers_nothing() -> None:
+    board = FakeBoard(usual=SWALLOWED)
+    async with opening(board) as connection:
+        opened = asyncio.create_task(connection.shake_hands())
+        for _ in range(3):
+            await asyncio.sleep(0.7)
             begun = now()
             await connection.send_stop(STOP)
-            assert board.sent[-1] == (begun, STOP)
+            assert now() == begun
+        with pytest.raises(OpenError, match="no board answers"):
             await opened
-            at = kinds(board).index(SetServoParameterRequest)
-            assert len(kinds(board)[at + 1 :]) >= 6
-            begun = now()
-            assert (await connection.request(SetServoParameterRequest(1, 1, 1))).servo_id == 1
-            assert connection.stats.fences == 0  # the handshake has settled the stop
-
-    run(main())
-
-
-def test_a_stop_before_it_waits_for_nothing() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            await connection.send_stop(STOP)
-            assert kinds(board) == [SetServoParameterRequest]
-            await connection.request(LIST)
-            assert len(board.sent) == 8
-
-    run(main())
-
-
-def test_a_stop_reaches_a_board_that_answers_nothing() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=SWALLOWED)
-        async with opening(board) as connection:
-            opened = asyncio.create_task(connection.shake_hands())
-            for _ in range(3):
-                await asyncio.sleep(0.7)
-                begun = now()
-                await connection.send_stop(STOP)
-                assert now() == begun
-            with pytest.raises(OpenError, match="no board answers"):
-                await opened
-            assert board.executed_of(SetServoParameterRequest) == [STOP] * 3
-
-    run(main())
+        assert board.executed_of(SetServoParameterRequest) == [STOP] * 3

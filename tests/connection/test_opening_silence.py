@@ -35,44 +35,35 @@ from tests.virtual_time import run
 
 
 @pytest.mark.parametrize("patience", [0.5, 3.0, 10.0])
-def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(patience: float) -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board, patience=patience) as connection:
-            begun = now()
-            with pytest.raises(OpenError) as caught:
-                await connection.shake_hands()
-            assert now() == pytest.approx(begun + patience)
-            assert sum(kind in FENCE_KINDS for kind in kinds(board)) >= 5
-            text = str(caught.value)
-            causes = ["fake://board is open, but no board answers", "switched on", "port", "data cable", "baud rate"]
-            positions = [text.index(cause) for cause in [*causes, "byte_order=big", "servolink doctor"]]
-            assert positions == sorted(positions)
-
-    run(main())
+async def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(patience: float) -> None:
+    board = FakeBoard(usual=LOST)
+    async with opening(board, patience=patience) as connection:
+        begun = now()
+        with pytest.raises(OpenError) as caught:
+            await connection.shake_hands()
+        assert now() == pytest.approx(begun + patience)
+        assert sum(kind in FENCE_KINDS for kind in kinds(board)) >= 5
+        text = str(caught.value)
+        causes = ["fake://board is open, but no board answers", "switched on", "port", "data cable", "baud rate"]
+        positions = [text.index(cause) for cause in [*causes, "byte_order=big", "servolink doctor"]]
+        assert positions == sorted(positions)
 
 
-def test_the_byte_order_to_try_is_the_other_one() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST, byte_order="big")
-        async with opening(board) as connection:
-            with pytest.raises(OpenError, match=r"no board answers .*the other byte order \(byte_order=little\)"):
-                await connection.shake_hands()
-
-    run(main())
+async def test_the_byte_order_to_try_is_the_other_one() -> None:
+    board = FakeBoard(usual=LOST, byte_order="big")
+    async with opening(board) as connection:
+        with pytest.raises(OpenError, match=r"no board answers .*the other byte order \(byte_order=little\)"):
+            await connection.shake_hands()
 
 
 @pytest.mark.parametrize(("used", "other"), [("little", "big"), ("big", "little")])
-def test_bytes_without_a_frame_are_explained_by_byte_order_and_baud_rate(used: ByteOrder, other: ByteOrder) -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)), byte_order=used)
-        async with opening(board) as connection:
-            begun = now()
-            with pytest.raises(OpenError, match=rf"sends bytes, but no frame .*byte_order={other}.* baud rate.*doctor"):
-                await connection.shake_hands()
-            assert now() == pytest.approx(begun + 3)
-
-    run(main())
+async def test_bytes_without_a_frame_are_explained_by_order_and_baud_rate(used: ByteOrder, other: ByteOrder) -> None:
+    board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)), byte_order=used)
+    async with opening(board) as connection:
+        begun = now()
+        with pytest.raises(OpenError, match=rf"sends bytes, but no frame .*byte_order={other}.* baud rate.*doctor"):
+            await connection.shake_hands()
+        assert now() == pytest.approx(begun + 3)
 
 
 @pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 12)])
@@ -94,38 +85,32 @@ def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent
     run(main())
 
 
-def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board) as connection:
-            asyncio.get_running_loop().call_later(0.1, board.speak, ButtonEventResponse(1, 1))
-            with pytest.raises(OpenError, match="answers, but too little"):
-                await connection.shake_hands()
-            assert board.sent_of(TransmissionModeSettingRequest) == []
-
-    run(main())
+async def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> None:
+    board = FakeBoard(usual=LOST)
+    async with opening(board) as connection:
+        asyncio.get_running_loop().call_later(0.1, board.speak, ButtonEventResponse(1, 1))
+        with pytest.raises(OpenError, match="answers, but too little"):
+            await connection.shake_hands()
+        assert board.sent_of(TransmissionModeSettingRequest) == []
 
 
-def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_failed() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board) as connection:
-            errors = await asyncio.gather(
-                connection.request(LIST),
-                connection.shake_hands(),
-                connection.request(AddActionRequest(1)),
-                return_exceptions=True,
-            )
-            assert [type(error) for error in errors] == [ConnectionLost, OpenError, ConnectionLost]
-            assert "no board answers" in str(errors[0])
-            assert str(errors[0]).count("fake://board") == 1
-            with pytest.raises(ConnectionLost, match="no board answers"):
-                await connection.request(LIST)
-            with pytest.raises(ConnectionLost, match="no board answers"):
-                await connection.shake_hands()
-            assert AddActionRequest not in kinds(board)
-
-    run(main())
+async def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_failed() -> None:
+    board = FakeBoard(usual=LOST)
+    async with opening(board) as connection:
+        errors = await asyncio.gather(
+            connection.request(LIST),
+            connection.shake_hands(),
+            connection.request(AddActionRequest(1)),
+            return_exceptions=True,
+        )
+        assert [type(error) for error in errors] == [ConnectionLost, OpenError, ConnectionLost]
+        assert "no board answers" in str(errors[0])
+        assert str(errors[0]).count("fake://board") == 1
+        with pytest.raises(ConnectionLost, match="no board answers"):
+            await connection.request(LIST)
+        with pytest.raises(ConnectionLost, match="no board answers"):
+            await connection.shake_hands()
+        assert AddActionRequest not in kinds(board)
 
 
 # --- transmission mode --------------------------------------------------------------------------------------------
@@ -152,70 +137,55 @@ def test_a_board_in_the_other_mode_is_woken_once() -> None:
     run(main())
 
 
-def test_a_board_that_answers_keeps_its_mode() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        for kind in FENCE_KINDS:
-            board.plan(kind, Fate(), LOST, LOST, LOST)
-        async with opening(board) as connection:
+async def test_a_board_that_answers_keeps_its_mode() -> None:
+    board = FakeBoard()
+    for kind in FENCE_KINDS:
+        board.plan(kind, Fate(), LOST, LOST, LOST)
+    async with opening(board) as connection:
+        await connection.shake_hands()
+        assert TransmissionModeSettingRequest not in kinds(board)
+
+
+async def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
+    board = FakeBoard(usual=LOST)
+    async with opening(board, wake=False) as connection:
+        with pytest.raises(OpenError):
             await connection.shake_hands()
-            assert TransmissionModeSettingRequest not in kinds(board)
-
-    run(main())
-
-
-def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board, wake=False) as connection:
-            with pytest.raises(OpenError):
-                await connection.shake_hands()
-            assert TransmissionModeSettingRequest not in kinds(board)
-
-    run(main())
+        assert TransmissionModeSettingRequest not in kinds(board)
 
 
 # --- lost meanwhile -----------------------------------------------------------------------------------------------
 
 
-def test_a_connection_that_is_lost_meanwhile_is_lost_for_all_who_wait_at_once() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=late(0.1))
-        async with opening(board) as connection:
-            waiting = asyncio.gather(connection.shake_hands(), connection.request(LIST), return_exceptions=True)
-            await asyncio.sleep(0.25)
-            begun = now()
-            board.vanish()
-            errors = await waiting
-            assert now() == begun
-            assert [type(error) for error in errors] == [ConnectionLost, ConnectionLost]
-            assert all("device disconnected" in str(error) for error in errors)
-
-    run(main())
+async def test_a_connection_that_is_lost_meanwhile_is_lost_for_all_who_wait_at_once() -> None:
+    board = FakeBoard(usual=late(0.1))
+    async with opening(board) as connection:
+        waiting = asyncio.gather(connection.shake_hands(), connection.request(LIST), return_exceptions=True)
+        await asyncio.sleep(0.25)
+        begun = now()
+        board.vanish()
+        errors = await waiting
+        assert now() == begun
+        assert [type(error) for error in errors] == [ConnectionLost, ConnectionLost]
+        assert all("device disconnected" in str(error) for error in errors)
 
 
-def test_a_board_that_vanishes_while_it_is_asked_is_lost_with_the_reason() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            board.gone = OSError("write failed")
-            with pytest.raises(ConnectionLost, match="write failed"):
-                await connection.shake_hands()
-
-    run(main())
+async def test_a_board_that_vanishes_while_it_is_asked_is_lost_with_the_reason() -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        board.gone = OSError("write failed")
+        with pytest.raises(ConnectionLost, match="write failed"):
+            await connection.shake_hands()
 
 
-def test_closing_ends_it() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board) as connection:
-            opened = asyncio.create_task(connection.shake_hands())
-            await asyncio.sleep(0.1)
-            await connection.close()
-            with pytest.raises(ConnectionLost, match="closed by this program"):
-                await opened
-
-    run(main())
+async def test_closing_ends_it() -> None:
+    board = FakeBoard(usual=LOST)
+    async with opening(board) as connection:
+        opened = asyncio.create_task(connection.shake_hands())
+        await asyncio.sleep(0.1)
+        await connection.close()
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await opened
 
 
 def test_a_program_that_ends_meanwhile_is_quiet(caplog: pytest.LogCaptureFixture) -> None:

@@ -36,42 +36,36 @@ async def give_up(call: Awaitable[object], seconds: float) -> None:
 
 @pytest.mark.parametrize("name", SENDS)
 @pytest.mark.parametrize("depth", [1, 3])
-def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, depth: int) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board, depth=depth) as connection:
-            board.taking = asyncio.Event()
-            for _ in range(100):
-                await give_up(SENDS[name](connection), 0.01)
-            assert len(board.sent) <= depth
-            stopping = asyncio.create_task(connection.send_stop(STOP))
-            await turns_of_the_loop(1)
-            assert board.sent[-1][1] == STOP
-            board.taking.set()
-            await stopping
-            await turns_of_the_loop(3)
-            await asyncio.sleep(0.05)
-            assert connection._scheduler._permits == 0
-            assert (await connection.request(QueryMemorySizeRequest())).size
-
-    run(main())
+async def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, depth: int) -> None:
+    board = FakeBoard()
+    async with connected(board, depth=depth) as connection:
+        board.taking = asyncio.Event()
+        for _ in range(100):
+            await give_up(SENDS[name](connection), 0.01)
+        assert len(board.sent) <= depth
+        stopping = asyncio.create_task(connection.send_stop(STOP))
+        await turns_of_the_loop(1)
+        assert board.sent[-1][1] == STOP
+        board.taking.set()
+        await stopping
+        await turns_of_the_loop(3)
+        await asyncio.sleep(0.05)
+        assert connection._scheduler._permits == 0
+        assert (await connection.request(QueryMemorySizeRequest())).size
 
 
 @pytest.mark.parametrize("name", SENDS)
-def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: str) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            board.taking = asyncio.Event()
-            await give_up(SENDS[name](connection), 0.01)
-            waiting = asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 6, 10),))))
-            await turns_of_the_loop(2)
-            await connection.close()
-            with pytest.raises(ConnectionLost, match="closed by this program"):
-                await waiting
-            assert len(board.sent) == 1
-
-    run(main())
+async def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: str) -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        board.taking = asyncio.Event()
+        await give_up(SENDS[name](connection), 0.01)
+        waiting = asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 6, 10),))))
+        await turns_of_the_loop(2)
+        await connection.close()
+        with pytest.raises(ConnectionLost, match="closed by this program"):
+            await waiting
+        assert len(board.sent) == 1
 
 
 def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:

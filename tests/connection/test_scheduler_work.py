@@ -159,25 +159,22 @@ def test_no_packet_goes_alone_by_mistake() -> None:
     }
 
 
-def test_one_that_gets_its_permit_at_once_does_not_overtake_one_that_wakes_up() -> None:
-    async def main() -> None:
-        line, order = Line(depth=2), list[str]()
+async def test_one_that_gets_its_permit_at_once_does_not_overtake_one_that_wakes_up() -> None:
+    line, order = Line(depth=2), list[str]()
 
-        async def send(name: str, packet: Request[Any]) -> None:
-            await line.scheduler.acquire(packet)
-            order.append(name)
-            line.scheduler.sent(packet)
+    async def send(name: str, packet: Request[Any]) -> None:
+        await line.scheduler.acquire(packet)
+        order.append(name)
+        line.scheduler.sent(packet)
 
-        line.ask("first", QueryActionRequest(1))
-        line.ask("change", ALONE)  # waits alone until `first` is over
-        await line.got()
-        waking = asyncio.create_task(send("waking", A))
-        await turns_of_the_loop(2)
-        line.answer("first")
-        await line.got()
-        line.answer("change")  # grants `waking` its permit, with which it wakes up a turn later
-        await send("at once", B)
-        await waking
-        assert order == ["waking", "at once"]
-
-    run(main())
+    line.ask("first", QueryActionRequest(1))
+    line.ask("change", ALONE)  # waits alone until `first` is over
+    await line.got()
+    waking = asyncio.create_task(send("waking", A))
+    await turns_of_the_loop(2)
+    line.answer("first")
+    await line.got()
+    line.answer("change")  # grants `waking` its permit, with which it wakes up a turn later
+    await send("at once", B)
+    await waking
+    assert order == ["waking", "at once"]

@@ -15,7 +15,6 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected
 from tests.connection.openings import LIST, STOP, opening
-from tests.virtual_time import run
 
 PAGE = Path(__file__).parents[2] / "docs/design/matching.md"
 QUERY = QueryProjectIDRequest()
@@ -93,82 +92,70 @@ def test_the_reason_of_a_suspension_goes_with_it() -> None:
     assert lifecycle.excuse == "the board is gone"
 
 
-def test_a_connection_that_is_opened_goes_from_state_to_state() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        connection = Connection(board, Codec("little"))
-        states = [connection.lifecycle.state]
-        await connection.open()
-        states.append(connection.lifecycle.state)
-        opened = asyncio.create_task(connection.shake_hands())
-        await asyncio.sleep(0)
-        states.append(connection.lifecycle.state)
-        await opened
-        states.append(connection.lifecycle.state)
-        board.speak(STRAY)
-        states.append(connection.lifecycle.state)
-        await connection.request(QUERY)
-        states.append(connection.lifecycle.state)
-        connection.suspend("a project is being written")
-        states.append(connection.lifecycle.state)
-        connection.resume()
-        states.append(connection.lifecycle.state)
-        await connection.close()
-        states.append(connection.lifecycle.state)
-        connection.suspend("too late")
-        connection.resume()
-        states.append(connection.lifecycle.state)
-        assert [state.value for state in states] == [
-            *("new", "unproved", "opening", "ready", "reopening", "ready", "suspended", "ready", "ended", "ended")
-        ]
-
-    run(main())
+async def test_a_connection_that_is_opened_goes_from_state_to_state() -> None:
+    board = FakeBoard()
+    connection = Connection(board, Codec("little"))
+    states = [connection.lifecycle.state]
+    await connection.open()
+    states.append(connection.lifecycle.state)
+    opened = asyncio.create_task(connection.shake_hands())
+    await asyncio.sleep(0)
+    states.append(connection.lifecycle.state)
+    await opened
+    states.append(connection.lifecycle.state)
+    board.speak(STRAY)
+    states.append(connection.lifecycle.state)
+    await connection.request(QUERY)
+    states.append(connection.lifecycle.state)
+    connection.suspend("a project is being written")
+    states.append(connection.lifecycle.state)
+    connection.resume()
+    states.append(connection.lifecycle.state)
+    await connection.close()
+    states.append(connection.lifecycle.state)
+    connection.suspend("too late")
+    connection.resume()
+    states.append(connection.lifecycle.state)
+    assert [state.value for state in states] == [
+        *("new", "unproved", "opening", "ready", "reopening", "ready", "suspended", "ready", "ended", "ended")
+    ]
 
 
-def test_a_connection_to_a_hub_is_ready_at_once() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard(), handshake=False) as connection:
-            assert connection.lifecycle.state is State.READY
-
-    run(main())
+async def test_a_connection_to_a_hub_is_ready_at_once() -> None:
+    async with connected(FakeBoard(), handshake=False) as connection:
+        assert connection.lifecycle.state is State.READY
 
 
-def test_a_connection_that_is_lost_while_it_is_opened_has_ended() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        connection = Connection(board, Codec("little"))
-        connection.answers.lost(OSError("unplugged"))
-        await connection.open()
-        assert connection.lifecycle.state is State.ENDED
-        with pytest.raises(ConnectionLost, match="unplugged"):
-            await connection.shake_hands()
-        await connection.close()
-
-    run(main())
+async def test_a_connection_that_is_lost_while_it_is_opened_has_ended() -> None:
+    board = FakeBoard()
+    connection = Connection(board, Codec("little"))
+    connection.answers.lost(OSError("unplugged"))
+    await connection.open()
+    assert connection.lifecycle.state is State.ENDED
+    with pytest.raises(ConnectionLost, match="unplugged"):
+        await connection.shake_hands()
+    await connection.close()
 
 
 @pytest.mark.parametrize("again", [False, True], ids=["opening", "reopening"])
-def test_after_a_handshake_that_is_cancelled_the_next_request_begins_another(again: bool) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opening(board) as connection:
-            if again:
-                await connection.shake_hands()
-            board.usual = SWALLOWED
-            asking = asyncio.create_task(connection.request(LIST))
+async def test_after_a_handshake_that_is_cancelled_the_next_request_begins_another(again: bool) -> None:
+    board = FakeBoard()
+    async with opening(board) as connection:
+        if again:
+            await connection.shake_hands()
+        board.usual = SWALLOWED
+        asking = asyncio.create_task(connection.request(LIST))
+        await asyncio.sleep(0.1)
+        if again:
+            board.speak(STRAY)
             await asyncio.sleep(0.1)
-            if again:
-                board.speak(STRAY)
-                await asyncio.sleep(0.1)
-            handshake = connection.lifecycle.handshake
-            assert handshake is not None
-            handshake.cancel()
-            await asyncio.wait((handshake,))
-            assert connection.lifecycle.state is State.UNPROVED
-            assert connection.lifecycle.opening is None
-            await connection.send_stop(STOP)
-            board.usual = Fate()
-            assert await connection.request(QUERY) == QueryProjectIDResponse(0)
-            assert len((await asking).servo_id_list) == 4
-
-    run(main())
+        handshake = connection.lifecycle.handshake
+        assert handshake is not None
+        handshake.cancel()
+        await asyncio.wait((handshake,))
+        assert connection.lifecycle.state is State.UNPROVED
+        assert connection.lifecycle.opening is None
+        await connection.send_stop(STOP)
+        board.usual = Fate()
+        assert await connection.request(QUERY) == QueryProjectIDResponse(0)
+        assert len((await asking).servo_id_list) == 4

@@ -15,103 +15,81 @@ from servolink.protocol.editing import (
 )
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected, late
-from tests.virtual_time import run
 
 REASON = "studio has the board alone (a project is being written)"
 
 
-def test_requests_wait_however_long_it_takes() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            connection.suspend(REASON)
-            asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
-            await asyncio.sleep(1000)
-            assert not board.sent
-            connection.resume()
-            assert (await asked).project_id == 0
-            assert connection.stats.timeouts == connection.stats.retries == 0
-
-    run(main())
+async def test_requests_wait_however_long_it_takes() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        connection.suspend(REASON)
+        asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
+        await asyncio.sleep(1000)
+        assert not board.sent
+        connection.resume()
+        assert (await asked).project_id == 0
+        assert connection.stats.timeouts == connection.stats.retries == 0
 
 
-def test_who_waits_for_some_time_only_is_told_why() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard()) as connection:
-            connection.suspend(REASON + "\u202e")
-            with pytest.raises(RequestTimeout) as timed_out:
-                await connection.request(QueryProjectIDRequest(), timeout=2)
-            assert f"{REASON}\\u202e; try again later" in str(timed_out.value)
-
-    run(main())
+async def test_who_waits_for_some_time_only_is_told_why() -> None:
+    async with connected(FakeBoard()) as connection:
+        connection.suspend(REASON + "\u202e")
+        with pytest.raises(RequestTimeout) as timed_out:
+            await connection.request(QueryProjectIDRequest(), timeout=2)
+        assert f"{REASON}\\u202e; try again later" in str(timed_out.value)
 
 
 @pytest.mark.parametrize("request_", [QueryActionListRequest(), WriteProjectIDRequest(7)])
-def test_what_is_under_way_is_not_given_up(request_: QueryActionListRequest | WriteProjectIDRequest) -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(type(request_), late(100))
-        async with connected(board) as connection:
-            asked = asyncio.create_task(connection.request(request_))
-            await asyncio.sleep(0.01)
-            connection.suspend(REASON)
-            await asyncio.sleep(99.9)
-            connection.resume()
-            await asked
-            assert len(board.sent) == 1
-            assert connection.stats.timeouts == 0
-
-    run(main())
+async def test_what_is_under_way_is_not_given_up(request_: QueryActionListRequest | WriteProjectIDRequest) -> None:
+    board = FakeBoard()
+    board.plan(type(request_), late(100))
+    async with connected(board) as connection:
+        asked = asyncio.create_task(connection.request(request_))
+        await asyncio.sleep(0.01)
+        connection.suspend(REASON)
+        await asyncio.sleep(99.9)
+        connection.resume()
+        await asked
+        assert len(board.sent) == 1
+        assert connection.stats.timeouts == 0
 
 
-def test_afterwards_a_silent_board_is_not_lost_for_its_earlier_silence() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryProjectIDRequest, SWALLOWED)
-        async with connected(board) as connection:
-            asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
-            await asyncio.sleep(0.01)
-            connection.suspend(REASON)
-            await asyncio.sleep(1000)
-            connection.resume()
-            await asked
-            assert connection.ended is None
-
-    run(main())
+async def test_afterwards_a_silent_board_is_not_lost_for_its_earlier_silence() -> None:
+    board = FakeBoard()
+    board.plan(QueryProjectIDRequest, SWALLOWED)
+    async with connected(board) as connection:
+        asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
+        await asyncio.sleep(0.01)
+        connection.suspend(REASON)
+        await asyncio.sleep(1000)
+        connection.resume()
+        await asked
+        assert connection.ended is None
 
 
-def test_a_stop_does_not_wait() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with connected(board) as connection:
-            connection.suspend(REASON)
-            await connection.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
-            assert len(board.sent) == 1
-            connection.resume()
-
-    run(main())
+async def test_a_stop_does_not_wait() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        connection.suspend(REASON)
+        await connection.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
+        assert len(board.sent) == 1
+        connection.resume()
 
 
-def test_to_go_on_without_having_waited_changes_nothing() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard(), handshake=True) as connection:
-            connection.resume()
-            assert await connection.request(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
-
-    run(main())
+async def test_to_go_on_without_having_waited_changes_nothing() -> None:
+    async with connected(FakeBoard(), handshake=True) as connection:
+        connection.resume()
+        assert await connection.request(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
 
 
-def test_a_hub_may_be_silent_for_as_long_as_its_board_is_gone() -> None:
-    async def main() -> None:
-        board = FakeBoard(usual=SWALLOWED)
-        async with connected(board, repeats=False) as connection:
-            for _ in range(100):
-                with pytest.raises(RequestTimeout):
-                    await connection.request(QueryProjectIDRequest())
-            assert connection.ended is None
-            board.usual = Fate()
-            for _ in range(3):
+async def test_a_hub_may_be_silent_for_as_long_as_its_board_is_gone() -> None:
+    board = FakeBoard(usual=SWALLOWED)
+    async with connected(board, repeats=False) as connection:
+        for _ in range(100):
+            with pytest.raises(RequestTimeout):
                 await connection.request(QueryProjectIDRequest())
-                await connection.request(QueryActionListRequest())
-
-    run(main())
+        assert connection.ended is None
+        board.usual = Fate()
+        for _ in range(3):
+            await connection.request(QueryProjectIDRequest())
+            await connection.request(QueryActionListRequest())

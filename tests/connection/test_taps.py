@@ -12,7 +12,6 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
 from tests.client.fake_board import FakeBoard, connected, opened
-from tests.virtual_time import run
 
 
 class Ears(Tap):
@@ -38,60 +37,51 @@ class Ears(Tap):
         return [codec.decode(*frame) for frame in FrameParser("little").feed(bytes(heard))]
 
 
-def test_it_hears_what_is_counted() -> None:
-    async def main() -> None:
-        async with connected(FakeBoard()) as connection:
-            ears = Ears()
-            end = connection.taps.add(ears)
-            sent, received = connection.stats.bytes_sent, connection.stats.bytes_received
-            response = await connection.request(QueryServoRequest(1))
-            assert len(ears.bytes_sent) == connection.stats.bytes_sent - sent
-            assert len(ears.bytes_received) == connection.stats.bytes_received - received
-            assert ears.packets(ears.bytes_sent) == [QueryServoRequest(1)]
-            assert ears.packets(ears.bytes_received) == [response]
-            end()
-            end()
-            await connection.request(QueryServoRequest(1))
-            assert ears.packets(ears.bytes_sent) == [QueryServoRequest(1)]
-
-    run(main())
+async def test_it_hears_what_is_counted() -> None:
+    async with connected(FakeBoard()) as connection:
+        ears = Ears()
+        end = connection.taps.add(ears)
+        sent, received = connection.stats.bytes_sent, connection.stats.bytes_received
+        response = await connection.request(QueryServoRequest(1))
+        assert len(ears.bytes_sent) == connection.stats.bytes_sent - sent
+        assert len(ears.bytes_received) == connection.stats.bytes_received - received
+        assert ears.packets(ears.bytes_sent) == [QueryServoRequest(1)]
+        assert ears.packets(ears.bytes_received) == [response]
+        end()
+        end()
+        await connection.request(QueryServoRequest(1))
+        assert ears.packets(ears.bytes_sent) == [QueryServoRequest(1)]
 
 
-def test_it_hears_what_became_of_commands_and_of_failed_queries() -> None:
-    async def main() -> None:
-        board = FakeBoard()
-        async with opened(board, angle_limits=(-30, 30), patience=0.1) as client:
+async def test_it_hears_what_became_of_commands_and_of_failed_queries() -> None:
+    board = FakeBoard()
+    async with opened(board, angle_limits=(-30, 30), patience=0.1) as client:
+        await client.servos()
+        ears = Ears()
+        client.connection.taps.add(ears)
+        await client.move({1: 10}, speed=90)
+        with pytest.raises(MotionRefused):
+            await client.move({1: 90}, speed=90)
+        await client.stop()
+        kinds = [type(packet).__name__ for packet, _ in ears.outcomes]
+        assert kinds[0] == "ExecuteActionRequest"
+        assert "SetServoParameterRequest" in kinds
+        assert sum(isinstance(packet, ExecuteActionRequest) for packet, _ in ears.outcomes) == 1
+        ears.outcomes.clear()
+        await client.servos()
+        assert ears.outcomes == []
+        board.vanish()
+        with pytest.raises((RequestTimeout, ConnectionLost)):
             await client.servos()
-            ears = Ears()
-            client.connection.taps.add(ears)
-            await client.move({1: 10}, speed=90)
-            with pytest.raises(MotionRefused):
-                await client.move({1: 90}, speed=90)
-            await client.stop()
-            kinds = [type(packet).__name__ for packet, _ in ears.outcomes]
-            assert kinds[0] == "ExecuteActionRequest"
-            assert "SetServoParameterRequest" in kinds
-            assert sum(isinstance(packet, ExecuteActionRequest) for packet, _ in ears.outcomes) == 1
-            ears.outcomes.clear()
-            await client.servos()
-            assert ears.outcomes == []
-            board.vanish()
-            with pytest.raises((RequestTimeout, ConnectionLost)):
-                await client.servos()
-            ((packet, outcome),) = ears.outcomes
-            assert isinstance(packet, QueryServoRequest)
-            assert isinstance(outcome, RequestTimeout | ConnectionLost)
-
-    run(main())
+        ((packet, outcome),) = ears.outcomes
+        assert isinstance(packet, QueryServoRequest)
+        assert isinstance(outcome, RequestTimeout | ConnectionLost)
 
 
-def test_it_hears_the_first_byte_of_each_connection() -> None:
-    async def main() -> None:
-        board, ears = FakeBoard(), Ears()
-        connecting = connect(board)
-        connecting.taps.add(ears)
-        async with connecting as client:
-            assert len(ears.bytes_sent) == client.stats.bytes_sent > 0
-            assert len(ears.bytes_received) == client.stats.bytes_received > 0
-
-    run(main())
+async def test_it_hears_the_first_byte_of_each_connection() -> None:
+    board, ears = FakeBoard(), Ears()
+    connecting = connect(board)
+    connecting.taps.add(ears)
+    async with connecting as client:
+        assert len(ears.bytes_sent) == client.stats.bytes_sent > 0
+        assert len(ears.bytes_received) == client.stats.bytes_received > 0

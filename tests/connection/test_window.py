@@ -171,80 +171,62 @@ def test_during_an_import_a_stop_is_delayed_by_less_than_100_ms() -> None:
     assert 0.04 < max(found) < 0.1
 
 
-def test_a_response_that_takes_long_is_alone_on_the_line() -> None:
-    async def main() -> None:
-        board = LineBoard(pace=1000)
-        board.bytes_per_second = 1000  # type: ignore[attr-defined]
-        async with connected(board, learn=True, depth=16) as connection:
-            climbed(connection._window, 16)
-            await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(10)))
-            asked = [at for at, packet in board.sent if packet == TELEMETRY]
-            assert all(later - earlier > 0.1 for earlier, later in pairwise(asked))
-
-    run(main())
+async def test_a_response_that_takes_long_is_alone_on_the_line() -> None:
+    board = LineBoard(pace=1000)
+    board.bytes_per_second = 1000  # type: ignore[attr-defined]
+    async with connected(board, learn=True, depth=16) as connection:
+        climbed(connection._window, 16)
+        await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(10)))
+        asked = [at for at, packet in board.sent if packet == TELEMETRY]
+        assert all(later - earlier > 0.1 for earlier, later in pairwise(asked))
 
 
-def test_who_asks_one_thing_after_the_other_gets_no_more_than_one_under_way() -> None:
-    async def main() -> None:
-        board = LineBoard()
-        async with connected(board, learn=True, depth=16, write_depth=16) as connection:
-            for requests in (telemetry(), pairs()):
-                for _, request in zip(range(100), requests, strict=False):
-                    await connection.request(request)
-            assert connection._window.depth == 1
-
-    run(main())
+async def test_who_asks_one_thing_after_the_other_gets_no_more_than_one_under_way() -> None:
+    board = LineBoard()
+    async with connected(board, learn=True, depth=16, write_depth=16) as connection:
+        for requests in (telemetry(), pairs()):
+            for _, request in zip(range(100), requests, strict=False):
+                await connection.request(request)
+        assert connection._window.depth == 1
 
 
-def test_a_movement_waits_until_as_little_is_under_way_as_for_any_change() -> None:
-    async def main() -> None:
-        board = LineBoard()
-        async with connected(board, handshake=True, learn=True, depth=16) as connection:
-            await connection.shake_hands()
-            load = asyncio.create_task(ask(connection, telemetry()))
-            await asyncio.sleep(3)
-            assert connection.depth == 2
-            await connection.send(ExecuteActionRequest((Step(1, 5, 10),)))
-            before = [type(packet) for _, packet in board.sent].index(ExecuteActionRequest)
-            assert len([at for at in board.answered_at if at <= board.sent[before][0]]) == before
-        await load
-
-    run(main())
+async def test_a_movement_waits_until_as_little_is_under_way_as_for_any_change() -> None:
+    board = LineBoard()
+    async with connected(board, handshake=True, learn=True, depth=16) as connection:
+        await connection.shake_hands()
+        load = asyncio.create_task(ask(connection, telemetry()))
+        await asyncio.sleep(3)
+        assert connection.depth == 2
+        await connection.send(ExecuteActionRequest((Step(1, 5, 10),)))
+        before = [type(packet) for _, packet in board.sent].index(ExecuteActionRequest)
+        assert len([at for at in board.answered_at if at <= board.sent[before][0]]) == before
+    await load
 
 
-def test_a_depth_of_1_learns_nothing() -> None:
-    async def main() -> None:
-        board = LineBoard()
-        async with connected(board, learn=True) as connection:
-            await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(100)))
-            assert connection._window.pace == 0
-            assert connection._slots.lanes[TELEMETRY.packet_id + 1].response_size == UNKNOWN_SIZE
-
-    run(main())
+async def test_a_depth_of_1_learns_nothing() -> None:
+    board = LineBoard()
+    async with connected(board, learn=True) as connection:
+        await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(100)))
+        assert connection._window.pace == 0
+        assert connection._slots.lanes[TELEMETRY.packet_id + 1].response_size == UNKNOWN_SIZE
 
 
 @pytest.mark.parametrize("room", [0, 1])
-def test_a_board_that_queues_nothing_loses_next_to_nothing(room: int) -> None:
-    async def main() -> None:
-        board = LineBoard(room=room, turnaround=0.02)
-        async with connected(board, learn=True, depth=16) as connection:
-            load = asyncio.create_task(ask(connection, telemetry()))
-            await asyncio.sleep(60)
-            assert len(board.answered_at) > 0.97 * 60 / (0.02 + 0.017 + 0.001)
-            assert board.overflows < 0.02 * len(board.answered_at)
-        await load
-
-    run(main())
+async def test_a_board_that_queues_nothing_loses_next_to_nothing(room: int) -> None:
+    board = LineBoard(room=room, turnaround=0.02)
+    async with connected(board, learn=True, depth=16) as connection:
+        load = asyncio.create_task(ask(connection, telemetry()))
+        await asyncio.sleep(60)
+        assert len(board.answered_at) > 0.97 * 60 / (0.02 + 0.017 + 0.001)
+        assert board.overflows < 0.02 * len(board.answered_at)
+    await load
 
 
-def test_changes_find_a_depth_of_their_own() -> None:
-    async def main() -> None:
-        board = LineBoard(pace=1e6, turnaround=0)
-        board.latency = 0.005
-        async with connected(board, learn=True, depth=2, write_depth=8) as connection:
-            load = asyncio.create_task(ask(connection, pairs()))
-            await asyncio.sleep(5)
-            assert (connection.depth, connection._window.writes.depth) == (1, 8)
-        await load
-
-    run(main())
+async def test_changes_find_a_depth_of_their_own() -> None:
+    board = LineBoard(pace=1e6, turnaround=0)
+    board.latency = 0.005
+    async with connected(board, learn=True, depth=2, write_depth=8) as connection:
+        load = asyncio.create_task(ask(connection, pairs()))
+        await asyncio.sleep(5)
+        assert (connection.depth, connection._window.writes.depth) == (1, 8)
+    await load

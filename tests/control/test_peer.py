@@ -215,193 +215,157 @@ def test_a_role_is_enough_for_some_methods_only() -> None:
     assert "result" in error_of(request(method="stop"), Role.WATCH)
 
 
-def test_responses_are_ascii_whatever_is_stored() -> None:
-    async def main() -> None:
-        program = Program()
-        program.call("odd", 1)
-        assert program.raw[0].isascii()
-        assert program.got[0]["result"] == ["\u202e", "\udcff", "é"]
-
-    run(main())
+async def test_responses_are_ascii_whatever_is_stored() -> None:
+    program = Program()
+    program.call("odd", 1)
+    assert program.raw[0].isascii()
+    assert program.got[0]["result"] == ["\u202e", "\udcff", "é"]
 
 
-def test_a_request_without_id_is_carried_out_and_not_answered() -> None:
-    async def main() -> None:
-        program = Program()
-        program.call("read", name="a")
-        program.call("seek")
-        program.call("refuse")
-        program.call("fly")
-        await program.settle()
-        assert program.log.done == ["a"]
-        assert program.got == []
-
-    run(main())
+async def test_a_request_without_id_is_carried_out_and_not_answered() -> None:
+    program = Program()
+    program.call("read", name="a")
+    program.call("seek")
+    program.call("refuse")
+    program.call("fly")
+    await program.settle()
+    assert program.log.done == ["a"]
+    assert program.got == []
 
 
-def test_motion_keeps_its_order_while_reading_goes_on_and_a_stop_goes_first() -> None:
-    async def main() -> None:
-        program = Program()
-        program.call("move", 1, name="slow", seconds=3)
-        program.call("move", 2, name="quick")
-        for number in range(20):
-            program.call("read", 10 + number, name="read", seconds=1)
-        await asyncio.sleep(0)
-        program.call("stop", 99)
-        assert program.log.done == ["stop"]
-        await program.settle()
-        assert program.log.done.index("slow") < program.log.done.index("quick")
-        assert program.log.done.index("read") < program.log.done.index("slow")
-        assert program.log.most == peer.MOST_READING
-        assert sorted(message["id"] for message in program.got if "id" in message) == [1, 2, *range(10, 30), 99]
-
-    run(main())
+async def test_motion_keeps_its_order_while_reading_goes_on_and_a_stop_goes_first() -> None:
+    program = Program()
+    program.call("move", 1, name="slow", seconds=3)
+    program.call("move", 2, name="quick")
+    for number in range(20):
+        program.call("read", 10 + number, name="read", seconds=1)
+    await asyncio.sleep(0)
+    program.call("stop", 99)
+    assert program.log.done == ["stop"]
+    await program.settle()
+    assert program.log.done.index("slow") < program.log.done.index("quick")
+    assert program.log.done.index("read") < program.log.done.index("slow")
+    assert program.log.most == peer.MOST_READING
+    assert sorted(message["id"] for message in program.got if "id" in message) == [1, 2, *range(10, 30), 99]
 
 
-def test_progress_names_the_request() -> None:
-    async def main() -> None:
-        program = Program()
-        program.call("move", "import", name="step")
-        await program.settle()
-        assert program.got[0] == {
-            "jsonrpc": "2.0",
-            "method": "progress",
-            "params": {"id": "import", "seconds": 0.0, "name": "step"},
-        }
-
-    run(main())
+async def test_progress_names_the_request() -> None:
+    program = Program()
+    program.call("move", "import", name="step")
+    await program.settle()
+    assert program.got[0] == {
+        "jsonrpc": "2.0",
+        "method": "progress",
+        "params": {"id": "import", "seconds": 0.0, "name": "step"},
+    }
 
 
-def test_a_flood_is_refused_and_a_stop_still_passes() -> None:
-    async def main() -> None:
-        program = Program()
-        for number in range(1000):
-            program.call("move", number, seconds=1)
-        assert program.errors() == [Code.BUSY] * (1000 - MOST_WAITING)
-        program.call("stop", "stop")
-        assert program.log.done == ["stop"]
-        await program.settle()
-        assert len(program.log.done) == 1 + MOST_WAITING
-        program.call("move", "again")
-        await program.settle()
-        assert program.got[-1] == {"jsonrpc": "2.0", "id": "again", "result": {}}
-
-    run(main())
+async def test_a_flood_is_refused_and_a_stop_still_passes() -> None:
+    program = Program()
+    for number in range(1000):
+        program.call("move", number, seconds=1)
+    assert program.errors() == [Code.BUSY] * (1000 - MOST_WAITING)
+    program.call("stop", "stop")
+    assert program.log.done == ["stop"]
+    await program.settle()
+    assert len(program.log.done) == 1 + MOST_WAITING
+    program.call("move", "again")
+    await program.settle()
+    assert program.got[-1] == {"jsonrpc": "2.0", "id": "again", "result": {}}
 
 
-def test_of_a_flood_of_stops_each_is_carried_out_and_some_are_told_what_came_of_it() -> None:
-    async def main() -> None:
-        program = Program()
-        for number in range(1000):
-            program.call("stop", number)
-        assert program.log.done == ["stop"] * 1000
-        assert program.errors() == [Code.BUSY] * (1000 - MOST_BEGUN)
-        assert "this stop was carried out, but 128" in program.got[0]["error"]["message"]
-        await program.settle()
-        assert sum("result" in message for message in program.got) == MOST_BEGUN
-        program.call("stop", "again")
-        await program.settle()
-        assert program.got[-1] == {"jsonrpc": "2.0", "id": "again", "result": {}}
-        program.call("stop", "unheard")
-        await program.peer.close()
-
-    run(main())
+async def test_of_a_flood_of_stops_each_is_carried_out_and_some_are_told_what_came_of_it() -> None:
+    program = Program()
+    for number in range(1000):
+        program.call("stop", number)
+    assert program.log.done == ["stop"] * 1000
+    assert program.errors() == [Code.BUSY] * (1000 - MOST_BEGUN)
+    assert "this stop was carried out, but 128" in program.got[0]["error"]["message"]
+    await program.settle()
+    assert sum("result" in message for message in program.got) == MOST_BEGUN
+    program.call("stop", "again")
+    await program.settle()
+    assert program.got[-1] == {"jsonrpc": "2.0", "id": "again", "result": {}}
+    program.call("stop", "unheard")
+    await program.peer.close()
 
 
-def test_a_stop_is_accepted_however_many_starts_wait_for_their_moment() -> None:
-    async def main() -> None:
-        program = Program()
-        for number in range(1000):
-            program.call("start", number, seconds=5)
-        assert program.errors() == [Code.BUSY] * (1000 - 2 * MOST_WAITING)
-        program.call("stop", "stop")
-        await program.settle(2)
-        assert program.got[-1] == {"jsonrpc": "2.0", "id": "stop", "result": {}}
-        await program.settle()
-
-    run(main())
+async def test_a_stop_is_accepted_however_many_starts_wait_for_their_moment() -> None:
+    program = Program()
+    for number in range(1000):
+        program.call("start", number, seconds=5)
+    assert program.errors() == [Code.BUSY] * (1000 - 2 * MOST_WAITING)
+    program.call("stop", "stop")
+    await program.settle(2)
+    assert program.got[-1] == {"jsonrpc": "2.0", "id": "stop", "result": {}}
+    await program.settle()
 
 
-def test_large_requests_do_not_fill_the_memory() -> None:
-    async def main() -> None:
-        program = Program()
-        for number in range(10):
-            program.call("move", number, name="x" * (MOST_BYTES - 1000), seconds=1)
-        assert program.errors() == [Code.BUSY] * 8
-        await program.settle()
-
-    run(main())
+async def test_large_requests_do_not_fill_the_memory() -> None:
+    program = Program()
+    for number in range(10):
+        program.call("move", number, name="x" * (MOST_BYTES - 1000), seconds=1)
+    assert program.errors() == [Code.BUSY] * 8
+    await program.settle()
 
 
-def test_a_program_that_does_not_read_gets_nothing_but_what_it_must() -> None:
-    async def main() -> None:
-        program = Program()
+async def test_a_program_that_does_not_read_gets_nothing_but_what_it_must() -> None:
+    program = Program()
+    program.peer.pause()
+    program.call("read", 1, name="a")
+    program.call("stop", 2)
+    for number in range(2 * MOST_NOTIFICATIONS):
+        program.peer.notify("tick", {"number": number})
+    await program.settle()
+    assert program.log.done == ["stop"]  # carried out, and its response is short
+    assert len(program.raw) == 1
+    assert program.peer.dropped == MOST_NOTIFICATIONS
+    program.peer.resume()
+    await program.settle()
+    assert program.got[1]["params"]["number"] == MOST_NOTIFICATIONS
+    assert program.got[-1]["result"] == {"name": "a"}
+
+
+async def test_a_program_that_asks_without_ever_reading_is_disconnected() -> None:
+    program = Program()
+    program.peer.pause()
+    for number in range(1000):
+        program.call("look", number)
+    assert "does not read" in program.aborted
+    assert len(program.raw) == MOST_WAITING
+    program.peer.notify("tick", {})
+    program.peer.receive(request())
+    await program.peer.close()
+    assert len(program.raw) == MOST_WAITING
+
+
+async def test_sending_may_pause_again() -> None:
+    program = Program()
+    program.peer.pause()
+    for number in range(3):
+        program.peer.notify("tick", {"number": number})
+
+    def send(message: bytes) -> None:
+        program.raw.append(message)
         program.peer.pause()
-        program.call("read", 1, name="a")
-        program.call("stop", 2)
-        for number in range(2 * MOST_NOTIFICATIONS):
-            program.peer.notify("tick", {"number": number})
-        await program.settle()
-        assert program.log.done == ["stop"]  # carried out, and its response is short
-        assert len(program.raw) == 1
-        assert program.peer.dropped == MOST_NOTIFICATIONS
-        program.peer.resume()
-        await program.settle()
-        assert program.got[1]["params"]["number"] == MOST_NOTIFICATIONS
-        assert program.got[-1]["result"] == {"name": "a"}
 
-    run(main())
+    program.peer._send = send
+    program.peer.resume()
+    assert len(program.raw) == 1
+    program.peer.resume()
+    program.peer.resume()
+    assert [message["params"]["number"] for message in program.got] == [0, 1, 2]
 
 
-def test_a_program_that_asks_without_ever_reading_is_disconnected() -> None:
-    async def main() -> None:
-        program = Program()
-        program.peer.pause()
-        for number in range(1000):
-            program.call("look", number)
-        assert "does not read" in program.aborted
-        assert len(program.raw) == MOST_WAITING
-        program.peer.notify("tick", {})
-        program.peer.receive(request())
-        await program.peer.close()
-        assert len(program.raw) == MOST_WAITING
-
-    run(main())
-
-
-def test_sending_may_pause_again() -> None:
-    async def main() -> None:
-        program = Program()
-        program.peer.pause()
-        for number in range(3):
-            program.peer.notify("tick", {"number": number})
-
-        def send(message: bytes) -> None:
-            program.raw.append(message)
-            program.peer.pause()
-
-        program.peer._send = send
-        program.peer.resume()
-        assert len(program.raw) == 1
-        program.peer.resume()
-        program.peer.resume()
-        assert [message["params"]["number"] for message in program.got] == [0, 1, 2]
-
-    run(main())
-
-
-def test_the_end_of_a_program_ends_its_requests() -> None:
-    async def main() -> None:
-        program = Program()
-        program.call("move", 1, name="never", seconds=50)
-        program.call("move", 2, name="never either")
-        await asyncio.sleep(1)
-        await program.peer.close()
-        await program.settle()
-        assert program.log.done == []
-        assert [message for message in program.got if "id" in message] == []
-
-    run(main())
+async def test_the_end_of_a_program_ends_its_requests() -> None:
+    program = Program()
+    program.call("move", 1, name="never", seconds=50)
+    program.call("move", 2, name="never either")
+    await asyncio.sleep(1)
+    await program.peer.close()
+    await program.settle()
+    assert program.log.done == []
+    assert [message for message in program.got if "id" in message] == []
 
 
 _JSON = st.recursive(

@@ -66,17 +66,13 @@ def test_a_name_is_that_of_one_hub() -> None:
         run(claim_hub("rex"))
 
 
-def test_the_hub_that_waits_for_a_name_does_not_stop_the_loop() -> None:
+async def test_the_hub_that_waits_for_a_name_does_not_stop_the_loop() -> None:
     """It may be that of other hubs, each of which must see in time that the beats of a program have stopped."""
-
-    async def main() -> None:
-        with ExitStack() as ending:
-            ending.enter_context(await claim_hub("rex"))
-            asyncio.get_running_loop().call_later(0.05, ending.close)  # never comes to it while the loop is blocked
-            with await claim_hub("rex") as claim:
-                assert claim.url == "share://rex"
-
-    run(main())
+    with ExitStack() as ending:
+        ending.enter_context(await claim_hub("rex"))
+        asyncio.get_running_loop().call_later(0.05, ending.close)  # never comes to it while the loop is blocked
+        with await claim_hub("rex") as claim:
+            assert claim.url == "share://rex"
 
 
 def test_a_board_is_shared_by_one_hub() -> None:

@@ -15,7 +15,6 @@ from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.roster import Roster
 from servolink.fleet.stop_boards import stop_all
 from servolink.fleet.topics import Result, Topics
-from tests.virtual_time import run
 
 
 class Network:
@@ -51,58 +50,49 @@ class Network:
         self.sent.append(topic)
 
 
-def test_a_board_that_is_lost_during_a_stop_may_still_move() -> None:
-    async def main() -> None:
-        network = Network("rex", "fido", "bob")
-        stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=2.0))
-        await asyncio.sleep(0.1)
-        network.tell("rex", "offline")  # while nothing has settled yet
-        await asyncio.sleep(0.4)
-        network.tell("bob", "offline")
-        network.answer("fido")
-        stopped = await stopping
-        assert list(stopped.stopped) == ["fido"]
-        assert (sorted(stopped.silent), stopped.offline) == (["bob", "rex"], ())
-
-    run(main())
+async def test_a_board_that_is_lost_during_a_stop_may_still_move() -> None:
+    network = Network("rex", "fido", "bob")
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=2.0))
+    await asyncio.sleep(0.1)
+    network.tell("rex", "offline")  # while nothing has settled yet
+    await asyncio.sleep(0.4)
+    network.tell("bob", "offline")
+    network.answer("fido")
+    stopped = await stopping
+    assert list(stopped.stopped) == ["fido"]
+    assert (sorted(stopped.silent), stopped.offline) == (["bob", "rex"], ())
 
 
-def test_it_ends_when_all_have_answered_who_are_there_and_names_who_was_away() -> None:
-    async def main() -> None:
-        network = Network("rex", "fido")
-        network.tell("fido", "offline")
-        began = asyncio.get_running_loop().time()
-        stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=60.0))
-        await asyncio.sleep(0.5)
-        network.answer("rex")
-        stopped = await stopping
-        assert asyncio.get_running_loop().time() - began < 1
-        assert (list(stopped.stopped), stopped.offline) == (["rex"], ("fido",))
-        assert stopped.is_complete
-
-    run(main())
+async def test_it_ends_when_all_have_answered_who_are_there_and_names_who_was_away() -> None:
+    network = Network("rex", "fido")
+    network.tell("fido", "offline")
+    began = asyncio.get_running_loop().time()
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=60.0))
+    await asyncio.sleep(0.5)
+    network.answer("rex")
+    stopped = await stopping
+    assert asyncio.get_running_loop().time() - began < 1
+    assert (list(stopped.stopped), stopped.offline) == (["rex"], ("fido",))
+    assert stopped.is_complete
 
 
-def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
-    async def main() -> None:
-        network = Network("rex", "fido")
+async def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
+    network = Network("rex", "fido")
+    network.is_gone = True
+    began = asyncio.get_running_loop().time()
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
+    await asyncio.sleep(0.1)
+    network.answer("fido")
+    stopped = await stopping
+    assert asyncio.get_running_loop().time() - began == pytest.approx(5)
+    assert (list(stopped.stopped), stopped.silent) == (["fido"], ("rex",))
+    assert len(network.sent) >= 5, "it is sent again"
+    for known in ((), ("fido",)):  # there may be others
+        network = Network(*known)
         network.is_gone = True
-        began = asyncio.get_running_loop().time()
         stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
         await asyncio.sleep(0.1)
-        network.answer("fido")
-        stopped = await stopping
-        assert asyncio.get_running_loop().time() - began == pytest.approx(5)
-        assert (list(stopped.stopped), stopped.silent) == (["fido"], ("rex",))
-        assert len(network.sent) >= 5, "it is sent again"
-        for known in ((), ("fido",)):  # there may be others
-            network = Network(*known)
-            network.is_gone = True
-            stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
-            await asyncio.sleep(0.1)
-            for board in known:
-                network.answer(board)
-            with pytest.raises(ConnectionLost):
-                await stopping
-
-    run(main())
+        for board in known:
+            network.answer(board)
+        with pytest.raises(ConnectionLost):
+            await stopping

@@ -96,15 +96,12 @@ async def _outcome(board: LyingBoard, call: Call) -> object:
 
 
 @pytest.mark.parametrize("name", LIES)
-def test_a_lie_during_the_handshake_ends_in_time_too(name: str) -> None:
-    async def main() -> None:
-        begun = asyncio.get_running_loop().time()
-        with suppress(OpenError):
-            async with connect(lying(LIES[name])):
-                pass
-        assert asyncio.get_running_loop().time() - begun < _LONGEST_OPENING
-
-    run(main())
+async def test_a_lie_during_the_handshake_ends_in_time_too(name: str) -> None:
+    begun = asyncio.get_running_loop().time()
+    with suppress(OpenError):
+        async with connect(lying(LIES[name])):
+            pass
+    assert asyncio.get_running_loop().time() - begun < _LONGEST_OPENING
 
 
 @pytest.mark.parametrize("name", _FLOODS)

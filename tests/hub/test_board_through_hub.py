@@ -18,45 +18,38 @@ from servolink.virtual.kind import BoardKind
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import now
 from tests.client.test_board import CHAPTERS
-from tests.virtual_time import run
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
 @pytest.mark.parametrize("board_order", ["little", "big"])
 @pytest.mark.parametrize("use", CHAPTERS)
-def test_each_command_does_what_it_says(use: Any, board_order: Any, order: Any) -> None:
-    async def main() -> None:
-        url = f"virtual://?servos=3&byte_order={board_order}"
-        async with (
-            connect(url, byte_order=board_order, angle_unit=None) as upstream,
-            share(upstream, name="rex") as hub,
-            connect(LocalTransport(hub, codec=Codec(order)), byte_order=order) as board,
-        ):
-            await use(board)
-            assert board.url == "share://rex"
-            for stats in (board.stats, upstream.stats):
-                assert stats.timeouts == stats.undecodable == stats.unsolicited == stats.retries == 0
-
-    run(main())
+async def test_each_command_does_what_it_says(use: Any, board_order: Any, order: Any) -> None:
+    url = f"virtual://?servos=3&byte_order={board_order}"
+    async with (
+        connect(url, byte_order=board_order, angle_unit=None) as upstream,
+        share(upstream, name="rex") as hub,
+        connect(LocalTransport(hub, codec=Codec(order)), byte_order=order) as board,
+    ):
+        await use(board)
+        assert board.url == "share://rex"
+        for stats in (board.stats, upstream.stats):
+            assert stats.timeouts == stats.undecodable == stats.unsolicited == stats.retries == 0
 
 
-def test_a_button_press_on_the_board_arrives_at_those_who_asked() -> None:
-    async def main() -> None:
-        virtual = VirtualBoard(2)
-        async with (
-            connect(VirtualTransport(virtual), angle_unit=None) as upstream,
-            share(upstream, name="rex") as hub,
-            connect(LocalTransport(hub)) as one,
-            connect(LocalTransport(hub)) as other,
-            one.button_events() as events,
-        ):
-            virtual.press_button(4, now())
-            event = await anext(events)
-            assert (event.button_id, event.kind) == (4, "press")
-            await asyncio.sleep(1)
-            assert other.stats.events_received == 0
-
-    run(main())
+async def test_a_button_press_on_the_board_arrives_at_those_who_asked() -> None:
+    virtual = VirtualBoard(2)
+    async with (
+        connect(VirtualTransport(virtual), angle_unit=None) as upstream,
+        share(upstream, name="rex") as hub,
+        connect(LocalTransport(hub)) as one,
+        connect(LocalTransport(hub)) as other,
+        one.button_events() as events,
+    ):
+        virtual.press_button(4, now())
+        event = await anext(events)
+        assert (event.button_id, event.kind) == (4, "press")
+        await asyncio.sleep(1)
+        assert other.stats.events_received == 0
 
 
 class DeafLine(VirtualTransport):
@@ -69,42 +62,36 @@ class DeafLine(VirtualTransport):
             super()._send(data)
 
 
-def test_readings_go_on_when_the_board_is_back() -> None:
-    async def main() -> None:
-        line = DeafLine(VirtualBoard(2))
-        async with (
-            asyncio.timeout(100),
-            connect(line, angle_unit=None, patience=60) as upstream,  # or the hub would lose it for good
-            share(upstream, name="rex") as hub,
-            connect(LocalTransport(hub)) as board,
-            board.watch(hz=10) as readings,
-        ):
-            board.connection.lifecycle.outlasts_silence = True  # as on share://
-            first = await anext(readings)
-            line.is_deaf = True
-            await asyncio.sleep(5)  # longer than a program waits for a response
-            line.is_deaf = False
-            last = first
-            while last.seconds <= first.seconds + 5:
-                last = await anext(readings)
-            assert len(last.servos) == 2
-
-    run(main())
+async def test_readings_go_on_when_the_board_is_back() -> None:
+    line = DeafLine(VirtualBoard(2))
+    async with (
+        asyncio.timeout(100),
+        connect(line, angle_unit=None, patience=60) as upstream,  # or the hub would lose it for good
+        share(upstream, name="rex") as hub,
+        connect(LocalTransport(hub)) as board,
+        board.watch(hz=10) as readings,
+    ):
+        board.connection.lifecycle.outlasts_silence = True  # as on share://
+        first = await anext(readings)
+        line.is_deaf = True
+        await asyncio.sleep(5)  # longer than a program waits for a response
+        line.is_deaf = False
+        last = first
+        while last.seconds <= first.seconds + 5:
+            last = await anext(readings)
+        assert len(last.servos) == 2
 
 
-def test_readings_that_never_come_are_an_error() -> None:
-    async def main() -> None:
-        virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryServo",)))
-        async with (
-            connect(VirtualTransport(virtual), angle_unit=None) as upstream,
-            share(upstream, name="rex") as hub,
-            connect(LocalTransport(hub)) as board,
-            board.watch(hz=10) as readings,
-        ):
-            with pytest.raises(RequestTimeout):
-                await anext(readings)
-
-    run(main())
+async def test_readings_that_never_come_are_an_error() -> None:
+    virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryServo",)))
+    async with (
+        connect(VirtualTransport(virtual), angle_unit=None) as upstream,
+        share(upstream, name="rex") as hub,
+        connect(LocalTransport(hub)) as board,
+        board.watch(hz=10) as readings,
+    ):
+        with pytest.raises(RequestTimeout):
+            await anext(readings)
 
 
 def test_what_programs_need_is_found_in_the_package() -> None:

@@ -37,7 +37,6 @@ from servolink.protocol.settings import (
 from tests.client.fake_board import LOST, FakeBoard, late, lie
 from tests.hub.fake_hub import START, STOP, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
-from tests.virtual_time import run
 
 
 def test_while_a_program_holds_the_board_others_wait() -> None:
@@ -135,20 +134,17 @@ def test_a_session_begins_once() -> None:
     on_hub(use)
 
 
-def test_the_end_of_the_hub_ends_the_sessions_and_leaves_the_board() -> None:
-    async def main() -> None:
-        ended = asyncio.Event()
-        async with connect("virtual://", angle_unit=None) as upstream:
-            async with share(upstream, name="rex") as hub:
-                program = RawProgram(hub)
-                program.session.on_end = ended.set
-                program.send(QueryServoListRequest())
-            assert ended.is_set()
+async def test_the_end_of_the_hub_ends_the_sessions_and_leaves_the_board() -> None:
+    ended = asyncio.Event()
+    async with connect("virtual://", angle_unit=None) as upstream:
+        async with share(upstream, name="rex") as hub:
+            program = RawProgram(hub)
+            program.session.on_end = ended.set
             program.send(QueryServoListRequest())
-            assert len(await upstream.servo_ids()) == 16
-        assert program.heard == []
-
-    run(main())
+        assert ended.is_set()
+        program.send(QueryServoListRequest())
+        assert len(await upstream.servo_ids()) == 16
+    assert program.heard == []
 
 
 def test_what_the_board_refuses_is_refused_to_the_program() -> None:
@@ -182,20 +178,17 @@ def test_another_board_than_that_of_the_profile_is_not_changed() -> None:
 
 
 @pytest.mark.parametrize("is_there", [True, False])
-def test_a_stop_has_a_second_when_the_hub_ends(is_there: bool) -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with shared(fake) as hub:
-            await RawProgram(hub).ask(START)
-            fake.plan(SetServoParameterRequest, LOST)
-            if not is_there:
-                fake.usual_of[SetServoParameterRequest] = LOST
-            stopping = hub.begin_stop("a page")
-            began = asyncio.get_running_loop().time()
-        assert fake.executed_of(SetServoParameterRequest) == ([START, STOP] if is_there else [START])
-        assert asyncio.get_running_loop().time() < began + 1.5
-        assert stopping.done()
+async def test_a_stop_has_a_second_when_the_hub_ends(is_there: bool) -> None:
+    fake = FakeBoard()
+    async with shared(fake) as hub:
+        await RawProgram(hub).ask(START)
+        fake.plan(SetServoParameterRequest, LOST)
         if not is_there:
-            assert stopping.cancelled() or stopping.exception()
-
-    run(main())
+            fake.usual_of[SetServoParameterRequest] = LOST
+        stopping = hub.begin_stop("a page")
+        began = asyncio.get_running_loop().time()
+    assert fake.executed_of(SetServoParameterRequest) == ([START, STOP] if is_there else [START])
+    assert asyncio.get_running_loop().time() < began + 1.5
+    assert stopping.done()
+    if not is_there:
+        assert stopping.cancelled() or stopping.exception()

@@ -54,23 +54,20 @@ def test_a_page_records(folder: Path) -> None:
     assert sum(isinstance(each, ServosRead) for each in found) > 20
 
 
-def test_one_at_a_time_and_none_by_a_spectator() -> None:
-    async def main() -> None:
-        async with shared() as here, here.program("page") as page, here.program("other", "watch") as other:
-            for method in ("recorder.stop", "recorder.mark"):
-                with pytest.raises(RpcFailed, match="nothing is being recorded") as failed:
-                    await page.call(method)
-                assert failed.value.kind == "RecordingError"
-            with pytest.raises(RpcFailed, match="needs the role run"):
-                await other.call("recorder.start")
-            await page.call("recorder.start", hz=0)
-            with pytest.raises(RpcFailed, match="is being recorded already"):
-                await page.call("recorder.start")
-            await page.call("recorder.stop")
-            await page.call("recorder.start", wire_only=True)  # in the same second
-            assert len((await page.call("recorder.list"))["recordings"]) == 2
-
-    run(main())
+async def test_one_at_a_time_and_none_by_a_spectator() -> None:
+    async with shared() as here, here.program("page") as page, here.program("other", "watch") as other:
+        for method in ("recorder.stop", "recorder.mark"):
+            with pytest.raises(RpcFailed, match="nothing is being recorded") as failed:
+                await page.call(method)
+            assert failed.value.kind == "RecordingError"
+        with pytest.raises(RpcFailed, match="needs the role run"):
+            await other.call("recorder.start")
+        await page.call("recorder.start", hz=0)
+        with pytest.raises(RpcFailed, match="is being recorded already"):
+            await page.call("recorder.start")
+        await page.call("recorder.stop")
+        await page.call("recorder.start", wire_only=True)  # in the same second
+        assert len((await page.call("recorder.list"))["recordings"]) == 2
 
 
 def test_the_end_of_the_hub_ends_it(folder: Path) -> None:

@@ -322,29 +322,26 @@ def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: py
         machine.teardown()
 
 
-def test_units_are_set_again_on_a_board_that_was_switched_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        virtual = VirtualBoard(len(SERVOS))
-        for servo in virtual.servos.values():
-            servo.angle = float(HIGH)
-        socket = Socket(virtual)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with connect("virtual://", reconnect=True, angle_unit=None) as board, share(board, name="rex") as hub:
-            programs = [Angler(hub, "ann", "degree"), Angler(hub, "bob", "adc"), Angler(hub, "cid", "degree")]
-            await programs[2].set_unit(2, "adc")
-            for _ in range(3):
-                for program in programs:
-                    await program.read(ALL_SERVOS)
-                socket.pull()
-                virtual.power_cycle(now())
-                await asyncio.sleep(1)
-                socket.plug(virtual)
-                await asyncio.sleep(10)
+async def test_units_are_set_again_on_a_board_that_was_switched_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    virtual = VirtualBoard(len(SERVOS))
+    for servo in virtual.servos.values():
+        servo.angle = float(HIGH)
+    socket = Socket(virtual)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True, angle_unit=None) as board, share(board, name="rex") as hub:
+        programs = [Angler(hub, "ann", "degree"), Angler(hub, "bob", "adc"), Angler(hub, "cid", "degree")]
+        await programs[2].set_unit(2, "adc")
+        for _ in range(3):
             for program in programs:
-                assert program.answered == 3
-                await program.until_done()
-
-    run(main())
+                await program.read(ALL_SERVOS)
+            socket.pull()
+            virtual.power_cycle(now())
+            await asyncio.sleep(1)
+            socket.plug(virtual)
+            await asyncio.sleep(10)
+        for program in programs:
+            assert program.answered == 3
+            await program.until_done()
 
 
 kinds = st.sampled_from(["query", "state", "write", "motion", "unit", "data"])

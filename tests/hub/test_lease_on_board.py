@@ -35,7 +35,6 @@ from tests.client.fake_board import LOST, late, now
 from tests.client.sockets import Socket
 from tests.hub.raw_program import RawProgram
 from tests.hub.shared_world import MOVE, START, STOP, World, on_hub, world
-from tests.virtual_time import run
 
 RELEASE = SetServoParameterRequest(1, 0, 0)
 MOTIONS: list[Packet] = [
@@ -342,43 +341,37 @@ def test_a_holder_with_a_dead_man_time_that_vanishes_stops_the_board_at_once() -
 
 
 @pytest.mark.parametrize("dead_man", [None, 0.35])
-def test_a_hub_that_ends_stops_the_board_only_if_somebody_watched_over_it(dead_man: float | None) -> None:
-    async def main() -> None:
-        async with world() as there:
-            studio = there.join("studio")
-            there.hub.leases.take(studio.session.session_id, dead_man=dead_man)
-            await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
-        assert len(stops(there)) == (dead_man is not None)
-
-    run(main())
+async def test_a_hub_that_ends_stops_the_board_only_if_somebody_watched_over_it(dead_man: float | None) -> None:
+    async with world() as there:
+        studio = there.join("studio")
+        there.hub.leases.take(studio.session.session_id, dead_man=dead_man)
+        await there.move(studio, ExecuteActionRequest((Step(1, 90, 3000),)))
+    assert len(stops(there)) == (dead_man is not None)
 
 
-def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        virtual = VirtualBoard(2)
-        socket = Socket(virtual)
-        monkeypatch.setattr(connecting, "create", socket.transport)
-        async with (
-            connecting.connect("virtual://", reconnect=True, angle_unit=None) as board,
-            share(board, name="rex") as hub,
-        ):
-            notices: list[Struct] = []
-            hub.listen(lambda notice, session: notices.append(notice))
-            studio = RawProgram(hub, "studio")
-            hub.leases.take(studio.session.session_id, dead_man=0.35)
-            studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
-            await asyncio.sleep(0.1)
-            socket.pull()
-            await asyncio.sleep(5)
-            assert virtual.servos[1].is_start
-            socket.plug(virtual)
-            await asyncio.sleep(10)
-            assert not virtual.servos[1].is_start
-            assert [notice.text for notice in notices if isinstance(notice, ProblemNotice)] == [
-                "studio has gone silent: the board is stopped as soon as it is connected again"
-            ]
-
-    run(main())
+async def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    virtual = VirtualBoard(2)
+    socket = Socket(virtual)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with (
+        connecting.connect("virtual://", reconnect=True, angle_unit=None) as board,
+        share(board, name="rex") as hub,
+    ):
+        notices: list[Struct] = []
+        hub.listen(lambda notice, session: notices.append(notice))
+        studio = RawProgram(hub, "studio")
+        hub.leases.take(studio.session.session_id, dead_man=0.35)
+        studio.send(ExecuteActionRequest((Step(1, 90, 3000),)))
+        await asyncio.sleep(0.1)
+        socket.pull()
+        await asyncio.sleep(5)
+        assert virtual.servos[1].is_start
+        socket.plug(virtual)
+        await asyncio.sleep(10)
+        assert not virtual.servos[1].is_start
+        assert [notice.text for notice in notices if isinstance(notice, ProblemNotice)] == [
+            "studio has gone silent: the board is stopped as soon as it is connected again"
+        ]
 
 
 def test_a_stop_that_cannot_be_confirmed_is_reported() -> None:

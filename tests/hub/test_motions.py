@@ -149,23 +149,20 @@ def test_a_value_that_cannot_be_sent_is_refused() -> None:
     assert "interval: -1 is outside 0..32767" in str(sent(moved(1, -1)).refusal)
 
 
-def test_silence_of_the_board_is_not_a_refusal() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake, angle_unit=None) as board:
-            fake.plan(ExecuteMacroRequest, LOST)
-            with pytest.raises(OutcomeUnknown):
-                await Motions(board).send(ExecuteMacroRequest(1))
-            fake.usual_of[QueryServoRequest] = LOST
-            assert await Motions(board).refused(SetServoParameterRequest(1, 1, 1)) is None
-        fake = FakeBoard()
-        async with opened(fake, angle_unit=None, angle_limits=(-30, 30), speed_cap=90) as board:
-            await board.request(ALL_DEGREE)
-            fake.usual_of[QueryServoRequest] = LOST
-            with pytest.raises(RequestTimeout):
-                await Motions(board).send(moved(20))
-
-    run(main())
+async def test_silence_of_the_board_is_not_a_refusal() -> None:
+    fake = FakeBoard()
+    async with opened(fake, angle_unit=None) as board:
+        fake.plan(ExecuteMacroRequest, LOST)
+        with pytest.raises(OutcomeUnknown):
+            await Motions(board).send(ExecuteMacroRequest(1))
+        fake.usual_of[QueryServoRequest] = LOST
+        assert await Motions(board).refused(SetServoParameterRequest(1, 1, 1)) is None
+    fake = FakeBoard()
+    async with opened(fake, angle_unit=None, angle_limits=(-30, 30), speed_cap=90) as board:
+        await board.request(ALL_DEGREE)
+        fake.usual_of[QueryServoRequest] = LOST
+        with pytest.raises(RequestTimeout):
+            await Motions(board).send(moved(20))
 
 
 def test_what_does_not_reach_its_first_pose_is_refused() -> None:
@@ -238,15 +235,12 @@ def test_a_change_of_units_is_not_taken_for_a_turn() -> None:
     assert 2.5 <= on_board(use) <= 3.1
 
 
-def test_a_board_that_is_silent_is_read_until_it_answers_again() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with opened(fake, angle_unit=None) as board:
-            fake.usual_of[QueryServoRequest] = LOST
-            resting = asyncio.create_task(Motions(board).until_rest())
-            await asyncio.sleep(30)
-            assert not resting.done()
-            fake.forget_plans()
-            await resting
-
-    run(main())
+async def test_a_board_that_is_silent_is_read_until_it_answers_again() -> None:
+    fake = FakeBoard()
+    async with opened(fake, angle_unit=None) as board:
+        fake.usual_of[QueryServoRequest] = LOST
+        resting = asyncio.create_task(Motions(board).until_rest())
+        await asyncio.sleep(30)
+        assert not resting.done()
+        fake.forget_plans()
+        await resting

@@ -41,7 +41,6 @@ from servolink.protocol.settings import (
 from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard, Fate
 from tests.hub.fake_hub import MOVE, STOP, kinds, on_hub, shared
 from tests.hub.raw_program import RawProgram
-from tests.virtual_time import run
 
 # --- order --------------------------------------------------------------------------------------------------------
 
@@ -292,24 +291,21 @@ def test_a_frame_of_which_the_rest_is_read_late_is_whole() -> None:
     on_hub(use)
 
 
-def test_button_events_go_to_those_who_asked() -> None:
-    async def main() -> None:
-        fake = FakeBoard()
-        async with shared(fake) as hub:
-            one, other, third = (RawProgram(hub) for _ in range(3))
-            on, off = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
-            done = SubscribeButtonEventResponse(1)
-            assert [await one.ask(on), await other.ask(on), await one.ask(off)] == [done] * 3
-            assert fake.executed_of(SubscribeButtonEventRequest) == [on]
-            fake.virtual.press_button(4, asyncio.get_running_loop().time())
-            fake.deliver(b"".join(fake._said[-1:]))
-            await asyncio.sleep(0.1)
-            assert [len(program.heard) for program in (one, other, third)] == [2, 2, 0]
-            other.session.leave()
-            await asyncio.sleep(0.1)
-            assert fake.executed_of(SubscribeButtonEventRequest) == [on, off]
-
-    run(main())
+async def test_button_events_go_to_those_who_asked() -> None:
+    fake = FakeBoard()
+    async with shared(fake) as hub:
+        one, other, third = (RawProgram(hub) for _ in range(3))
+        on, off = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
+        done = SubscribeButtonEventResponse(1)
+        assert [await one.ask(on), await other.ask(on), await one.ask(off)] == [done] * 3
+        assert fake.executed_of(SubscribeButtonEventRequest) == [on]
+        fake.virtual.press_button(4, asyncio.get_running_loop().time())
+        fake.deliver(b"".join(fake._said[-1:]))
+        await asyncio.sleep(0.1)
+        assert [len(program.heard) for program in (one, other, third)] == [2, 2, 0]
+        other.session.leave()
+        await asyncio.sleep(0.1)
+        assert fake.executed_of(SubscribeButtonEventRequest) == [on, off]
 
 
 def test_a_subscription_that_is_confirmed_after_its_program_has_left_is_ended() -> None:
@@ -324,22 +320,19 @@ def test_a_subscription_that_is_confirmed_after_its_program_has_left_is_ended() 
     on_hub(use)
 
 
-def test_each_program_gets_angles_in_its_own_unit() -> None:
-    async def main() -> None:
-        async with (
-            connect("virtual://?servos=3", angle_unit=None) as upstream,
-            share(upstream, name="rex") as hub,
-            connect(LocalTransport(hub)) as one,
-            connect(LocalTransport(hub, unit="adc"), angle_unit=None) as other,
-        ):
-            await one.move({1: 60}, duration=0.1, wait=True)
-            query = QueryServoRequest(1)
-            for _ in range(3):
-                degrees, steps = await asyncio.gather(one.request(query), other.request(query))
-                assert degrees.servos[0].angle == 60
-                assert steps.servos[0].angle > 360
-
-    run(main())
+async def test_each_program_gets_angles_in_its_own_unit() -> None:
+    async with (
+        connect("virtual://?servos=3", angle_unit=None) as upstream,
+        share(upstream, name="rex") as hub,
+        connect(LocalTransport(hub)) as one,
+        connect(LocalTransport(hub, unit="adc"), angle_unit=None) as other,
+    ):
+        await one.move({1: 60}, duration=0.1, wait=True)
+        query = QueryServoRequest(1)
+        for _ in range(3):
+            degrees, steps = await asyncio.gather(one.request(query), other.request(query))
+            assert degrees.servos[0].angle == 60
+            assert steps.servos[0].angle > 360
 
 
 def test_captions_keep_bytes_that_no_encoding_knows() -> None:

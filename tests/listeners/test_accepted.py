@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from servolink.listeners.accepted import LONGEST_PAUSE, MOST_UNREAD, AcceptedConnection
-from tests.virtual_time import run
 
 
 class Pipe(asyncio.Transport):
@@ -60,43 +59,37 @@ class Counting:
         """Do nothing."""
 
 
-def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
-    async def main() -> None:
-        line, pipe, program = SilentConnection(), Pipe(), Counting()
-        line.connection_made(pipe)
-        line._join(program)
-        line.send(bytes(200_000))
-        line.pause_writing()
-        for _ in range(5):
-            await asyncio.sleep(LONGEST_PAUSE - 1)
-            pipe.unread -= 1
-        assert not pipe.is_closing()
-        pipe.unread = 0
-        line.resume_writing()
-        await asyncio.sleep(3 * LONGEST_PAUSE)
-        assert not pipe.is_closing()
-        assert (program.pauses, program.resumes) == (1, 1)
-        line.send(bytes(200_000))
-        line.pause_writing()
-        await asyncio.sleep(LONGEST_PAUSE + 1)
-        assert pipe.is_closing()
-        line.send(b"more")
-        line.connection_lost(None)
-        assert pipe.unread == 200_000
-
-    run(main())
+async def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
+    line, pipe, program = SilentConnection(), Pipe(), Counting()
+    line.connection_made(pipe)
+    line._join(program)
+    line.send(bytes(200_000))
+    line.pause_writing()
+    for _ in range(5):
+        await asyncio.sleep(LONGEST_PAUSE - 1)
+        pipe.unread -= 1
+    assert not pipe.is_closing()
+    pipe.unread = 0
+    line.resume_writing()
+    await asyncio.sleep(3 * LONGEST_PAUSE)
+    assert not pipe.is_closing()
+    assert (program.pauses, program.resumes) == (1, 1)
+    line.send(bytes(200_000))
+    line.pause_writing()
+    await asyncio.sleep(LONGEST_PAUSE + 1)
+    assert pipe.is_closing()
+    line.send(b"more")
+    line.connection_lost(None)
+    assert pipe.unread == 200_000
 
 
-def test_a_handler_that_limits_unread_bytes_itself_keeps_its_program() -> None:
-    async def main() -> None:
-        line, pipe, program = SilentConnection(), Pipe(), Counting()
-        line.connection_made(pipe)
-        line._join(program, must_read=False)
-        line.send(bytes(MOST_UNREAD + 1))
-        line.pause_writing()
-        await asyncio.sleep(3 * LONGEST_PAUSE)
-        assert not pipe.is_closing()
-        line.resume_writing()
-        assert (program.pauses, program.resumes) == (1, 1)
-
-    run(main())
+async def test_a_handler_that_limits_unread_bytes_itself_keeps_its_program() -> None:
+    line, pipe, program = SilentConnection(), Pipe(), Counting()
+    line.connection_made(pipe)
+    line._join(program, must_read=False)
+    line.send(bytes(MOST_UNREAD + 1))
+    line.pause_writing()
+    await asyncio.sleep(3 * LONGEST_PAUSE)
+    assert not pipe.is_closing()
+    line.resume_writing()
+    assert (program.pauses, program.resumes) == (1, 1)

@@ -63,21 +63,18 @@ def test_what_is_on_a_board_that_only_looks_cleared_is_kept(
     run(main())
 
 
-def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_elsewhere_or_before_another(
+async def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_elsewhere_or_before_another(
     tmp_path: Path,
 ) -> None:
-    async def main() -> None:
-        await cleared(Make().board(OLD_CONTENTS, 1), tmp_path)
-        async with connect(VirtualTransport(VirtualBoard(3), THERE)) as board:
-            assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
-        async with connect(VirtualTransport(Make().board(OTHER_CONTENTS, 1), HERE)) as board:
-            await board.apply_project(NEW, folder=tmp_path)
-        async with connect(VirtualTransport(VirtualBoard(3), HERE)) as board:
-            assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
-            await board.rollback_project(folder=tmp_path)
-            assert await board.export_project() == Project()
-
-    run(main())
+    await cleared(Make().board(OLD_CONTENTS, 1), tmp_path)
+    async with connect(VirtualTransport(VirtualBoard(3), THERE)) as board:
+        assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
+    async with connect(VirtualTransport(Make().board(OTHER_CONTENTS, 1), HERE)) as board:
+        await board.apply_project(NEW, folder=tmp_path)
+    async with connect(VirtualTransport(VirtualBoard(3), HERE)) as board:
+        assert not (await board.apply_project(NEW, folder=tmp_path)).resumed
+        await board.rollback_project(folder=tmp_path)
+        assert await board.export_project() == Project()
 
 
 def test_nothing_is_kept_of_a_board_that_only_looks_cleared_where_no_backup_is_wanted(tmp_path: Path) -> None:

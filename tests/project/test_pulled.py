@@ -53,19 +53,16 @@ def test_nothing_is_wrong_on_a_bad_line_either(seed: int, tmp_path: Path) -> Non
     assert run(history.judge(tmp_path / "one")).right, history
 
 
-def test_a_rollback_that_is_interrupted_goes_on_when_it_is_asked_for_again(tmp_path: Path) -> None:
-    async def main() -> None:
-        board = Make().board(OLD_CONTENTS, 1)
-        await attempt(Cable(board), lambda board: board.apply_project(NEW, folder=tmp_path))
-        assert same(board.storage.contents, NEW_CONTENTS)
-        assert await attempt(Cable(board, sent=900), lambda board: board.rollback_project(folder=tmp_path)) is not None
-        assert board.storage.project_id in UNFINISHED
-        assert await attempt(Cable(board), lambda board: board.rollback_project(folder=tmp_path)) is None
-        assert same(board.storage.contents, OLD_CONTENTS)
-        assert await attempt(Cable(board), lambda board: board.rollback_project(folder=tmp_path)) is None
-        assert same(board.storage.contents, NEW_CONTENTS), "a finished one can be undone itself"
-
-    run(main())
+async def test_a_rollback_that_is_interrupted_goes_on_when_it_is_asked_for_again(tmp_path: Path) -> None:
+    board = Make().board(OLD_CONTENTS, 1)
+    await attempt(Cable(board), lambda board: board.apply_project(NEW, folder=tmp_path))
+    assert same(board.storage.contents, NEW_CONTENTS)
+    assert await attempt(Cable(board, sent=900), lambda board: board.rollback_project(folder=tmp_path)) is not None
+    assert board.storage.project_id in UNFINISHED
+    assert await attempt(Cable(board), lambda board: board.rollback_project(folder=tmp_path)) is None
+    assert same(board.storage.contents, OLD_CONTENTS)
+    assert await attempt(Cable(board), lambda board: board.rollback_project(folder=tmp_path)) is None
+    assert same(board.storage.contents, NEW_CONTENTS), "a finished one can be undone itself"
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])

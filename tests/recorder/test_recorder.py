@@ -71,15 +71,12 @@ def test_the_library_of_others_reads_it_by_its_index(tmp_path: Path) -> None:
         assert metadata.metadata["through"] == "board"
 
 
-def test_without_hz_nothing_is_sent(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with opened(FakeBoard(), angle_unit=None) as board:
-            sent = board.stats.frames_sent
-            async with record(tmp_path / "out.mcap", board, hz=0):
-                pass
-            assert board.stats.frames_sent == sent
-
-    run(main())
+async def test_without_hz_nothing_is_sent(tmp_path: Path) -> None:
+    async with opened(FakeBoard(), angle_unit=None) as board:
+        sent = board.stats.frames_sent
+        async with record(tmp_path / "out.mcap", board, hz=0):
+            pass
+        assert board.stats.frames_sent == sent
 
 
 def test_only_bytes(tmp_path: Path) -> None:

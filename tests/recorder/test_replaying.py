@@ -38,12 +38,9 @@ async def wave(board: Board) -> None:
 
 
 @pytest.mark.parametrize("options", ["", "?timing=0", "?speed=10"])
-def test_program_that_does_what_was_recorded(options: str) -> None:
-    async def main() -> None:
-        async with connect(f"replay://{WAVE}{options}") as board:
-            await wave(board)
-
-    run(main())
+async def test_program_that_does_what_was_recorded(options: str) -> None:
+    async with connect(f"replay://{WAVE}{options}") as board:
+        await wave(board)
 
 
 def replayed(path: Path, act: Callable[[Board], Awaitable[object]], patience: float = 3.0) -> None:
@@ -176,12 +173,9 @@ def test_address_that_is_refused(url: str) -> None:
         create(url)
 
 
-def test_closing_in_the_middle_leaves_nothing_behind() -> None:
-    async def main() -> None:
-        async with connect(f"replay://{WAVE}") as board:
-            asking = asyncio.ensure_future(board.move({1: 60, 2: -40}, speed=120, wait=True))
-            await asyncio.sleep(0.001)
-        with pytest.raises(ConnectionLost):
-            await asking
-
-    run(main())
+async def test_closing_in_the_middle_leaves_nothing_behind() -> None:
+    async with connect(f"replay://{WAVE}") as board:
+        asking = asyncio.ensure_future(board.move({1: 60, 2: -40}, speed=120, wait=True))
+        await asyncio.sleep(0.001)
+    with pytest.raises(ConnectionLost):
+        await asking

@@ -76,14 +76,11 @@ def test_an_opening_that_fails_is_told_though_closing_fails_or_hangs_too(caplog:
     assert caplog.text == ""
 
 
-def test_an_opening_that_hangs_is_given_up_after_a_minute() -> None:
-    async def main() -> None:
-        gadget = Gadget()
-        gadget.opens = hang
-        with pytest.raises(OpenError, match="gadget://1: the transport Gadget did not open it within 60 s"):
-            await connect(gadget)
-
-    run(main())
+async def test_an_opening_that_hangs_is_given_up_after_a_minute() -> None:
+    gadget = Gadget()
+    gadget.opens = hang
+    with pytest.raises(OpenError, match="gadget://1: the transport Gadget did not open it within 60 s"):
+        await connect(gadget)
 
 
 def test_a_closing_that_hangs_is_given_up_after_a_second(caplog: pytest.LogCaptureFixture) -> None:
@@ -102,58 +99,49 @@ def test_a_closing_that_hangs_is_given_up_after_a_second(caplog: pytest.LogCaptu
     assert "gadget://1: closing it failed: the transport Gadget did not close it within 1 s" in caplog.text
 
 
-def test_a_sending_that_hangs_loses_the_connection_for_all_who_wait() -> None:
-    async def main() -> None:
-        gadget = Gadget()
-        board = await connect(gadget)
-        gadget.sends = hang
-        begun = now()
-        asking = board.request(QueryServoRequest(255), timeout=0.2)
-        for outcome in await asyncio.gather(asking, board.stop(), return_exceptions=True):
-            assert isinstance(outcome, ConnectionLost)
-            assert "the transport Gadget did not return from send within 2" in str(outcome)
-        assert now() - begun <= 2.5
-        await board.close()
-        assert asyncio.all_tasks() == {asyncio.current_task()}
-
-    run(main())
+async def test_a_sending_that_hangs_loses_the_connection_for_all_who_wait() -> None:
+    gadget = Gadget()
+    board = await connect(gadget)
+    gadget.sends = hang
+    begun = now()
+    asking = board.request(QueryServoRequest(255), timeout=0.2)
+    for outcome in await asyncio.gather(asking, board.stop(), return_exceptions=True):
+        assert isinstance(outcome, ConnectionLost)
+        assert "the transport Gadget did not return from send within 2" in str(outcome)
+    assert now() - begun <= 2.5
+    await board.close()
+    assert asyncio.all_tasks() == {asyncio.current_task()}
 
 
-def test_a_send_that_waits_ends_with_the_connection() -> None:
-    async def main() -> None:
-        gadget, ear = Gadget(), Ear()
-        transport = contained(gadget)
-        await transport.open(ear)
-        gadget.sends = hang
-        sending = asyncio.ensure_future(transport.send(b"x"))
-        await asyncio.sleep(0.1)
-        await transport.close()
-        with pytest.raises(ConnectionLost, match="it is closed"):
-            await sending
-        assert ear.losses == [None]
-
-    run(main())
+async def test_a_send_that_waits_ends_with_the_connection() -> None:
+    gadget, ear = Gadget(), Ear()
+    transport = contained(gadget)
+    await transport.open(ear)
+    gadget.sends = hang
+    sending = asyncio.ensure_future(transport.send(b"x"))
+    await asyncio.sleep(0.1)
+    await transport.close()
+    with pytest.raises(ConnectionLost, match="it is closed"):
+        await sending
+    assert ear.losses == [None]
 
 
-def test_much_data_may_take_longer_and_one_send_behind_another_too() -> None:
-    async def main() -> None:
-        gadget, ear = Gadget(), Ear()
-        transport = contained(gadget)
-        await transport.open(ear)
-        line, times = asyncio.Lock(), iter((9, 1))
+async def test_much_data_may_take_longer_and_one_send_behind_another_too() -> None:
+    gadget, ear = Gadget(), Ear()
+    transport = contained(gadget)
+    await transport.open(ear)
+    line, times = asyncio.Lock(), iter((9, 1))
 
-        async def slowly() -> None:
-            async with line:
-                await asyncio.sleep(next(times))
+    async def slowly() -> None:
+        async with line:
+            await asyncio.sleep(next(times))
 
-        gadget.sends = slowly
-        begun = now()
-        await asyncio.gather(transport.send(bytes(9600)), transport.send(b"x"))
-        assert now() - begun == pytest.approx(10)
-        assert ear.losses == []
-        await transport.close()
-
-    run(main())
+    gadget.sends = slowly
+    begun = now()
+    await asyncio.gather(transport.send(bytes(9600)), transport.send(b"x"))
+    assert now() - begun == pytest.approx(10)
+    assert ear.losses == []
+    await transport.close()
 
 
 class Slow(BaseTransport):
@@ -185,17 +173,14 @@ class Slow(BaseTransport):
         pass
 
 
-def test_a_transport_that_reports_its_progress_is_lost_only_once_it_makes_none() -> None:
-    async def main() -> None:
-        slow, ear = Slow(), Ear()
-        transport = contained(slow)
-        await transport.open(ear)
-        begun = now()
-        with pytest.raises(ConnectionLost, match="the transport Slow did not return"):
-            await transport.send(b"x")
-        assert 12 <= now() - begun <= 13
-
-    run(main())
+async def test_a_transport_that_reports_its_progress_is_lost_only_once_it_makes_none() -> None:
+    slow, ear = Slow(), Ear()
+    transport = contained(slow)
+    await transport.open(ear)
+    begun = now()
+    with pytest.raises(ConnectionLost, match="the transport Slow did not return"):
+        await transport.send(b"x")
+    assert 12 <= now() - begun <= 13
 
 
 def test_our_own_transports_are_not_wrapped() -> None:
@@ -203,13 +188,10 @@ def test_our_own_transports_are_not_wrapped() -> None:
     assert all(contained(transport) is transport for transport in ours)
 
 
-def test_a_foreign_transport_inside_one_of_ours_is_contained_too() -> None:
-    async def main() -> None:
-        gadget = Gadget()
-        gadget.closes = hang
-        board = await connect(FaultyTransport(gadget, Faults()))
-        begun = now()
-        await board.close()
-        assert now() - begun <= 1
-
-    run(main())
+async def test_a_foreign_transport_inside_one_of_ours_is_contained_too() -> None:
+    gadget = Gadget()
+    gadget.closes = hang
+    board = await connect(FaultyTransport(gadget, Faults()))
+    begun = now()
+    await board.close()
+    assert now() - begun <= 1

@@ -53,85 +53,67 @@ def lose(kind: Kind) -> None:
     kind._lose(OSError("second"))
 
 
-def test_a_foreign_error_while_opening_is_an_open_error_that_names_it() -> None:
-    async def main() -> None:
-        transport, ear = Kind(opening=fail), Ear()
-        with pytest.raises(OpenError) as caught:
-            await transport.open(ear)
-        assert str(caught.value) == f"{SHOWN}: cannot open it: TimeoutError"
-        assert isinstance(caught.value.__cause__, TimeoutError)
-        assert (ear.losses, transport.aborts) == ([], 1)
-        with pytest.raises(ConnectionLost, match="closed"):
+async def test_a_foreign_error_while_opening_is_an_open_error_that_names_it() -> None:
+    transport, ear = Kind(opening=fail), Ear()
+    with pytest.raises(OpenError) as caught:
+        await transport.open(ear)
+    assert str(caught.value) == f"{SHOWN}: cannot open it: TimeoutError"
+    assert isinstance(caught.value.__cause__, TimeoutError)
+    assert (ear.losses, transport.aborts) == ([], 1)
+    with pytest.raises(ConnectionLost, match="closed"):
+        await transport.send(b"x")
+
+
+async def test_a_foreign_error_while_sending_is_the_end() -> None:
+    transport, ear = Kind(sending=fail), Ear()
+    await transport.open(ear)
+    text = f"{SHOWN}: the connection was lost: TimeoutError"
+    for _ in range(2):
+        with pytest.raises(ConnectionLost) as caught:
             await transport.send(b"x")
+        assert str(caught.value) == text
+    assert [str(loss) for loss in ear.losses] == [text]
+    assert transport.aborts == 1
 
-    run(main())
 
-
-def test_a_foreign_error_while_sending_is_the_end() -> None:
-    async def main() -> None:
-        transport, ear = Kind(sending=fail), Ear()
+async def test_a_connection_lost_while_it_is_opened_is_no_connection() -> None:
+    transport, ear = Kind(opening=lose), Ear()
+    with pytest.raises(OpenError, match=r"it was lost while being opened: .*first$"):
         await transport.open(ear)
-        text = f"{SHOWN}: the connection was lost: TimeoutError"
-        for _ in range(2):
-            with pytest.raises(ConnectionLost) as caught:
-                await transport.send(b"x")
-            assert str(caught.value) == text
-        assert [str(loss) for loss in ear.losses] == [text]
-        assert transport.aborts == 1
-
-    run(main())
+    await transport.close()
+    assert ear.losses == []
+    assert transport.aborts >= 2  # the second one after the opening, as there was nothing to release before
 
 
-def test_a_connection_lost_while_it_is_opened_is_no_connection() -> None:
-    async def main() -> None:
-        transport, ear = Kind(opening=lose), Ear()
-        with pytest.raises(OpenError, match=r"it was lost while being opened: .*first$"):
-            await transport.open(ear)
-        await transport.close()
-        assert ear.losses == []
-        assert transport.aborts >= 2  # the second one after the opening, as there was nothing to release before
-
-    run(main())
+async def test_a_transport_closed_while_it_is_opened_is_released_afterwards() -> None:
+    transport, ear = Kind(), Ear()
+    opening = asyncio.ensure_future(transport.open(ear))
+    await asyncio.sleep(0)
+    await transport.close()
+    with pytest.raises(OpenError, match="closed while being opened"):
+        await opening
+    assert ear.losses == []
 
 
-def test_a_transport_closed_while_it_is_opened_is_released_afterwards() -> None:
-    async def main() -> None:
-        transport, ear = Kind(), Ear()
-        opening = asyncio.ensure_future(transport.open(ear))
-        await asyncio.sleep(0)
-        await transport.close()
-        with pytest.raises(OpenError, match="closed while being opened"):
-            await opening
-        assert ear.losses == []
-
-    run(main())
-
-
-def test_the_first_cause_stays_and_each_caller_gets_an_error_of_its_own() -> None:
-    async def main() -> None:
-        transport, ear = Kind(), Ear()
-        await transport.open(ear)
-        lose(transport)
-        errors = []
-        for _ in range(2):
-            with pytest.raises(ConnectionLost, match="first") as caught:
-                await transport.send(b"x")
-            errors.append(caught.value)
-        assert len({id(error) for error in (*errors, *ear.losses)}) == 3
-        assert {str(error.__cause__) for error in errors} == {"first"}
-
-    run(main())
+async def test_the_first_cause_stays_and_each_caller_gets_an_error_of_its_own() -> None:
+    transport, ear = Kind(), Ear()
+    await transport.open(ear)
+    lose(transport)
+    errors = []
+    for _ in range(2):
+        with pytest.raises(ConnectionLost, match="first") as caught:
+            await transport.send(b"x")
+        errors.append(caught.value)
+    assert len({id(error) for error in (*errors, *ear.losses)}) == 3
+    assert {str(error.__cause__) for error in errors} == {"first"}
 
 
-def test_bytes_after_the_end_are_dropped() -> None:
-    async def main() -> None:
-        transport, ear = Kind(), Ear()
-        await transport.open(ear)
-        lose(transport)
-        transport._deliver(b"late")
-        assert ear.heard == b""
-
-    run(main())
+async def test_bytes_after_the_end_are_dropped() -> None:
+    transport, ear = Kind(), Ear()
+    await transport.open(ear)
+    lose(transport)
+    transport._deliver(b"late")
+    assert ear.heard == b""
 
 
 def test_opening_closing_and_losses_are_logged_as_information(caplog: pytest.LogCaptureFixture) -> None:

@@ -80,12 +80,9 @@ def test_a_recording_is_never_overwritten(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["no/such/folder.jsonl", "nul\0.jsonl"])
-def test_a_file_that_cannot_be_made_is_told(tmp_path: Path, name: str) -> None:
-    async def main() -> None:
-        with pytest.raises(OpenError, match=r"cannot record to .*; choose another file"):
-            await RecordingTransport(MemoryTransport.pair()[0], tmp_path / name).open(Ear())
-
-    run(main())
+async def test_a_file_that_cannot_be_made_is_told(tmp_path: Path, name: str) -> None:
+    with pytest.raises(OpenError, match=r"cannot record to .*; choose another file"):
+        await RecordingTransport(MemoryTransport.pair()[0], tmp_path / name).open(Ear())
 
 
 def test_a_connection_that_cannot_be_opened_leaves_no_file(tmp_path: Path) -> None:
@@ -143,59 +140,50 @@ def session(tmp_path: Path) -> Path:
     return path
 
 
-def test_what_was_received_comes_as_much_later_as_it_did(session: Path) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        transport, ear = ReplayTransport(session), Ear()
-        await transport.open(ear)
-        start = loop.time()
-        assert await ear.hear(1) == b"\xaa"
-        assert loop.time() - start == pytest.approx(1.0)
-        await asyncio.sleep(9)  # slower than the program that was recorded
-        assert ear.heard == b"\xaa"
-        await transport.send(b"\1\2")
-        assert await ear.hear(2) == b"\xaa\xbb"
-        assert loop.time() - start == pytest.approx(10.5)
-        await transport.send(b"\3\4")
-        assert await ear.hear(3) == b"\xaa\xbb\xcc"
-        assert loop.time() - start == pytest.approx(10.75)
-        assert "line 7: unplugged" in str(await ear.end())
-        assert loop.time() - start == pytest.approx(16.5)
-        with pytest.raises(ConnectionLost, match="unplugged"):
-            await transport.send(b"\5")
-        await transport.close()
-        assert len(ear.losses) == 1
-
-    run(main())
+async def test_what_was_received_comes_as_much_later_as_it_did(session: Path) -> None:
+    loop = asyncio.get_running_loop()
+    transport, ear = ReplayTransport(session), Ear()
+    await transport.open(ear)
+    start = loop.time()
+    assert await ear.hear(1) == b"\xaa"
+    assert loop.time() - start == pytest.approx(1.0)
+    await asyncio.sleep(9)  # slower than the program that was recorded
+    assert ear.heard == b"\xaa"
+    await transport.send(b"\1\2")
+    assert await ear.hear(2) == b"\xaa\xbb"
+    assert loop.time() - start == pytest.approx(10.5)
+    await transport.send(b"\3\4")
+    assert await ear.hear(3) == b"\xaa\xbb\xcc"
+    assert loop.time() - start == pytest.approx(10.75)
+    assert "line 7: unplugged" in str(await ear.end())
+    assert loop.time() - start == pytest.approx(16.5)
+    with pytest.raises(ConnectionLost, match="unplugged"):
+        await transport.send(b"\5")
+    await transport.close()
+    assert len(ear.losses) == 1
 
 
-def test_without_timing_it_comes_at_once_however_the_sends_are_cut(session: Path) -> None:
-    async def main() -> None:
-        loop = asyncio.get_running_loop()
-        transport, ear = create(f"replay://{session}?timing=0"), Ear()
-        start = loop.time()
-        await transport.open(ear)
-        await transport.send(b"\1")
-        assert await ear.hear(1) == b"\xaa"
-        await asyncio.sleep(0)
-        assert ear.heard == b"\xaa"
-        await transport.send(b"\2\3\4")
-        assert await ear.hear(3) == b"\xaa\xbb\xcc"
-        await ear.end()
-        assert loop.time() == start
-
-    run(main())
+async def test_without_timing_it_comes_at_once_however_the_sends_are_cut(session: Path) -> None:
+    loop = asyncio.get_running_loop()
+    transport, ear = create(f"replay://{session}?timing=0"), Ear()
+    start = loop.time()
+    await transport.open(ear)
+    await transport.send(b"\1")
+    assert await ear.hear(1) == b"\xaa"
+    await asyncio.sleep(0)
+    assert ear.heard == b"\xaa"
+    await transport.send(b"\2\3\4")
+    assert await ear.hear(3) == b"\xaa\xbb\xcc"
+    await ear.end()
+    assert loop.time() == start
 
 
-def test_a_program_ahead_of_the_recording_still_hears_all_in_order(session: Path) -> None:
-    async def main() -> None:
-        transport, ear = ReplayTransport(session), Ear()
-        await transport.open(ear)
-        await transport.send(b"\1\2\3\4")
-        await ear.end()
-        assert ear.heard == b"\xaa\xbb\xcc"
-
-    run(main())
+async def test_a_program_ahead_of_the_recording_still_hears_all_in_order(session: Path) -> None:
+    transport, ear = ReplayTransport(session), Ear()
+    await transport.open(ear)
+    await transport.send(b"\1\2\3\4")
+    await ear.end()
+    assert ear.heard == b"\xaa\xbb\xcc"
 
 
 @pytest.mark.parametrize(
@@ -206,41 +194,35 @@ def test_a_program_ahead_of_the_recording_still_hears_all_in_order(session: Path
         ([b"\1\2", b"\3\4\5"], "nothing more was sent in the recording, got 05"),
     ],
 )
-def test_a_program_that_says_something_else_is_stopped_at_the_line(
+async def test_a_program_that_says_something_else_is_stopped_at_the_line(
     session: Path, sends: list[bytes], reason: str
 ) -> None:
-    async def main() -> None:
-        transport, ear = ReplayTransport(session), Ear()
-        await transport.open(ear)
-        *good, bad = sends
-        for data in good:
-            await transport.send(data)
-        with pytest.raises(ConnectionLost, match="the program sent bytes different from the recording") as caught:
-            await transport.send(bad)
-        assert reason in str(caught.value)
-        assert ear.losses == [caught.value]
-        with pytest.raises(ConnectionLost, match="bytes different from the recording"):
-            await transport.send(b"\1")
-
-    run(main())
+    transport, ear = ReplayTransport(session), Ear()
+    await transport.open(ear)
+    *good, bad = sends
+    for data in good:
+        await transport.send(data)
+    with pytest.raises(ConnectionLost, match="the program sent bytes different from the recording") as caught:
+        await transport.send(bad)
+    assert reason in str(caught.value)
+    assert ear.losses == [caught.value]
+    with pytest.raises(ConnectionLost, match="bytes different from the recording"):
+        await transport.send(b"\1")
 
 
-def test_closing_ends_the_replay(session: Path) -> None:
-    async def main() -> None:
-        transport, ear = ReplayTransport(session), Ear()
-        with pytest.raises(ConnectionLost, match="not open"):
-            await transport.send(b"\1")
-        await transport.open(ear)
-        with pytest.raises(OpenError, match="make another"):
-            await transport.open(Ear())
-        await transport.close()
-        await transport.close()
-        await asyncio.sleep(10)
-        assert (ear.heard, ear.losses) == (b"", [None])
-        with pytest.raises(ConnectionLost, match="closed"):
-            await transport.send(b"\1")
-
-    run(main())
+async def test_closing_ends_the_replay(session: Path) -> None:
+    transport, ear = ReplayTransport(session), Ear()
+    with pytest.raises(ConnectionLost, match="not open"):
+        await transport.send(b"\1")
+    await transport.open(ear)
+    with pytest.raises(OpenError, match="make another"):
+        await transport.open(Ear())
+    await transport.close()
+    await transport.close()
+    await asyncio.sleep(10)
+    assert (ear.heard, ear.losses) == (b"", [None])
+    with pytest.raises(ConnectionLost, match="closed"):
+        await transport.send(b"\1")
 
 
 def test_what_a_recorder_wrote_can_be_replayed(tmp_path: Path) -> None:
@@ -322,17 +304,14 @@ def test_a_line_that_is_none_is_named(tmp_path: Path, line: str) -> None:
 
 
 @pytest.mark.parametrize("handshake", [True, False])
-def test_a_program_is_played_again_handshake_included(tmp_path: Path, *, handshake: bool) -> None:
-    async def main() -> None:
-        path = tmp_path / "session.jsonl"
-        recording = FaultyTransport(RecordingTransport(create("virtual://?servos=2"), path), Faults())
-        async with connect(recording, handshake=handshake) as board:
-            servos = await board.servos()
-        for _ in range(3):
-            async with connect(f"replay://{path}", handshake=handshake) as board:
-                assert await board.servos() == servos
-
-    run(main())
+async def test_a_program_is_played_again_handshake_included(tmp_path: Path, *, handshake: bool) -> None:
+    path = tmp_path / "session.jsonl"
+    recording = FaultyTransport(RecordingTransport(create("virtual://?servos=2"), path), Faults())
+    async with connect(recording, handshake=handshake) as board:
+        servos = await board.servos()
+    for _ in range(3):
+        async with connect(f"replay://{path}", handshake=handshake) as board:
+            assert await board.servos() == servos
 
 
 def test_a_line_that_a_crash_cut_short_is_left_out(session: Path) -> None:

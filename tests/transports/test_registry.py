@@ -141,19 +141,16 @@ def test_options_of_the_connection_are_no_business_of_another_package() -> None:
 
 
 @pytest.mark.usefixtures("_plug_ins")
-def test_another_package_may_bring_a_scheme() -> None:
-    async def main() -> None:
-        transport, far, ear = create("works://?name=x"), create("memory://x"), Ear()
-        assert transport.url == "works://?name=x"
-        await transport.open(ear)
-        await far.open(Ear())
-        await far.send(b"x")
-        assert await ear.hear(1) == b"x"
-        await transport.close()
-        assert ear.losses == [None]
-        await far.close()
-
-    run(main())
+async def test_another_package_may_bring_a_scheme() -> None:
+    transport, far, ear = create("works://?name=x"), create("memory://x"), Ear()
+    assert transport.url == "works://?name=x"
+    await transport.open(ear)
+    await far.open(Ear())
+    await far.send(b"x")
+    assert await ear.hear(1) == b"x"
+    await transport.close()
+    assert ear.losses == [None]
+    await far.close()
 
 
 @pytest.mark.usefixtures("_plug_ins")
@@ -187,58 +184,44 @@ def test_a_broken_plug_in_is_one_clear_refusal(scheme: str, reason: str) -> None
 
 
 @pytest.mark.usefixtures("_plug_ins")
-def test_an_opening_of_a_plug_in_that_fails_in_its_own_way_names_it() -> None:
-    async def main() -> None:
-        ear = Ear()
-        with pytest.raises(OpenError, match=r"fragile-open://: cannot open it: KeyError: 'acme\\x1b' .*acme-boards\)$"):
-            await create("fragile-open://").open(ear)
-        assert ear.losses == []
-
-    run(main())
+async def test_an_opening_of_a_plug_in_that_fails_in_its_own_way_names_it() -> None:
+    ear = Ear()
+    with pytest.raises(OpenError, match=r"fragile-open://: cannot open it: KeyError: 'acme\\x1b' .*acme-boards\)$"):
+        await create("fragile-open://").open(ear)
+    assert ear.losses == []
 
 
 @pytest.mark.usefixtures("_plug_ins")
-def test_a_plug_in_that_never_opens_is_given_up_after_a_minute() -> None:
-    async def main() -> None:
-        ear = Ear()
-        before = asyncio.get_running_loop().time()
-        with pytest.raises(OpenError, match=r"^fragile-wait://: the plug-in acme-boards did not open it within 60 s;"):
-            await create("fragile-wait://").open(ear)
-        assert asyncio.get_running_loop().time() - before <= 61, "nor is it waited for while it closes"
-        assert ear.losses == []
-
-    run(main())
+async def test_a_plug_in_that_never_opens_is_given_up_after_a_minute() -> None:
+    ear = Ear()
+    before = asyncio.get_running_loop().time()
+    with pytest.raises(OpenError, match=r"^fragile-wait://: the plug-in acme-boards did not open it within 60 s;"):
+        await create("fragile-wait://").open(ear)
+    assert asyncio.get_running_loop().time() - before <= 61, "nor is it waited for while it closes"
+    assert ear.losses == []
 
 
 @pytest.mark.usefixtures("_plug_ins")
-def test_a_sending_of_a_plug_in_that_fails_in_its_own_way_is_the_end_and_names_it() -> None:
-    async def main() -> None:
-        transport, ear = create("fragile-send://"), Ear()
-        await transport.open(ear)
-        for _ in range(2):
-            with pytest.raises(
-                ConnectionLost, match=r"lost: KeyError: 'acme\\x1b' \(raised by the plug-in acme-boards\)"
-            ):
-                await transport.send(b"x")
-        await transport.close()
-        assert [type(loss) for loss in ear.losses] == [ConnectionLost]
-
-    run(main())
+async def test_a_sending_of_a_plug_in_that_fails_in_its_own_way_is_the_end_and_names_it() -> None:
+    transport, ear = create("fragile-send://"), Ear()
+    await transport.open(ear)
+    for _ in range(2):
+        with pytest.raises(ConnectionLost, match=r"lost: KeyError: 'acme\\x1b' \(raised by the plug-in acme-boards\)"):
+            await transport.send(b"x")
+    await transport.close()
+    assert [type(loss) for loss in ear.losses] == [ConnectionLost]
 
 
 @pytest.mark.usefixtures("_plug_ins")
-def test_a_plug_in_that_loses_the_connection_twice_and_goes_on_loses_it_once() -> None:
-    async def main() -> None:
-        transport, ear = create("fragile-lose://"), Ear()
-        await transport.open(ear)
-        await transport.send(b"x")
-        await transport.close()
-        (loss,) = ear.losses
-        assert isinstance(loss, ConnectionLost)
-        assert "acme-boards" in str(loss)
-        assert ear.heard == b""
-
-    run(main())
+async def test_a_plug_in_that_loses_the_connection_twice_and_goes_on_loses_it_once() -> None:
+    transport, ear = create("fragile-lose://"), Ear()
+    await transport.open(ear)
+    await transport.send(b"x")
+    await transport.close()
+    (loss,) = ear.losses
+    assert isinstance(loss, ConnectionLost)
+    assert "acme-boards" in str(loss)
+    assert ear.heard == b""
 
 
 @pytest.mark.usefixtures("_plug_ins")

@@ -204,20 +204,17 @@ def test_intervals_can_be_in_milliseconds() -> None:
     assert (board.angle(2, START + 3.0), board.angle(2, START + 4.0)) == (0, 90)
 
 
-def test_a_client_meets_several_kinds_at_once() -> None:
-    async def main() -> None:
-        url = (
-            "virtual://?servos=2&mode=0&byte_order=big&caption_encoding=utf-16-le&memory_unit=1024&project_id_bits=16"
-            "&unknown_ids=silent&unsupported=QueryRemainPower&turnaround=0.002&queue=4&patience=0.2"
-        )
-        async with connect(url) as board:
-            await board.add_action(Action(1, "élan"))
-            assert (await board.action(1)).action_caption == "élan"
-            assert (await board.memory()).total_size == 64
-            with pytest.raises(RequestTimeout):
-                await board.battery()
-
-    run(main())
+async def test_a_client_meets_several_kinds_at_once() -> None:
+    url = (
+        "virtual://?servos=2&mode=0&byte_order=big&caption_encoding=utf-16-le&memory_unit=1024&project_id_bits=16"
+        "&unknown_ids=silent&unsupported=QueryRemainPower&turnaround=0.002&queue=4&patience=0.2"
+    )
+    async with connect(url) as board:
+        await board.add_action(Action(1, "élan"))
+        assert (await board.action(1)).action_caption == "élan"
+        assert (await board.memory()).total_size == 64
+        with pytest.raises(RequestTimeout):
+            await board.battery()
 
 
 def test_captions_are_stored_in_the_encoding_of_the_address() -> None:

@@ -41,16 +41,13 @@ def made(url: str) -> VirtualTransport | FaultyVirtualTransport:
     return from_address(Address.parse(url))
 
 
-def test_it_answers_in_a_later_turn_of_the_loop() -> None:
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard(servos=2)), Heard()
-        await transport.open(heard)
-        await transport.send(LIST + LIST)
-        assert heard.packets == []
-        assert await heard.until(2) == [QueryServoListResponse((1, 2))] * 2
-        await transport.close()
-
-    run(main())
+async def test_it_answers_in_a_later_turn_of_the_loop() -> None:
+    transport, heard = VirtualTransport(VirtualBoard(servos=2)), Heard()
+    await transport.open(heard)
+    await transport.send(LIST + LIST)
+    assert heard.packets == []
+    assert await heard.until(2) == [QueryServoListResponse((1, 2))] * 2
+    await transport.close()
 
 
 def test_the_address_makes_the_board() -> None:
@@ -127,79 +124,64 @@ def test_the_board_acts_by_itself_at_the_right_time() -> None:
     assert run(main()) == pytest.approx([0.0, 0.8])
 
 
-def test_a_macro_runs_in_the_time_of_the_loop() -> None:
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard()), Heard()
-        await transport.open(heard)
-        await ask(transport, heard, AddMacroRequest(1, "", (MacroCommand(100, 1, loop=7),)))
-        await ask(transport, heard, ExecuteMacroRequest(1))
-        await asyncio.sleep(0.65)
-        assert transport.board.player.macro_id == 1
-        await asyncio.sleep(0.1)
-        assert transport.board.player.macro_id == 0
-        await transport.close()
-
-    run(main())
+async def test_a_macro_runs_in_the_time_of_the_loop() -> None:
+    transport, heard = VirtualTransport(VirtualBoard()), Heard()
+    await transport.open(heard)
+    await ask(transport, heard, AddMacroRequest(1, "", (MacroCommand(100, 1, loop=7),)))
+    await ask(transport, heard, ExecuteMacroRequest(1))
+    await asyncio.sleep(0.65)
+    assert transport.board.player.macro_id == 1
+    await asyncio.sleep(0.1)
+    assert transport.board.player.macro_id == 0
+    await transport.close()
 
 
-def test_several_connections_lead_to_one_board() -> None:
-    async def main() -> None:
-        board = VirtualBoard()
-        one, other = VirtualTransport(board), VirtualTransport(board)
-        heard_one, heard_other = Heard(), Heard()
-        await one.open(heard_one)
-        await other.open(heard_other)
-        await ask(one, heard_one, SubscribeButtonEventRequest(1))
-        await ask(other, heard_other, QueryServoListRequest())
-        await one.close()
-        assert await ask(other, heard_other, QueryServoListRequest()) == heard_other.packets[0]
-        assert len(heard_one.packets) == 1
-        await other.close()
-        board.press_button(1, asyncio.get_running_loop().time())  # nobody is there, nothing is scheduled
-
-    run(main())
+async def test_several_connections_lead_to_one_board() -> None:
+    board = VirtualBoard()
+    one, other = VirtualTransport(board), VirtualTransport(board)
+    heard_one, heard_other = Heard(), Heard()
+    await one.open(heard_one)
+    await other.open(heard_other)
+    await ask(one, heard_one, SubscribeButtonEventRequest(1))
+    await ask(other, heard_other, QueryServoListRequest())
+    await one.close()
+    assert await ask(other, heard_other, QueryServoListRequest()) == heard_other.packets[0]
+    assert len(heard_one.packets) == 1
+    await other.close()
+    board.press_button(1, asyncio.get_running_loop().time())  # nobody is there, nothing is scheduled
 
 
-def test_closing_ends_it_once_and_what_was_under_way_is_lost() -> None:
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard()), Heard()
-        await transport.open(heard)
+async def test_closing_ends_it_once_and_what_was_under_way_is_lost() -> None:
+    transport, heard = VirtualTransport(VirtualBoard()), Heard()
+    await transport.open(heard)
+    await transport.send(LIST)
+    await transport.close()
+    await transport.close()
+    await asyncio.sleep(1)
+    assert heard.ends == [None]
+    assert heard.packets == []
+    with pytest.raises(ConnectionLost, match="closed"):
         await transport.send(LIST)
-        await transport.close()
-        await transport.close()
-        await asyncio.sleep(1)
-        assert heard.ends == [None]
-        assert heard.packets == []
-        with pytest.raises(ConnectionLost, match="closed"):
-            await transport.send(LIST)
-        with pytest.raises(OpenError, match="opened once"):
-            await transport.open(heard)
-
-    run(main())
-
-
-def test_it_cannot_be_used_before_it_is_open_or_opened_twice() -> None:
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard()), Heard()
-        with pytest.raises(ConnectionLost, match="not open yet"):
-            await transport.send(LIST)
+    with pytest.raises(OpenError, match="opened once"):
         await transport.open(heard)
-        with pytest.raises(OpenError, match="opened once"):
-            await transport.open(heard)
-        await transport.close()
-
-    run(main())
 
 
-def test_closed_unopened_it_cannot_be_opened() -> None:
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard()), Heard()
-        await transport.close()
-        with pytest.raises(OpenError):
-            await transport.open(heard)
-        assert heard.ends == []
+async def test_it_cannot_be_used_before_it_is_open_or_opened_twice() -> None:
+    transport, heard = VirtualTransport(VirtualBoard()), Heard()
+    with pytest.raises(ConnectionLost, match="not open yet"):
+        await transport.send(LIST)
+    await transport.open(heard)
+    with pytest.raises(OpenError, match="opened once"):
+        await transport.open(heard)
+    await transport.close()
 
-    run(main())
+
+async def test_closed_unopened_it_cannot_be_opened() -> None:
+    transport, heard = VirtualTransport(VirtualBoard()), Heard()
+    await transport.close()
+    with pytest.raises(OpenError):
+        await transport.open(heard)
+    assert heard.ends == []
 
 
 def test_a_receiver_that_fails_ends_the_connection() -> None:
@@ -220,16 +202,13 @@ def test_a_receiver_that_fails_ends_the_connection() -> None:
     run(main())
 
 
-def test_faults_of_the_address_are_applied() -> None:
-    async def main() -> None:
-        transport, heard = made("virtual://?servos=1&duplicate=1"), Heard()
-        await transport.open(heard)
-        await transport.send(LIST)
-        assert await heard.until(4) == [QueryServoListResponse((1,))] * 4  # doubled on the way there and back
-        assert list(transport.board.servos) == [1]
-        await transport.close()
-
-    run(main())
+async def test_faults_of_the_address_are_applied() -> None:
+    transport, heard = made("virtual://?servos=1&duplicate=1"), Heard()
+    await transport.open(heard)
+    await transport.send(LIST)
+    assert await heard.until(4) == [QueryServoListResponse((1,))] * 4  # doubled on the way there and back
+    assert list(transport.board.servos) == [1]
+    await transport.close()
 
 
 WRITE = Codec().encode(WriteProjectIDRequest(77))
@@ -398,16 +377,13 @@ def test_a_state_file_that_cannot_be_locked_opens_nothing(tmp_path: Path) -> Non
     run(main())
 
 
-def test_a_connection_with_a_state_file_is_restored_after_a_loss(tmp_path: Path) -> None:
-    async def main() -> None:
-        async with connect(f"virtual://?state={tmp_path / 'board.json'}", reconnect=True) as board:
-            await board.write_project_id(7)
-            assert isinstance(board.connection.transport, VirtualTransport)
-            board.connection.transport.unplug()
-            await until(board, "connected")
-            assert await board.project_id() == 7
-
-    run(main())
+async def test_a_connection_with_a_state_file_is_restored_after_a_loss(tmp_path: Path) -> None:
+    async with connect(f"virtual://?state={tmp_path / 'board.json'}", reconnect=True) as board:
+        await board.write_project_id(7)
+        assert isinstance(board.connection.transport, VirtualTransport)
+        board.connection.transport.unplug()
+        await until(board, "connected")
+        assert await board.project_id() == 7
 
 
 def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

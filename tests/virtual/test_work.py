@@ -35,7 +35,6 @@ from servolink.virtual.kind import BoardKind
 from servolink.virtual.serve import serve
 from servolink.virtual.transport import VirtualTransport
 from tests.virtual.host import START, Host
-from tests.virtual_time import run
 
 IDS = QueryProjectIDRequest()  # 9 bytes
 SERVOS = QueryServoListRequest()
@@ -271,22 +270,19 @@ def test_a_write_that_was_answered_is_whole() -> None:
         assert board.storage.project_id == 7
 
 
-def test_a_client_is_served_in_the_time_of_the_board() -> None:
-    async def main() -> None:
-        import asyncio
+async def test_a_client_is_served_in_the_time_of_the_board() -> None:
+    import asyncio
 
-        loop = asyncio.get_running_loop()
-        virtual = VirtualBoard(3, kind=BoardKind(turnaround=0.004, write_seconds=0.05, clear_seconds=2, queue=0))
-        async with connect(VirtualTransport(virtual), patience=10) as board:
-            start = loop.time()
-            for _ in range(10):
-                await board.servo_ids()
-            assert loop.time() - start == pytest.approx(0.04)
-            start = loop.time()
-            await board.add_action(Action(1, "wave"))
-            assert loop.time() - start == pytest.approx(0.054)
-
-    run(main())
+    loop = asyncio.get_running_loop()
+    virtual = VirtualBoard(3, kind=BoardKind(turnaround=0.004, write_seconds=0.05, clear_seconds=2, queue=0))
+    async with connect(VirtualTransport(virtual), patience=10) as board:
+        start = loop.time()
+        for _ in range(10):
+            await board.servo_ids()
+        assert loop.time() - start == pytest.approx(0.04)
+        start = loop.time()
+        await board.add_action(Action(1, "wave"))
+        assert loop.time() - start == pytest.approx(0.054)
 
 
 def test_over_a_pseudo_terminal_it_works_as_well() -> None:

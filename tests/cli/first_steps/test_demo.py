@@ -19,7 +19,6 @@ from servolink.cli.first_steps.demo_stage import FaultyLine
 from servolink.transports.memory import MemoryTransport
 from tests import processes
 from tests.cli.programs import Said, call, environment, in_terminal, program
-from tests.virtual_time import run
 
 NAMES = [name for name, _, _ in STEPS]
 
@@ -216,39 +215,36 @@ class ProbeResult:
         pass
 
 
-def test_the_line_does_one_thing_once() -> None:
-    async def main() -> None:
-        ours, theirs = MemoryTransport.pair()
-        line, heard = FaultyLine(ours), ProbeResult()
-        await line.open(heard)
-        await theirs.open(ProbeResult())
+async def test_the_line_does_one_thing_once() -> None:
+    ours, theirs = MemoryTransport.pair()
+    line, heard = FaultyLine(ours), ProbeResult()
+    await line.open(heard)
+    await theirs.open(ProbeResult())
 
-        async def comes(chunk: bytes) -> list[bytes]:
-            heard.chunks.clear()
-            await theirs.send(chunk)
-            await asyncio.sleep(0.001)
-            return list(heard.chunks)
+    async def comes(chunk: bytes) -> list[bytes]:
+        heard.chunks.clear()
+        await theirs.send(chunk)
+        await asyncio.sleep(0.001)
+        return list(heard.chunks)
 
-        assert await comes(b"good") == [b"good"]
-        line.damage_next()
-        (damaged,) = await comes(b"bad!")
-        assert sum(one != other for one, other in zip(damaged, b"bad!", strict=True)) == 1
-        assert await comes(b"good") == [b"good"]
-        line.hold_next()
-        assert await comes(b"late") == []
-        assert await comes(b"behind") == []
-        line.release()
-        assert heard.chunks == [b"late", b"behind"]
-        assert await comes(b"good") == [b"good"]
-        assert (line.damaged, line.held) == (1, 1)
-        line.hold_next()
-        assert await comes(b"lost") == []
-        await line.close()
-        await theirs.close()
-        line.release()
-        assert heard.chunks == []
-
-    run(main())
+    assert await comes(b"good") == [b"good"]
+    line.damage_next()
+    (damaged,) = await comes(b"bad!")
+    assert sum(one != other for one, other in zip(damaged, b"bad!", strict=True)) == 1
+    assert await comes(b"good") == [b"good"]
+    line.hold_next()
+    assert await comes(b"late") == []
+    assert await comes(b"behind") == []
+    line.release()
+    assert heard.chunks == [b"late", b"behind"]
+    assert await comes(b"good") == [b"good"]
+    assert (line.damaged, line.held) == (1, 1)
+    line.hold_next()
+    assert await comes(b"lost") == []
+    await line.close()
+    await theirs.close()
+    line.release()
+    assert heard.chunks == []
 
 
 @pytest.mark.parametrize(
