@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 from msgspec.structs import asdict
@@ -247,5 +247,5 @@ def _changed(text: str, aliases: Mapping[str, Alias]) -> str:
     return _MARK + changed if text.startswith(_MARK) else changed
 
 
-def _table(alias: Alias) -> dict[str, object]:
+def _table(alias: Alias) -> dict[str, Any]:
     return {"url": alias.url} | {name: value for name, value in asdict(alias).items() if value not in {"", None}}
