@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
+from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
+
 import servolink  # noqa: E402
 from servolink.client import board, connect  # noqa: E402
 from servolink.client.alarms import Alarm  # noqa: E402
@@ -55,8 +57,15 @@ autodoc_preserve_defaults = True
 
 
 def setup(app: Sphinx) -> None:
-    """Let Sphinx find the public names, which are documented as `servolink`'s own."""
+    """Let Sphinx find the public names, and read the sections of docstrings."""
     app.connect("missing-reference", resolve_public_name)
+    app.connect("autodoc-process-docstring", read_sections)
+
+
+def read_sections(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Turn sections such as Args and Raises into lists. Docstrings of attributes have none: "Seconds: ..." is text."""
+    if what in {"class", "function", "method"}:
+        lines[:] = GoogleDocstring(list(lines)).lines()
 
 
 def resolve_public_name(app: Sphinx, env: BuildEnvironment, node: pending_xref, contents: Any) -> Any:
