@@ -100,7 +100,7 @@ def drag_keyframes(page: Any, moves: int) -> Waits:
     """Drag one of many keyframes; return the times from each movement of the mouse until the page shows it."""
     page.get_by_role("link", name="Macros").click()
     page.locator(".clip").nth(KEYFRAMES - 1).wait_for(state="attached")
-    page.evaluate(f"import('/screens/macros/scale.js').then(({{ zoom }}) => {{ zoom.value = {_ZOOM} }})")
+    page.evaluate(f"import('/state/timeline.js').then(({{ zoom }}) => {{ zoom.value = {_ZOOM} }})")
     where = page.locator(".clip").nth(KEYFRAMES // 50).bounding_box()
     x, y = where["x"] + where["width"] / 2, where["y"] + where["height"] / 2
     page.mouse.move(x, y)
