@@ -105,7 +105,12 @@ def test_iterators_of_many_threads_share_one_part_of_the_board(monkeypatch: pyte
 
 @pytest.mark.parametrize(
     ("name", "hint"),
-    [("servoids", "; did you mean 'servo_ids'?"), ("mve", "; did you mean 'move'?"), ("xylophone", ""), ("__len", "")],
+    [
+        ("servoids", "; did you mean 'servo_ids'?"),
+        ("mve", "; did you mean 'move'?"),
+        ("xylophone", ""),
+        ("_xylophone", ""),
+    ],
 )
 def test_a_misspelt_method_suggests_the_right_one(name: str, hint: str) -> None:
     with opened(FakeBoard()) as board, pytest.raises(AttributeError) as error:
