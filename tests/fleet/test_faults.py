@@ -177,6 +177,9 @@ def test_a_movement_that_a_stalled_network_brings_late_is_not_made(
     async def main() -> None:
         async with network(broker, of_board=of_board) as (proxy, fleet, board):
             calls = Calls(monkeypatch)
+            async with asyncio.timeout(LIMIT):
+                while fleet.controller.roster["rex"].pulse is None:  # by which the board sees how old a command is
+                    await asyncio.sleep(0.01)
             proxy.hold()
             with pytest.raises(OutcomeUnknown):
                 await fleet.controller.call("rex", "move", MOVE, expires=1, patience=1.3)
