@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 from typing import Protocol
@@ -58,7 +59,7 @@ class Exchanger(Protocol):
         """Send the requests that may be sent again."""
 
 
-class Program:
+class Program(ABC):
     """Session of a program at a hub."""
 
     def __init__(
@@ -95,9 +96,9 @@ class Program:
         self._joined_at = self._now()
 
     @property
+    @abstractmethod
     def waiting(self) -> int:
         """How many of its requests are not over."""
-        raise NotImplementedError
 
     @property
     def garbage(self) -> int:
@@ -136,15 +137,15 @@ class Program:
         self.has_left = True
         self._hub.forget(self)
 
+    @abstractmethod
     def finish(
         self, exchange: Exchange, response: Packet | None, content: bytes | None = None, codec: Codec | None = None
     ) -> None:
         """Finish a request with a response, or with None; `content` is how `codec` would write it."""
-        raise NotImplementedError
 
+    @abstractmethod
     def push(self, event: ButtonEvent) -> None:
         """Pass on a button event."""
-        raise NotImplementedError
 
 
 class FrameProgram(Program):
