@@ -108,9 +108,9 @@ def take_away() -> None:
         setattr(asyncio.SelectorEventLoop, name, _only_for_asyncio(name, getattr(asyncio.SelectorEventLoop, name)))
     for name in MODULES.split():
         sys.modules[name] = None  # type: ignore[assignment]  # so that its import fails
-    vars(shutil)["_winapi"] = types.SimpleNamespace(NeedCurrentDirectoryForExePath=lambda command: True)  # from 3.12 on
-    if hasattr(os, "process_cpu_count"):  # from Python 3.13 on; on Windows both are the same
-        os.process_cpu_count = os.cpu_count
+    answer = types.SimpleNamespace(NeedCurrentDirectoryForExePath=lambda command: True)
+    for owner, name, value in ((shutil, "_winapi", answer), (os, "process_cpu_count", os.cpu_count)):
+        setattr(owner, name, value)  # which Python reads from 3.12 and 3.13 on
     for owner, names in ((os, FUNCTIONS), (signal, SIGNALS), (select, "epoll poll")):
         for name in names.split():
             if hasattr(owner, name):
