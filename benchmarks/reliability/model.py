@@ -7,7 +7,7 @@ in, everything that may happen next is tried; after each step must hold:
 * what a caller gets answers its question, and was asked for after its first sending; a command's result belongs to
   its one sending;
 * a slot is over once, and only if its response cannot come any more;
-* every response that comes has a slot which it may answer, and every kept response belongs to an open slot;
+* every response that comes has a slot which it may answer, and every unmatched response belongs to an open slot;
 * nothing is open beside a packet that must be alone;
 * the response to one more fence settles everything.
 """
@@ -128,7 +128,7 @@ class State:
             tuple(self.callers),
             tuple(self.left.values()),
             tuple((slot.sent_at, slot.overdue) for lane in lanes for slot in lane.slots),
-            tuple((lane.response_id, lane.stopped, tuple(lane.kept)) for lane in lanes),
+            tuple((lane.response_id, lane.stopped, tuple(lane.unmatched)) for lane in lanes),
         )
 
 
@@ -270,15 +270,15 @@ class Model:
             state.callers[caller] = _OVER
 
     def _check(self, state: State) -> None:
-        kept = 0
+        unmatched = 0
         for lane in state.slots.lanes.values():
             numbers = [int(slot.sent_at) for slot in lane.slots]
-            kept += len(lane.kept)
-            for content in lane.kept:
+            unmatched += len(lane.unmatched)
+            for content in lane.unmatched:
                 if not any(content in _responses(state.sent[number][1], number) for number in numbers):
-                    raise Violation(_told(state, f"{content} is kept, but belongs to no open slot"))
-        if kept != state.slots.kept:
-            raise Violation(_told(state, f"{kept} responses are kept, not {state.slots.kept}"))
+                    raise Violation(_told(state, f"{content} is unmatched, but belongs to no open slot"))
+        if unmatched != state.slots.unmatched:
+            raise Violation(_told(state, f"{unmatched} responses are unmatched, not {state.slots.unmatched}"))
         self._check_fence(state.copy("one more fence is answered"))
 
     def _check_fence(self, state: State) -> None:
@@ -288,7 +288,7 @@ class Model:
                 return  # not on an idle lane
         self._send(state, _FENCE, self._case.fence)
         state.slots.settle(self._case.fence.packet_id + 1, numbered(self._case.fence, len(state.sent) - 1))
-        if state.slots.kept or any(lane.slots for lane in state.slots.lanes.values()):
+        if state.slots.unmatched or any(lane.slots for lane in state.slots.lanes.values()):
             raise Violation(_told(state, "something is still open"))
 
 
@@ -323,7 +323,7 @@ def _copy(slots: Slots) -> Slots:
     copy.lanes = {}
     for response_id, lane in slots.lanes.items():
         copy.lanes[response_id] = one = copy_of(lane)
-        one.slots, one.kept = deque(), lane.kept.copy()
+        one.slots, one.unmatched = deque(), lane.unmatched.copy()
 
     def twin(slot: Slot) -> Slot:
         if (known := twins.get(id(slot))) is None:

@@ -40,7 +40,7 @@ class QueryAsker:
             self._answers.lost(error)  # wakes the call
             return
         if taking is not None:
-            self._tasks.begin(self._until_taken(taking))
+            self._tasks.begin(self._await_transport(taking))
         if sender.may_need_mark:
             self._tasks.begin(sender.mark(call))
 
@@ -68,7 +68,7 @@ class QueryAsker:
         self._answers.leave(call)
         done(outcome, call.content)
 
-    async def _until_taken(self, taking: Awaitable[None]) -> None:
+    async def _await_transport(self, taking: Awaitable[None]) -> None:
         try:
             await taking
         except ConnectionLost as error:

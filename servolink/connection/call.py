@@ -21,7 +21,7 @@ UNKNOWN_SIZE = 1 << 40
 
 
 class Lane:
-    """One response id with its open slots in the order sent, and the kept responses."""
+    """One response id with its open slots in the order sent, and the unmatched responses."""
 
     def __init__(self, response_id: int) -> None:
         """Start without slots."""
@@ -31,7 +31,7 @@ class Lane:
         """Whether all slots have the same repeatable request: the usual case, without a search."""
         self.overdue = 0
         """Number of overdue slots."""
-        self.kept: list[Content] = []
+        self.unmatched: list[Content] = []
         """Responses with several possible slots, in order of arrival."""
         self.stopped = False
         """Whether a stop on this lane is not settled: no response on the lane can be assigned to a slot."""
@@ -47,8 +47,8 @@ class Lane:
 
     def heard(self, size: int) -> None:
         """Learn from a frame of `size` bytes."""
-        known = self.response_size
-        self.response_size = size if size > known or known == UNKNOWN_SIZE else known - (known - size) // 8
+        former = self.response_size
+        self.response_size = size if size > former or former == UNKNOWN_SIZE else former - (former - size) // 8
 
     def hand_down(self, call: Call) -> Call:
         """Give the oldest awaited slot to `call`, whose slots are all over, and return the next call to send.

@@ -71,13 +71,13 @@ class DepthClimb:
         self._answered_at: float | None = None
         self._rival: Epoch | None = None  # during a trial: the epoch at the depth before
         self._loss = self._usual_loss = 0.0  # at this depth: smoothed, and when the depth was found
-        self._wait = self._epochs_left = 0  # until a greater depth is tried
+        self._wait = self._epochs_to_trial = 0  # until a greater depth is tried
         self._has_tried = False  # any other depth than 1
 
-    def answered(self, now: float, *, full: bool, wanted: bool) -> None:
+    def answered(self, now: float, *, full: bool, has_backlog: bool) -> None:
         """Count a response received at `now`, in seconds.
 
-        `full`: as many requests were under way as the depth allows; `wanted`: more of them wait.
+        `full`: as many requests were under way as the depth allows; `has_backlog`: more of them wait.
         """
         since, self._answered_at = self._answered_at, now if full else None
         epoch = self._epoch
@@ -87,7 +87,7 @@ class DepthClimb:
             epoch.responses += 1
             epoch.seconds += now - since
             if epoch.responses % epoch.length == 0:
-                self._judge(epoch, wanted=wanted)
+                self._judge(epoch, has_backlog=has_backlog)
 
     def leap(self) -> None:
         """Try the bound at once, unless another depth was tried: a transfer may be over before a climb is.
@@ -106,11 +106,11 @@ class DepthClimb:
             if rival is not None and rival.depth < epoch.depth and _is_hopeless(rival, epoch):
                 self._return_to(rival)
 
-    def _judge(self, epoch: Epoch, *, wanted: bool) -> None:
+    def _judge(self, epoch: Epoch, *, has_backlog: bool) -> None:
         """End an epoch: go on, try another depth, or end a trial."""
         rival = self._rival
         if rival is None:
-            self._look_around(epoch, wanted=wanted)
+            self._look_around(epoch, has_backlog=has_backlog)
             return
         less, more = sorted((rival, epoch), key=lambda each: each.depth)
         faster, loses_more = more.is_faster_than(less), more.loses_more_than(less)
@@ -123,20 +123,20 @@ class DepthClimb:
         self._wait = 0
         self._loss = epoch.loss
         if epoch is more:
-            self._usual_loss, self._epochs_left = epoch.loss, 0
+            self._usual_loss, self._epochs_to_trial = epoch.loss, 0
         else:
-            self._epochs_left = FIRST_WAIT
-        self._look_around(epoch, wanted=wanted)
+            self._epochs_to_trial = FIRST_WAIT
+        self._look_around(epoch, has_backlog=has_backlog)
 
-    def _look_around(self, epoch: Epoch, *, wanted: bool) -> None:
+    def _look_around(self, epoch: Epoch, *, has_backlog: bool) -> None:
         """Try another depth after an epoch if a trial is due."""
         self._loss += (epoch.loss - self._loss) / 4
         if self._loss > self._usual_loss + MORE_LOSS and epoch.depth > 1:
             self._try((epoch.depth + 1) // 2)
-        elif wanted and self._epochs_left <= 0 and epoch.depth < self.bound:
+        elif has_backlog and self._epochs_to_trial <= 0 and epoch.depth < self.bound:
             self._try(min(2 * epoch.depth, self.bound))
         else:
-            self._epochs_left -= 1
+            self._epochs_to_trial -= 1
             self._epoch = Epoch(epoch.depth)
 
     def _try(self, depth: int) -> None:
@@ -148,7 +148,7 @@ class DepthClimb:
         """End an unsuccessful trial."""
         if rival.depth < self.depth:
             self._wait = min(max(FIRST_WAIT, 2 * self._wait), LONGEST_WAIT)
-            self._epochs_left = self._wait
+            self._epochs_to_trial = self._wait
         self._usual_loss = self._loss
         self._rival = None
         self._go_to(rival.depth)

@@ -162,7 +162,7 @@ class Connection:
     @property
     def pace(self) -> float:
         """Bytes per second that the line is known to carry, 0 if they are unknown."""
-        return self._window.known_pace
+        return self._window.least_pace
 
     @property
     def has_waiting(self) -> bool:
@@ -308,7 +308,7 @@ class Connection:
         given. What a gate refuses (see `gates`) raises its error, and is not sent.
         """
         asking = self._request(packet, timeout, first, unchecked, ticket, begun_at)
-        return self.taps.follow(packet, asking) if self.taps.heard_by else asking
+        return self.taps.follow(packet, asking) if self.taps.members else asking
 
     async def _request(
         self,
@@ -364,7 +364,7 @@ class Connection:
         `ticket` is as for `request`.
         """
         sending = self._send(packet, ticket)
-        return self.taps.follow(packet, sending) if self.taps.heard_by else sending
+        return self.taps.follow(packet, sending) if self.taps.members else sending
 
     async def _send(self, packet: Command, ticket: Ticket | None) -> bool:
         self._check_loop()
@@ -386,7 +386,7 @@ class Connection:
     def send_stop(self, packet: SetServoParameterRequest) -> Coroutine[Any, Any, bool]:
         """Return a coroutine to send `packet` ahead of everything else, without waiting for the response."""
         sending = self._send_stop(packet)
-        return self.taps.follow(packet, sending) if self.taps.heard_by else sending
+        return self.taps.follow(packet, sending) if self.taps.members else sending
 
     async def _send_stop(self, packet: SetServoParameterRequest) -> bool:
         self._check_loop()
@@ -442,7 +442,7 @@ class Connection:
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
             excuse = self.lifecycle.excuse
-            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, held=excuse) from None
+            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, excuse=excuse) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)

@@ -129,7 +129,7 @@ class ResponseDispatcher:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.stats.bytes_received += len(chunk)
-        if self.taps.heard_by:
+        if self.taps.members:
             self.taps.received(chunk)
         self._heard_at = self._now()
         self._load = None
@@ -241,30 +241,30 @@ class ResponseDispatcher:
         if settled is None:
             self.stats.mismatched += 1
             return
-        asked_at = self._restarted_at
+        free_at = self._restarted_at
         if settled:
             call = settled[-1][0].call
             if call is not None and call.on_wake is not None and settled[-1][1] is decoded:
                 call.content = content
             self._restart(self._heard_at)
             if learns and self._load is not None:
-                self._learn(self._load, settled, len(content) + OVERHEAD, asked_at)
-        self._report(settled, asked_at)
+                self._learn(self._load, settled, len(content) + OVERHEAD, free_at)
+        self._report(settled, free_at)
 
-    def _report(self, settled: list[Settled], asked_at: float = 0.0) -> None:
+    def _report(self, settled: list[Settled], free_at: float = 0.0) -> None:
         """Notify the calls of slots that are over; then further requests may be sent.
 
-        `asked_at` is when the slot that was answered became the oldest one.
+        `free_at` is when the slot that was answered became the oldest one.
         """
         for slot, content in settled:
             if slot.holds_permit_of is not None:
-                self._release_held(slot)
+                self._release_permit(slot)
             call = slot.call
             if content is None:
                 self.answered_in_a_row = 0
             else:
                 self.answered_in_a_row += 1
-                self._time(slot, max(asked_at, slot.sent_at))
+                self._time(slot, max(free_at, slot.sent_at))
             if call is None:
                 continue
             if slot.is_fence:
@@ -285,24 +285,24 @@ class ResponseDispatcher:
         if self._scheduler.waiting:
             self._scheduler.grant()
 
-    def _learn(self, load: Load, settled: list[Settled], size: int, asked_at: float) -> None:
-        """Learn from slots settled by a response of `size` bytes; the previous response came at `asked_at`."""
-        if settled[-1][0].sent_at < asked_at and not self._expired:
-            self._scheduler.window.heard(size, self._heard_at - asked_at)
+    def _learn(self, load: Load, settled: list[Settled], size: int, free_at: float) -> None:
+        """Learn from slots settled by a response of `size` bytes; the previous response came at `free_at`."""
+        if settled[-1][0].sent_at < free_at and not self._expired:
+            self._scheduler.window.heard(size, self._heard_at - free_at)
         self._expired = False
         for slot, content in settled:
             if content is not None and not slot.is_fence:
-                load.climb.answered(self._heard_at, full=load.is_full, wanted=load.wants_more)
+                load.climb.answered(self._heard_at, full=load.is_full, has_backlog=load.has_backlog)
             elif content is None and not slot.overdue:  # an overdue slot was counted before
                 load.climb.lost()
 
-    def _time(self, slot: Slot, asked_at: float) -> None:
-        """Take the time of a response into account; the board was free to respond from `asked_at` on."""
+    def _time(self, slot: Slot, free_at: float) -> None:
+        """Take the time of a response into account; the board was free to respond from `free_at` on."""
         call = slot.call
         if call is not None and call.response is not None:
             self.times.late()  # the call had a response already
         elif not slot.overdue:  # a response to an overdue slot may belong to another sending
-            self.times.record(slot.request.packet_id, self._heard_at - asked_at)
+            self.times.record(slot.request.packet_id, self._heard_at - free_at)
         elif call is None or call.is_over:
             self.times.late()
 
@@ -346,9 +346,9 @@ class ResponseDispatcher:
     def _mark_overdue(self, slot: Slot) -> None:
         if not slot.overdue:
             self._slots.expire(slot)
-        self._release_held(slot)
+        self._release_permit(slot)
 
-    def _release_held(self, slot: Slot) -> None:
+    def _release_permit(self, slot: Slot) -> None:
         packet, slot.holds_permit_of = slot.holds_permit_of, None
         if packet is not None:
             self._scheduler.release(packet)
@@ -385,10 +385,10 @@ class ResponseDispatcher:
         """Put the deadline off while a response, or anything else, is arriving; else give a false start up."""
         while self._parser.partial_frame:
             arrival = self._arrival = self._arrival or _Arrival()
-            packet_id, received, wanted = self._parser.partial_frame
+            packet_id, received, total = self._parser.partial_frame
             lane = self._slots.lanes.get(packet_id)
             # By the rate, as tries can be short: at 115200 baud the longest list takes 6 s.
-            least = wanted * (now - self._restarted_at) / _LONGEST_ARRIVAL
+            least = total * (now - self._restarted_at) / _LONGEST_ARRIVAL
             if lane is not None and lane.slots and received - arrival.received >= least:
                 self._restarted_at, arrival.received = now, received
                 return

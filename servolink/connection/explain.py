@@ -25,18 +25,18 @@ def timed_out(
     *,
     answers_others: bool = False,
     through_hub: bool = False,
-    held: str = "",
+    excuse: str = "",
 ) -> RequestTimeout:
     """Return the error for an unanswered request, with the likely causes in order.
 
     `answers_others`: the board has answered what was sent after it. `through_hub`: a hub that reaches the board has
-    repeated the request. `held`: why the board cannot answer now.
+    repeated the request. `excuse`: why the board cannot answer now.
     """
-    asked = f"{described(packet)} was not answered by {escape(url)}"
+    failure = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
-    if held:
-        causes = f"{escape(held)}; try again later"
+    if excuse:
+        causes = f"{escape(excuse)}; try again later"
     elif through_hub and tries:
         causes = (
             "the hub has sent it several times and got no response either: the board may not know it or what it asks "
@@ -54,7 +54,7 @@ def timed_out(
             "right? `servolink doctor` finds out"
         )
     noise = f"; {stats.noise} received bytes were part of no frame" if stats.noise else ""
-    return RequestTimeout(f"{asked} {how}: {causes}{noise}", packet)
+    return RequestTimeout(f"{failure} {how}: {causes}{noise}", packet)
 
 
 def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:

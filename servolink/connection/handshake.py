@@ -86,15 +86,15 @@ class Handshake:
         is_latest = kind == self._on_its_way
         if is_latest:
             self._on_its_way = None
-        is_ours = self._unanswered[kind] > 0  # or apparently: a slow board answers both of two sendings
-        self._unanswered[kind] -= is_ours
+        is_answer = self._unanswered[kind] > 0  # or apparently: a slow board answers both of two sendings
+        self._unanswered[kind] -= is_answer
         # Before the last query is sent, a response to the last query belongs to another program.
         if kind == expected and (kind != self._word[-1] or kind in self._sent):
             self._matched += 1
         elif is_latest and self._silent[expected] >= MOST_SILENT:
             self.unsupported.add(expected)
             self._draw(SECOND_LENGTH)
-        elif not is_ours or not (is_latest or len(self._word) > FIRST_LENGTH or self._was_just_matched(kind)):
+        elif not is_answer or not (is_latest or len(self._word) > FIRST_LENGTH or self._was_just_matched(kind)):
             if len(self._word) == FIRST_LENGTH:
                 self._draw(SECOND_LENGTH)
             self._fall_back(kind)
@@ -126,6 +126,6 @@ class Handshake:
 
     def _fall_back(self, kind: int) -> None:
         """Keep the longest prefix of the word among the suffixes of the responses so far."""
-        heard = [*self._word[: self._matched], kind]
-        lengths = range(len(heard), -1, -1)
-        self._matched = next(length for length in lengths if heard[len(heard) - length :] == self._word[:length])
+        kinds = [*self._word[: self._matched], kind]
+        lengths = range(len(kinds), -1, -1)
+        self._matched = next(length for length in lengths if kinds[len(kinds) - length :] == self._word[:length])

@@ -39,7 +39,7 @@ _LONGEST_TRY = 1.0  # seconds, on a slow line
 _WAKE_AFTER = 2  # silent tries
 _SILENT_PATIENCES, _MOST_PATIENCES = 2, 4
 """A board that has answered is given up after so many patiences of silence, and after so many in all."""
-_NOT_ASKED = {TransmissionModeSettingResponse.packet_id, SetServoParameterResponse.packet_id}
+_COMMAND_RESPONSES = {TransmissionModeSettingResponse.packet_id, SetServoParameterResponse.packet_id}
 """Responses to what may be sent during an opening: they say nothing of earlier programs."""
 _logger = logging.getLogger(__name__)
 
@@ -87,19 +87,19 @@ class Opening:
         self._silent_tries = 0
         self._now = 0.0  # the latest passed deadline
         self._timed: int | None = None  # the kind under way, if sent once
-        self._asked_at: dict[int, float] = {}  # by kind: time of the first sending since the latest response
+        self._first_sent_at: dict[int, float] = {}  # by kind: time of the first sending since the latest response
         self._round_trip = 0.0  # of the latest query, repeats included
 
     def heard(self, packet_id: int) -> None:
         """Take a response with this id into account, whatever the content."""
         self._heard_at = self._loop.time()
         kind = packet_id - 1
-        if (asked_at := self._asked_at.pop(kind, None)) is not None:
-            self._round_trip = self._heard_at - asked_at
+        if (sent_at := self._first_sent_at.pop(kind, None)) is not None:
+            self._round_trip = self._heard_at - sent_at
             if kind == self._timed:
                 self._times.record(kind, self._round_trip)
         self._silent_tries = 0
-        if packet_id not in _NOT_ASKED:
+        if packet_id not in _COMMAND_RESPONSES:
             self._handshake.heard(kind)
         self._news.set()
 
@@ -136,13 +136,13 @@ class Opening:
                 kind = self._handshake.query()
                 if kind is not None:
                     self._timed = kind
-                    self._asked_at.pop(kind, None)
+                    self._first_sent_at.pop(kind, None)
                 elif now >= due:
                     kind, self._timed = await self._repeat(), None
                 if kind is not None and not self._handshake.is_provable:
                     return await self._open_unproved(_BY_ID[kind])
                 if kind is not None:
-                    self._asked_at.setdefault(kind, now)
+                    self._first_sent_at.setdefault(kind, now)
                     due = now + self._try(kind)
                     await self._send(_BY_ID[kind])
                 await self._wait(min(due, self._limit(begun)))
@@ -185,25 +185,25 @@ class Opening:
     def _give_up_if_late(self, now: float, begun: float) -> None:
         if now < self._limit(begun):
             return
-        asked = f"{self._handshake.sendings} queries in {now - begun:.1f} s"
+        effort = f"{self._handshake.sendings} queries in {now - begun:.1f} s"
         where = escape(self._url)
         if self._heard_at is not None:
-            raise self._too_little(asked)
+            raise self._too_little(effort)
         if self._received() > self._received_before:
             raise OpenError(
-                f"{where} sends bytes, but no frame of this protocol ({asked}): try the other byte order "
+                f"{where} sends bytes, but no frame of this protocol ({effort}): try the other byte order "
                 f"(byte_order={self._other_order}) or another baud rate; it may also be another device; `servolink "
                 "doctor` finds out"
             )
         raise OpenError(
-            f"{where} is open, but no board answers ({asked}): is it switched on, is this its port, is it a data "
+            f"{where} is open, but no board answers ({effort}): is it switched on, is this its port, is it a data "
             f"cable? Else try another baud rate or the other byte order (byte_order={self._other_order}); `servolink "
             "doctor` finds out"
         )
 
-    def _too_little(self, asked: str) -> OpenError:
+    def _too_little(self, effort: str) -> OpenError:
         return OpenError(
-            f"{escape(self._url)} answers, but too little to be sure whose responses they are ({asked}): the line is "
+            f"{escape(self._url)} answers, but too little to be sure whose responses they are ({effort}): the line is "
             "bad, or the board is busy; try again, or run `servolink doctor`"
         )
 

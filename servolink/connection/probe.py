@@ -90,12 +90,12 @@ async def _project_id(
     loop = asyncio.get_running_loop()
     codec = Codec(byte_order)
     begun = loop.time()
-    heard = ear.listen_for(codec, QueryProjectIDResponse.packet_id)
+    answer = ear.listen_for(codec, QueryProjectIDResponse.packet_id)
     await transport.send(codec.encode(QueryProjectIDRequest()))
-    await asyncio.wait((heard,), timeout=patience)
-    if not heard.done():
+    await asyncio.wait((answer,), timeout=patience)
+    if not answer.done():
         return None
-    response = heard.result()
+    response = answer.result()
     if not isinstance(response, QueryProjectIDResponse):
         return None
     return ProbeResponse(byte_order, mode, response.project_id, loop.time() - begun)
@@ -107,13 +107,13 @@ class _Ear:
 
     received: int = 0
     _parsers: list[FrameParser] = field(default_factory=lambda: [FrameParser(order) for order in BYTE_ORDERS])
-    _wanted: tuple[Codec, int, asyncio.Future[Packet]] | None = None
+    _expected: tuple[Codec, int, asyncio.Future[Packet]] | None = None
 
     def listen_for(self, codec: Codec, packet_id: int) -> asyncio.Future[Packet]:
         """Return a future for the next packet with the id in the byte order of `codec`."""
-        heard = asyncio.get_running_loop().create_future()
-        self._wanted = codec, packet_id, heard
-        return heard
+        answer = asyncio.get_running_loop().create_future()
+        self._expected = codec, packet_id, answer
+        return answer
 
     def data(self, chunk: bytes, /) -> None:
         self.received += len(chunk)
@@ -122,14 +122,14 @@ class _Ear:
                 self._take(parser.byte_order, frame)
 
     def lost(self, error: Exception | None, /) -> None:
-        if self._wanted is not None and not self._wanted[2].done():
-            heard = self._wanted[2]
-            heard.set_exception(ConnectionLost(f"it was lost while being asked: {escape(str(error))}"))
-            heard.exception()  # retrieved, as perhaps no task waits any more
+        if self._expected is not None and not self._expected[2].done():
+            answer = self._expected[2]
+            answer.set_exception(ConnectionLost(f"it was lost while being asked: {escape(str(error))}"))
+            answer.exception()  # retrieved, as perhaps no task waits any more
 
     def _take(self, byte_order: ByteOrder, frame: Frame) -> None:
         packet_id, content = frame
-        if self._wanted is not None:
-            codec, wanted, heard = self._wanted
-            if (codec.byte_order, wanted) == (byte_order, packet_id) and not heard.done():
-                heard.set_result(codec.decode(packet_id, content))
+        if self._expected is not None:
+            codec, expected_id, answer = self._expected
+            if (codec.byte_order, expected_id) == (byte_order, packet_id) and not answer.done():
+                answer.set_result(codec.decode(packet_id, content))

@@ -51,7 +51,7 @@ class Window:
         """Whether there is anything to learn."""
         if not learn:
             self.queries.depth, self.writes.depth = depth, write_depth
-        self.known_pace = bytes_per_second
+        self.least_pace = bytes_per_second
         """Known bytes per second of the line; 0 for an unknown line."""
         self.pace = bytes_per_second
         """Bytes per second of the line, as known or measured; 0 before the first measurement."""
@@ -92,7 +92,7 @@ class Window:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
         self._bytes += size
         self._seconds += seconds
-        self.pace = max(self.known_pace, self._bytes / max(self._seconds, 1e-9))
+        self.pace = max(self.least_pace, self._bytes / max(self._seconds, 1e-9))
 
 
 class Waiting(Struct, eq=False):
@@ -109,7 +109,7 @@ class Load(Struct, frozen=True):
     climb: DepthClimb
     """Depth in force for the requests under way."""
     is_full: bool
-    wants_more: bool
+    has_backlog: bool
     """Whether somebody waits because of the depth."""
 
 
@@ -251,8 +251,8 @@ class RequestScheduler:
 
     def _has_room(self, packet: Request[Any] | Command) -> bool:
         """Return whether the depth allows another request without delaying a stop; an idle line always has room."""
-        # The board is done with a request whose response is kept.
-        under_way = self._permits - self._slots.kept
+        # The board is done with a request whose response is unmatched.
+        under_way = self._permits - self._slots.unmatched
         if under_way <= 0:
             return True
         window = self.window
@@ -281,13 +281,13 @@ class RequestScheduler:
 
     def load(self) -> Load:
         """Return the present load of the window."""
-        under_way = self._permits - self._slots.kept
+        under_way = self._permits - self._slots.unmatched
         for waiting in self.waiting:
             if not waiting.granted.done():
                 climb = self.window.climb(waiting.packet, self._changes)
-                return Load(climb, not self._has_room(waiting.packet), wants_more=under_way >= climb.depth)
+                return Load(climb, not self._has_room(waiting.packet), has_backlog=under_way >= climb.depth)
         climb = self.window.writes if self._changes else self.window.queries
-        return Load(climb, under_way >= climb.depth, wants_more=False)
+        return Load(climb, under_way >= climb.depth, has_backlog=False)
 
 
 class PendingDrain:
@@ -306,7 +306,7 @@ class PendingDrain:
     def hold(self) -> None:
         """Hold a permit beyond the depth until all bytes so far have left."""
         self._scheduler.take_extra()
-        task = asyncio.get_running_loop().create_task(self._left())
+        task = asyncio.get_running_loop().create_task(self._wait_for_drain())
         # The program may well end first, without need of a warning; asyncio.gather does the same.
         task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
         self._tasks.add(task)
@@ -317,7 +317,7 @@ class PendingDrain:
         for task in self._tasks:
             task.cancel()
 
-    async def _left(self) -> None:
+    async def _wait_for_drain(self) -> None:
         with suppress(ConnectionLost):  # the transport reports its end to the receiver
             await self._transport.send(b"")
 

@@ -137,10 +137,10 @@ class RequestSender:
         seconds = self._answers.times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
         call.woken = self._loop.create_future()
         ends = call.woken, self._answers.over
-        await asyncio.wait(ends, timeout=min(seconds, self._left(call)), return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(ends, timeout=min(seconds, self._remaining(call)), return_when=asyncio.FIRST_COMPLETED)
         await self._go_on(call)
 
-    def _left(self, call: Call) -> float:
+    def _remaining(self, call: Call) -> float:
         """Return the seconds left of the patience of a begun call."""
         return call.patience - (self._loop.time() - (call.since or 0.0))
 
@@ -154,7 +154,7 @@ class RequestSender:
             while True:  # at least one turn: earlier grants send first
                 call.woken = self._loop.create_future()
                 ends = waiting.granted, call.woken
-                await asyncio.wait(ends, timeout=self._left(call), return_when=asyncio.FIRST_COMPLETED)
+                await asyncio.wait(ends, timeout=self._remaining(call), return_when=asyncio.FIRST_COMPLETED)
                 if waiting.granted.done():
                     break
                 await self._go_on(call)
@@ -203,7 +203,7 @@ class RequestSender:
     def _must_fence(self, call: Call) -> bool:
         """Return whether only a fence can help a call whose packet was sent before."""
         lane = self._slots.lanes[call.packet.packet_id + 1]
-        if not call.packet.repeatable or lane.kept or self._slots.overdue >= FENCES_ONLY:
+        if not call.packet.repeatable or lane.unmatched or self._slots.overdue >= FENCES_ONLY:
             return True
         # Silent for long: a board without this request answers a fence, and is not given up as dead.
         fenced = call.latest is not None and call.latest.is_fence
@@ -249,21 +249,21 @@ class RequestSender:
     @property
     def may_need_mark(self) -> bool:
         """Whether `mark` should be called behind a first sending."""
-        return self._window.depth > 1 and (self._slots.kept > 0 or self._slots.unproved >= _MARK_EVERY)
+        return self._window.depth > 1 and (self._slots.unmatched > 0 or self._slots.unproved >= _MARK_EVERY)
 
     async def mark(self, call: Call) -> None:
-        """Send a fence behind many slots without proof of each other: equal queries, or kept responses.
+        """Send a fence behind many slots without proof of each other: equal queries, or unmatched responses.
 
         And behind a repeat, if it would get no response before what others left overdue.
         """
         packet = call.packet
         slots = self._slots.lanes[packet.packet_id + 1].slots
         behind_others = call.tries > 1 and bool(slots) and slots[0].overdue and slots[0].call is not call
-        kept, unproved = self._slots.kept, self._slots.unproved
+        unmatched, unproved = self._slots.unmatched, self._slots.unproved
         is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
         every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
         if behind_others or (
-            not packet.exclusive and (unproved >= every or min(kept, unproved) * 2 >= self._window.depth)
+            not packet.exclusive and (unproved >= every or min(unmatched, unproved) * 2 >= self._window.depth)
         ):
             await self._send_fence(packet)
 
@@ -324,7 +324,7 @@ class RequestSender:
             raise same(self._lifecycle.ended)
         self._stats.frames_sent += 1
         self._stats.bytes_sent += len(frame)
-        if self._taps.heard_by:
+        if self._taps.members:
             self._taps.sent(frame)
         if frame_logger.isEnabledFor(logging.DEBUG):
             self._answers.frame_log.sent(frame)
@@ -379,7 +379,7 @@ class RequestSender:
             self._stats,
             answers_others=answers_others,
             through_hub=not self._repeats,
-            held=self._lifecycle.excuse,
+            excuse=self._lifecycle.excuse,
         )
 
     def raise_if_ended(self) -> None:

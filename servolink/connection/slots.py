@@ -48,8 +48,8 @@ class Slots:
         """Slots in order, of which the first one is neither over nor overdue."""
         self.overdue = 0
         """How many open slots are overdue."""
-        self.kept = 0
-        """How many responses are kept."""
+        self.unmatched = 0
+        """How many responses are unmatched."""
         self.unproved = 0
         """How many slots were opened since a response had one possible origin, or since a fence that may have it."""
         self.unanswerable = 0
@@ -84,7 +84,7 @@ class Slots:
         self.open(slot)
         self._exclusive = exclusive  # a stop holds nothing back
         slot.lane.stopped = True
-        self._drop_kept(slot.lane)
+        self._drop_unmatched(slot.lane)
 
     def expire(self, slot: Slot) -> None:
         """Mark a live slot as overdue: it stays open, and no longer counts as under way."""
@@ -100,7 +100,7 @@ class Slots:
             self._close(slot)
         self._order.clear()
         for lane in self.lanes.values():
-            self._drop_kept(lane)
+            self._drop_unmatched(lane)
         return slots
 
     # --- responses ----------------------------------------------------------------------------------------------
@@ -126,9 +126,9 @@ class Slots:
             return self._settle_exact(oldest, content)
         if oldest.request.repeatable and all(slot.request == oldest.request for slot in candidates):
             return self._settle_oldest(oldest, content)
-        lane.kept.append(content)
-        self.kept += 1
-        return self._match_kept(lane, lane.slots) if len(lane.kept) == len(lane.slots) else []
+        lane.unmatched.append(content)
+        self.unmatched += 1
+        return self._assign_unmatched(lane, lane.slots) if len(lane.unmatched) == len(lane.slots) else []
 
     def _settle_exact(self, slot: Slot, content: Content) -> list[Settled]:
         """`slot` is the only possible origin: whatever is older is over."""
@@ -137,12 +137,12 @@ class Slots:
         if self._order[0] is not slot:
             older = self._take_older(slot)
             for lane in dict.fromkeys(each.lane for each in older):
-                settled += self._match_kept(lane, [each for each in older if each.lane is lane])
+                settled += self._assign_unmatched(lane, [each for each in older if each.lane is lane])
         self._order.popleft()
         self._close(slot)
-        if self.kept:  # only on a line that breaks the order: they belong to nothing that is open
+        if self.unmatched:  # only on a line that breaks the order: they belong to nothing that is open
             for lane in self.lanes.values():
-                self._drop_kept(lane)
+                self._drop_unmatched(lane)
         settled.append((slot, content))
         return settled
 
@@ -157,15 +157,15 @@ class Slots:
     def _settle_oldest(self, oldest: Slot, content: Content) -> list[Settled]:
         """Several slots with the same request: any of them may be the origin, but nothing older than the oldest.
 
-        The oldest gets the response: it is younger than that question, whichever slot it belongs to. Kept responses on
-        other lanes may belong to younger slots, so those lanes stay as they are.
+        The oldest gets the response: it is younger than that question, whichever slot it belongs to.
+        Unmatched responses on other lanes may belong to younger slots, so those lanes stay as they are.
         """
         settled: list[Settled] = []
-        if self.kept:
-            self._drop_kept(oldest.lane)
+        if self.unmatched:
+            self._drop_unmatched(oldest.lane)
         if self._order[0] is not oldest:
             for slot in takewhile(lambda slot: slot is not oldest, self._order):
-                if slot.open and not slot.lane.kept:
+                if slot.open and not slot.lane.unmatched:
                     self._close(slot)
                     settled.append((slot, None))
         self._close(oldest)
@@ -174,19 +174,20 @@ class Slots:
             self._order.popleft()
         return settled
 
-    def _match_kept(self, lane: Lane, slots: Iterable[Slot]) -> list[Settled]:
-        """Close `slots`, all to which the kept responses of a lane can belong: with a response each, or with none."""
+    def _assign_unmatched(self, lane: Lane, slots: Iterable[Slot]) -> list[Settled]:
+        """Close `slots`, which include each origin of the unmatched responses: with a response each, or with none."""
         closed = list(slots)
-        kept: list[Content] | list[None] = lane.kept if len(lane.kept) == len(closed) else [None] * len(closed)
-        settled = list(zip(closed, kept, strict=True))
-        self._drop_kept(lane)
+        is_complete = len(lane.unmatched) == len(closed)
+        contents: list[Content] | list[None] = lane.unmatched if is_complete else [None] * len(closed)
+        settled = list(zip(closed, contents, strict=True))
+        self._drop_unmatched(lane)
         for slot in closed:
             self._close(slot)
         return settled
 
-    def _drop_kept(self, lane: Lane) -> None:
-        self.kept -= len(lane.kept)
-        lane.kept = []
+    def _drop_unmatched(self, lane: Lane) -> None:
+        self.unmatched -= len(lane.unmatched)
+        lane.unmatched = []
 
     def _tidy(self) -> None:
         """Keep the oldest live slot first in `live`."""

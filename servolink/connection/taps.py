@@ -41,26 +41,26 @@ class Taps:
 
     def __init__(self) -> None:
         """Start without any."""
-        self.heard_by: tuple[Tap, ...] = ()
+        self.members: tuple[Tap, ...] = ()
         """Taps in order of joining. Callers test for an empty tuple first, to save a call for each frame."""
 
     def add(self, tap: Tap) -> Callable[[], None]:
         """Add a tap. Return a function to remove the tap, which may be called again."""
-        self.heard_by = (*self.heard_by, tap)
+        self.members = (*self.members, tap)
 
         def end() -> None:
-            self.heard_by = tuple(each for each in self.heard_by if each is not tap)
+            self.members = tuple(each for each in self.members if each is not tap)
 
         return end
 
     def sent(self, data: bytes) -> None:
         """Pass bytes for the board on to all taps."""
-        for tap in self.heard_by:
+        for tap in self.members:
             tap.sent(data)
 
     def received(self, data: bytes) -> None:
         """Pass bytes from the board on to all taps."""
-        for tap in self.heard_by:
+        for tap in self.members:
             tap.received(data)
 
     async def follow(self, packet: Packet, asking: Coroutine[Any, Any, T]) -> T:
@@ -77,7 +77,7 @@ class Taps:
             return answer
         finally:
             if not isinstance(packet, Query) or isinstance(outcome, BaseException):
-                for tap in self.heard_by:
+                for tap in self.members:
                     tap.ended(packet, outcome, now() - begun)
 
 

@@ -63,7 +63,7 @@ class Line:
             self.climb.lost()
         self.answered += 1
         self.at_depth[self.climb.depth] += 1
-        self.climb.answered(self.now, full=True, wanted=True)
+        self.climb.answered(self.now, full=True, has_backlog=True)
         self.depths.append(self.climb.depth)
 
     def _send(self) -> None:
@@ -135,7 +135,7 @@ def test_a_trial_is_over_after_few_losses_also_if_the_window_is_never_full() -> 
     Line(climb, 0.002).run(LEAST_RESPONSES + 1)
     assert climb.depth == 2
     for _ in range(2):
-        climb.answered(1.0, full=False, wanted=False)
+        climb.answered(1.0, full=False, has_backlog=False)
     for _ in range(4):
         assert climb.depth == 2
         climb.lost()
@@ -150,7 +150,7 @@ def test_a_depth_that_loses_more_is_not_kept_though_it_is_faster() -> None:
             if lose and number % lose == 2:
                 climb.lost()
             now += seconds
-            climb.answered(now, full=True, wanted=True)
+            climb.answered(now, full=True, has_backlog=True)
             if number == times // 2:
                 assert climb.depth == 1 + bool(lose)
     assert climb.depth == 1
@@ -174,7 +174,7 @@ def test_what_did_not_pay_is_tried_again_after_longer_and_longer_pauses() -> Non
 def test_nothing_is_tried_as_long_as_nobody_wants_more() -> None:
     climb = DepthClimb(16)
     for number in range(1000):
-        climb.answered(number * 0.01, full=True, wanted=False)
+        climb.answered(number * 0.01, full=True, has_backlog=False)
     assert climb.depth == 1
 
 
@@ -186,7 +186,7 @@ def test_a_pause_in_which_the_window_was_not_full_is_not_measured() -> None:
         nonlocal now
         for _ in range(times):
             now += seconds
-            climb.answered(now, full=full, wanted=True)
+            climb.answered(now, full=full, has_backlog=True)
 
     answer(LEAST_RESPONSES + 1, 0.010)
     assert climb.depth == 2

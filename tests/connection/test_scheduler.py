@@ -41,7 +41,7 @@ async def test_no_more_than_the_depth_at_a_time(depth: int) -> None:
 async def test_a_response_that_is_kept_makes_room_for_one_more(depth: int) -> None:
     """The board is done with a request whose response is kept."""
     line = Line(depth)
-    line.slots.kept = 1
+    line.slots.unmatched = 1
     for name, packet in zip("abcd", (A, B, C, D), strict=True):
         line.ask(name, packet)
     assert await line.got() == list("abcd")[: depth + 1]

@@ -93,10 +93,10 @@ async def test_who_is_cancelled_wants_no_more_depth() -> None:
     for name, packet in zip("ab", (A, B), strict=True):
         line.ask(name, packet)
     assert await line.got() == ["a"]
-    assert line.scheduler.load().wants_more
+    assert line.scheduler.load().has_backlog
     line.tasks["b"].cancel()
     assert line.scheduler.waiting  # b is about to leave
-    assert not line.scheduler.load().wants_more
+    assert not line.scheduler.load().has_backlog
 
 
 # --- extra permits ------------------------------------------------------------------------------------------------

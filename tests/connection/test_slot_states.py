@@ -93,7 +93,7 @@ def test_clearing_closes_all_slots(trace: Trace) -> None:
     trace.slots.expire(slots[0])
     assert trace.slots.clear() == slots
     assert trace.open == ""
-    assert (trace.slots.kept, trace.slots.overdue, list(trace.slots.live)) == (0, 0, [])
+    assert (trace.slots.unmatched, trace.slots.overdue, list(trace.slots.live)) == (0, 0, [])
     assert trace.slots.clear() == []
     assert trace.slots.obstacle(ClearAllDataRequest()) is Obstacle.NONE
 
@@ -118,9 +118,9 @@ def test_a_stop_drops_what_its_lane_keeps(trace: Trace) -> None:
     trace.send("S#1", SetServoParameterRequest(1, 1, 1))
     trace.send("S#2", SetServoParameterRequest(2, 1, 1))
     assert trace.hear(SetServoParameterResponse(0, 1, 1)) == []
-    assert trace.slots.kept == 1
+    assert trace.slots.unmatched == 1
     trace.stop("stop#3")
-    assert trace.slots.kept == 0
+    assert trace.slots.unmatched == 0
 
 
 def test_a_stop_holds_nothing_back(trace: Trace) -> None:

@@ -112,7 +112,7 @@ def test_equal_queries_drop_what_their_own_lane_keeps(trace: Trace) -> None:
     trace.send("B#3", ask(2))
     assert trace.hear(NONE) == []
     assert trace.hear(said(2)) == [("A#1", None), ("B#2", said(2))]
-    assert trace.slots.kept == 0
+    assert trace.slots.unmatched == 0
     assert trace.open == "B#3"
 
 
@@ -140,9 +140,9 @@ def test_as_many_kept_responses_as_open_slots_are_theirs_in_order(trace: Trace) 
     trace.send("E#3", add(3))
     assert trace.hear(DONE) == []
     assert trace.hear(FAILED) == []
-    assert trace.slots.kept == 2
+    assert trace.slots.unmatched == 2
     assert trace.hear(DONE) == [("C#1", DONE), ("D#2", FAILED), ("E#3", DONE)]
-    assert trace.slots.kept == 0
+    assert trace.slots.unmatched == 0
 
 
 def test_a_later_proof_delivers_as_many_kept_responses_as_there_are_older_slots(trace: Trace) -> None:
@@ -164,7 +164,7 @@ def test_fewer_kept_responses_than_older_slots_belong_to_nobody(trace: Trace) ->
     trace.hear(DONE)
     power = QueryRemainPowerResponse(5)
     assert trace.hear(power) == [("C#1", None), ("D#2", None), ("P#3", power)]
-    assert trace.slots.kept == 0
+    assert trace.slots.unmatched == 0
 
 
 def test_an_exact_response_leaves_nothing_kept(trace: Trace) -> None:
@@ -174,7 +174,7 @@ def test_an_exact_response_leaves_nothing_kept(trace: Trace) -> None:
     trace.send("D#3", add(2))
     trace.hear(DONE)
     assert trace.hear(QueryRemainPowerResponse(1)) == [("P#1", QueryRemainPowerResponse(1))]
-    assert trace.slots.kept == 0
+    assert trace.slots.unmatched == 0
     assert trace.open == "C#2 D#3"
 
 

@@ -44,7 +44,7 @@ async def test_it_names_who_asked_and_what_became_of_it() -> None:
         assert moved.fields["steps"] == [{"servo_id": 1, "degree": 60, "interval": 10}]
         wire = [each for each in messages if isinstance(each, Wire)]
         assert {each.direction for each in wire} == {"sent", "received"}
-        assert here.hub.board.connection.taps.heard_by == ()
+        assert here.hub.board.connection.taps.members == ()
         count = len(recorder.of("tap"))
         await studio.call("servos.list")
         await asyncio.sleep(1)
@@ -94,7 +94,7 @@ async def test_who_does_not_read_loses_telemetry_first_and_is_told() -> None:
         frames: list[Any] = []
         feed = TapFeed(here.hub, frames.append, lambda: paused)
         feed.start(wire_only=False)
-        (tap,) = here.hub.board.connection.taps.heard_by
+        (tap,) = here.hub.board.connection.taps.members
         for _ in range(20_000):
             tap.received(bytes(1000))
         assert frames == []

@@ -99,7 +99,7 @@ def test_a_file_that_exists_is_not_replaced(tmp_path: Path) -> None:
             with pytest.raises(RecordingError, match="exists already"):
                 async with record(path, board):
                     pass
-            assert board.connection.taps.heard_by == ()
+            assert board.connection.taps.members == ()
 
     run(main())
     assert path.read_text() == "mine"

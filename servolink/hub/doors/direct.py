@@ -277,7 +277,7 @@ class DirectConnection:
         error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
         if self.program.withdraw(asked) or isinstance(asked.packet, Query):
             held = "" if hold is None else f"{hold.who} has the board alone"
-            error = timed_out(asked.packet, self.url, 0, waited, self.stats, held=held)
+            error = timed_out(asked.packet, self.url, 0, waited, self.stats, excuse=held)
         if asked.answered is not None and not asked.answered.done():
             asked.answered.set_exception(error)
 
