@@ -126,8 +126,8 @@ def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]
     near = [seconds for seconds in round_trips if low <= seconds <= high]
     if len(round_trips) >= _FEWEST_ROUND_TRIPS and len(near) * 2 >= len(round_trips):
         name = PurePosixPath(facts.real(serial_device(url))).name
-        seen = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
-        yield Finding(LATENCY_TIMER, seen, f"typical when {_HELD_BACK}", _remedy(facts, name))
+        evidence = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
+        yield Finding(LATENCY_TIMER, evidence, f"typical when {_HELD_BACK}", _remedy(facts, name))
 
 
 def _remedy(facts: SystemFacts, name: str) -> str:
@@ -218,8 +218,8 @@ def _container(facts: SystemFacts) -> str:
     if facts.node("/run/.containerenv"):
         return "Podman"
     groups = facts.text("/proc/1/cgroup")
-    known = next((name for name in ("docker", "kubepods", "lxc") if name in groups), "")
-    return known or escape(facts.environment.get("container", ""))
+    runtime = next((name for name in ("docker", "kubepods", "lxc") if name in groups), "")
+    return runtime or escape(facts.environment.get("container", ""))
 
 
 def _sandbox(facts: SystemFacts) -> str:

@@ -107,8 +107,8 @@ def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
             )
         )
         return {}
-    known = profile and profile.settings.byte_order
-    return {"byte_order": known} if known else {}
+    byte_order = profile and profile.settings.byte_order
+    return {"byte_order": byte_order} if byte_order else {}
 
 
 def _check_address(url: str) -> None:
@@ -175,12 +175,12 @@ def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Fi
     if any(finding.check in {"permissions", "in use", "hid package", "libusb"} for finding in report.findings):
         return
     url = report.urls[0]
-    is_here = any(candidate.url.partition("?")[0] == url.partition("?")[0] for candidate in report.candidates)
+    is_candidate = any(candidate.url.partition("?")[0] == url.partition("?")[0] for candidate in report.candidates)
     nodes = [path for path in device_nodes(facts, url) if facts.node(path)]
     yield Finding(
-        "opening" if is_here or nodes else "absent",
+        "opening" if is_candidate or nodes else "absent",
         problem,
-        "the board cannot be opened" if is_here or nodes else "no board can be reached at this address",
+        "the board cannot be opened" if is_candidate or nodes else "no board can be reached at this address",
         f"do what the observation says\nto see the programs with the port open: sudo lsof {escape(nodes[0])}"
         if nodes
         else "do what the observation says\nto see the boards found: servolink list",

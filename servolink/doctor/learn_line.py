@@ -98,8 +98,8 @@ class TrialLine:
         self._loop = asyncio.get_running_loop()
         self._parser = FrameParser(codec.byte_order)
         self._frames: list[Frame] = []
-        self._heard: list[Frame] = []  # all frames since the latest burst began
-        self._heard_at = self._loop.time()
+        self._received_frames: list[Frame] = []  # all frames since the latest burst began
+        self._received_at = self._loop.time()
         self._news = asyncio.Event()
         self._ended: Exception | None = None
 
@@ -118,10 +118,10 @@ class TrialLine:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.received += len(chunk)
-        self._heard_at = self._loop.time()
+        self._received_at = self._loop.time()
         frames = self._parser.feed(chunk)
         self._frames += frames
-        self._heard += frames
+        self._received_frames += frames
         self._news.set()
 
     def lost(self, error: Exception | None, /) -> None:
@@ -164,36 +164,36 @@ class TrialLine:
         Waiting ends with the last response, or after `patience` without a frame.
         """
         self._frames.clear()
-        self._heard.clear()
-        wanted = list(requests)
+        self._received_frames.clear()
+        outstanding = list(requests)
         await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
         begun = self._loop.time()
         found: list[Frame] = []
         while len(found) < len(requests):
-            found += self._take(wanted)
-            if len(found) < len(requests) and not await self._wait(max(begun, self._heard_at) + self.patience):
+            found += self._take(outstanding)
+            if len(found) < len(requests) and not await self._wait(max(begun, self._received_at) + self.patience):
                 while self._parser.partial_frame:  # a damaged length may hold back the other frames
                     self._frames += self._parser.abandon_frame()
-                found += self._take(wanted)
+                found += self._take(outstanding)
                 break
         return found
 
-    def kept_order(self, requests: Sequence[Request[Response]]) -> bool:
+    def answered_in_order(self, requests: Sequence[Request[Response]]) -> bool:
         """Return whether `requests`, the latest burst, were answered in order and at most once each so far."""
-        answers = [frame for frame in self._heard if any(self._answers(frame, each) for each in requests)]
-        left = iter(requests)
-        return all(any(self._answers(frame, each) for each in left) for frame in answers)
+        answers = [frame for frame in self._received_frames if any(self._answers(frame, each) for each in requests)]
+        remaining = iter(requests)
+        return all(any(self._answers(frame, each) for each in remaining) for frame in answers)
 
-    def _take(self, wanted: list[Request[Response]]) -> list[Frame]:
-        """Return the new frames that answer requests in `wanted`, and remove the answered requests."""
+    def _take(self, outstanding: list[Request[Response]]) -> list[Frame]:
+        """Return the new frames that answer `outstanding` requests, and remove the answered requests."""
         frames, self._frames = self._frames, []
-        taken = []
+        answers = []
         for frame in frames:
-            request = next((each for each in wanted if self._answers(frame, each)), None)
+            request = next((each for each in outstanding if self._answers(frame, each)), None)
             if request is not None:
-                wanted.remove(request)
-                taken.append(frame)
-        return taken
+                outstanding.remove(request)
+                answers.append(frame)
+        return answers
 
     def _answers(self, frame: Frame, request: Request[Response]) -> bool:
         if frame[0] != request.packet_id + 1:
@@ -221,19 +221,19 @@ class TrialLine:
 class Quality:
     """Losses and round trips of single queries on the line."""
 
-    asked: int
+    sendings: int
     round_trips: tuple[float, ...]
     """Seconds of each answered query."""
 
     @property
     def lost(self) -> int:
         """Number of queries without a response."""
-        return self.asked - len(self.round_trips)
+        return self.sendings - len(self.round_trips)
 
     @property
     def loss(self) -> float:
         """Share of lost queries, 0 to 1."""
-        return self.lost / self.asked if self.asked else 1.0
+        return self.lost / self.sendings if self.sendings else 1.0
 
     @property
     def is_clean(self) -> bool:
@@ -247,7 +247,7 @@ class Quality:
 
     def __str__(self) -> str:
         """Return the loss as a text for people."""
-        return f"{self.lost} of {self.asked} single queries were lost"
+        return f"{self.lost} of {self.sendings} single queries were lost"
 
 
 _SINGLES = 40
@@ -260,13 +260,13 @@ async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST_MEASURING
     round_trips = []
-    asked = 0
-    while asked < _SINGLES and loop.time() < end:
+    sendings = 0
+    while sendings < _SINGLES and loop.time() < end:
         begun = loop.time()
-        asked += 1
+        sendings += 1
         if await line.ask(query) is not None:
             round_trips.append(loop.time() - begun)
-    quality = Quality(asked, tuple(round_trips))
+    quality = Quality(sendings, tuple(round_trips))
     slowest = max(round_trips, default=PATIENCE)
     line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 2 * slowest))
     return quality

@@ -66,8 +66,8 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
             f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, without room "
             f"for {degrees}°: move the servo first"
         )
-    asked = (limits.speed_cap, limits.speed_caps.get(servo_id), limits.soft_start)
-    caps = [cap for cap in asked if cap is not None]
+    limits_set = (limits.speed_cap, limits.speed_caps.get(servo_id), limits.soft_start)
+    caps = [cap for cap in limits_set if cap is not None]
     slowest = min(caps, default=degrees / (_INTERVAL * _UNITS[0]))
     interval = max(_INTERVAL, round(degrees / slowest / _UNITS[0]))
     if interval > _LONGEST_INTERVAL:
@@ -80,13 +80,13 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
 async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
     """Move there and back, and measure both times. After an error or a cancellation the servo is stopped."""
     try:
-        there = await _seconds_to(board, planned, planned.goal)
+        forth = await _seconds_to(board, planned, planned.goal)
         back = await _seconds_to(board, planned, planned.start)
     except BaseException:
         # No longer wait: after Ctrl-C the program ends, and the stop itself is sent at once.
         await asyncio.wait({asyncio.ensure_future(board.stop())}, timeout=_STOPPING)
         raise
-    times = [timed for timed in (there, back) if timed is not None]
+    times = [timed for timed in (forth, back) if timed is not None]
     shown = " and ".join(f"{timed.seconds:.2f} s" for timed in times)
     text = (
         f"servo {planned.servo_id} took {shown or 'longer than was waited'} for {abs(planned.goal - planned.start)}° "

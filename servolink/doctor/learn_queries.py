@@ -76,28 +76,30 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
 def byte_order_finding(contact: Contact, quality: Quality) -> Measured:
     """Return the byte order: with the wrong byte order, a response would not be a frame at all."""
     answered = len(quality.round_trips)
-    text = f"{answered} of {quality.asked} queries in {contact.byte_order} byte order had a readable response"
+    text = f"{answered} of {quality.sendings} queries in {contact.byte_order} byte order had a readable response"
     return Measured("byte_order", contact.byte_order, "certain" if answered > 1 else "likely", text)
 
 
 def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> list[Measured]:
     """Return the mode at power-up, if the board was just switched on, and when mode 1 is to be set."""
     if contact.mode == 1:
-        seen = "answered without mode 1 being set"
+        observation = "answered without mode 1 being set"
     else:
-        seen = f"left {contact.silent_queries} queries unanswered, and answered as soon as mode 1 was set"
+        observation = f"left {contact.silent_queries} queries unanswered, and answered as soon as mode 1 was set"
     if not power_cycled:
-        text = f"the board {seen}; switch off and on first (--power-cycled) to learn the mode at power-up"
+        text = f"the board {observation}; switch off and on first (--power-cycled) to learn the mode at power-up"
         settings = [Measured("power_up_mode", None, "guess", text)]
         if contact.mode == 0:
-            settings.append(Measured("transmission_mode", 1, "likely" if quality.is_clean else "guess", f"it {seen}"))
+            settings.append(
+                Measured("transmission_mode", 1, "likely" if quality.is_clean else "guess", f"it {observation}")
+            )
         return settings
     confidence: Confidence = "guess"
     if contact.mode == 1 or quality.is_clean:
         confidence = "certain"
     elif quality.loss**contact.silent_queries < 1e-4:
         confidence = "likely"
-    text = f"just switched on, the board {seen}"
+    text = f"just switched on, the board {observation}"
     return [
         Measured("power_up_mode", contact.mode, confidence, text),
         Measured("transmission_mode", 1 if contact.mode == 0 else "auto", confidence, text),
@@ -209,20 +211,20 @@ async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality)
     silent: list[Query[Any]] = []
     for query in _unknown(survey):
         (silent if await line.answer(query) is None else answered).append(query)
-    seen = " and ".join(
+    observation = " and ".join(
         f"{_queries(queries)} {how}"
         for queries, how in ((answered, "had an empty response"), (silent, f"had none in {TRIES} tries each"))
         if queries
     )
-    if not seen:
+    if not observation:
         return Measured("unknown_ids", None, "guess", "the board lists nothing, so no id is known to be unknown")
     if not silent:
-        return Measured("unknown_ids", "empty", "certain", seen)
+        return Measured("unknown_ids", "empty", "certain", observation)
     confidence = silence_confidence(quality, TRIES * len(silent))
     if answered and confidence is not None:
         confidence = "likely"  # programs must expect both
     value = None if confidence is None else "silent"
-    return Measured("unknown_ids", value, confidence or "guess", f"{seen}; {quality}")
+    return Measured("unknown_ids", value, confidence or "guess", f"{observation}; {quality}")
 
 
 def _unknown(survey: Survey) -> Iterator[Query[Any]]:
@@ -260,30 +262,30 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
     size = max(OVERHEAD + content_size(type(query)) for query in queries)
     if quality.loss > MOST_LOSS:
         return Measured("depth", None, "guess", f"{quality}, too many for a statement about the board")
-    works, seen = 1, ""
+    works, observation = 1, ""
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST
     for depth in _DEPTHS:
         if loop.time() > end:
-            seen = "more were not tried, as the board is slow"
+            observation = "more were not tried, as the board is slow"
             break
         burst = list(islice(cycle(queries), depth))
         lost = mixed = 0
         for _ in range(_ROUNDS):
             lost += depth - len(await line.burst(burst))
             await line.settle()
-            mixed += not line.kept_order(burst)
+            mixed += not line.answered_in_order(burst)
         if mixed >= _MIXED:
-            works, seen = 1, f"{mixed} of {_bursts(depth)} were answered in another order, or more than once"
+            works, observation = 1, f"{mixed} of {_bursts(depth)} were answered in another order, or more than once"
             break
         if not is_line_loss(lost, depth * _ROUNDS, quality):
-            seen = f"{_bursts(depth)} lost {lost} of {depth * _ROUNDS} responses"
+            observation = f"{_bursts(depth)} lost {lost} of {depth * _ROUNDS} responses"
             break
         works = depth
     else:
-        seen = "more were not tried, without a gain to expect"
-    kept = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
-    return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{kept}{seen}; {quality}")
+        observation = "more were not tried, without a gain to expect"
+    summary = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
+    return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{summary}{observation}; {quality}")
 
 
 def is_line_loss(lost: int, sent: int, quality: Quality) -> bool:

@@ -53,15 +53,15 @@ class Trial:
 
     def scratch_actions(self, number: int) -> list[Action]:
         """Return new actions with unused ids, not run by any macro."""
-        taken = {action.action_id for action in self.content.actions} | self._used
-        ids = (each for each in range(1, len(taken) + number + 1) if each not in taken)
+        used_ids = {action.action_id for action in self.content.actions} | self._used
+        ids = (each for each in range(1, len(used_ids) + number + 1) if each not in used_ids)
         found = [self._scratch_action(action_id) for action_id, _ in zip(ids, range(number), strict=False)]
         self._used |= {action.action_id for action in found}
         return found
 
-    def free_ids(self, taken: set[int]) -> None:
-        """Use the ids of scratch records again, except for ids in `taken`: a board may have few ids."""
-        self._used &= taken
+    def free_ids(self, used_ids: set[int]) -> None:
+        """Use the ids of scratch records again, except for `used_ids`: a board may have few ids."""
+        self._used &= used_ids
 
     def _scratch_action(self, action_id: int) -> Action:
         steps = tuple(Step(servo_id, _DEGREE, _INTERVAL) for servo_id in self.servo_ids[:_MOST_STEPS])

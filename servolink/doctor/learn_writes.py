@@ -37,8 +37,8 @@ async def project_id_finding(board: Board, trial: Trial) -> Measured:
     marker, before = trial.journal.marker, trial.content.project_id
     found = await write_marker(board, marker)
     text = f"{marker:#x} was written and {found:#x} read back"
-    for bits, kept in ((32, marker), (16, marker & 0xFFFF), (0, 0), (0, before)):
-        if found in (kept, kept - 0x10000 if bits == 16 else kept):
+    for bits, expected in ((32, marker), (16, marker & 0xFFFF), (0, 0), (0, before)):
+        if found in (expected, expected - 0x10000 if bits == 16 else expected):
             is_sure = found == (await board.request(QueryProjectIDRequest())).project_id
             return Measured("project_id_bits", bits, "certain" if is_sure else "likely", text)
     return Measured("project_id_bits", None, "guess", f"{text}, neither 32, 16 nor 0 bits")
@@ -81,11 +81,11 @@ def _fits(unit: int, used: int, written: int) -> bool:
 
 async def duplicate_finding(board: Board, trial: Trial) -> Measured:
     """Add records with ids already stored, and read the resulting records."""
-    seen = [await _added_twice(board, action) for action in trial.scratch_actions(2)]
+    observations = [await _added_twice(board, action) for action in trial.scratch_actions(2)]
     await _delete_scratch(board, trial)
-    value, text = seen[0]
-    if value is None or seen[1][0] != value:
-        texts = text if seen[1][1] == text else f"{text}; another time {seen[1][1]}"
+    value, text = observations[0]
+    if value is None or observations[1][0] != value:
+        texts = text if observations[1][1] == text else f"{text}; another time {observations[1][1]}"
         return Measured("on_duplicate", None, "guess", f"two records were each added twice: {texts}")
     return Measured("on_duplicate", value, "certain", f"two records were each added twice: {text}")
 
@@ -103,9 +103,9 @@ async def _store(board: Board, action: Action) -> bool:
 
 async def _delete_scratch(board: Board, trial: Trial) -> None:
     """Delete scratch records, to make room for others; the end of the trial deletes the rest."""
-    kept = {action.action_id for action in trial.content.actions}
+    content_ids = {action.action_id for action in trial.content.actions}
     for entry in await board.actions():
-        if entry.action_id not in kept:
+        if entry.action_id not in content_ids:
             with suppress(OutcomeUnknown, Rejected):
                 await board.delete_action(entry.action_id)
     trial.free_ids({entry.action_id for entry in await board.actions()})
@@ -116,25 +116,25 @@ async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
     if not await _store(board, action):
         return None, "the board stores no more records"
     again = replace(action, action_caption=f"{SCRATCH} 2")
-    said_yes: bool | None = None
+    is_accepted: bool | None = None
     with suppress(OutcomeUnknown):
-        said_yes = bool((await board.request(ACTION.add(again))).result)
+        is_accepted = bool((await board.request(ACTION.add(again))).result)
     listed = [entry.action_id for entry in await board.actions()].count(action.action_id)
     caption = (await board.action(action.action_id)).action_caption
     is_new = caption == again.action_caption
-    answer = "no answer" if said_yes is None else "yes" if said_yes else "no"
+    answer = "no answer" if is_accepted is None else "yes" if is_accepted else "no"
     times = {1: "once", 2: "twice"}.get(listed, f"{listed} times")
     text = f"the board said {answer}, lists the id {times} and returns the {'new' if is_new else 'old'} record"
     if listed > 1:
         return "append", text
     if is_new:
         return "replace", text
-    return ("reject" if said_yes is False else None), text
+    return ("reject" if is_accepted is False else None), text
 
 
 async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
     """Store more and more records at once until some are lost."""
-    works, seen = 1, ""
+    works, observation = 1, ""
     size = max(OVERHEAD + ACTION.size(action) for action in trial.scratch_actions(1))
     async with TrialLine(trial.transport, trial.codec) as line:
         line.patience = max(line.patience, 4 * quality.round_trip)
@@ -143,16 +143,16 @@ async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
             for _ in range(_ROUNDS):
                 missing = await _missing_of(line, trial.scratch_actions(depth))
                 if missing is None:
-                    seen = f"in a burst of {depth} the board refused a record, or did not list all"
-                    text = f"{_works(works, size)}{seen}; {quality}"
+                    observation = f"in a burst of {depth} the board refused a record, or did not list all"
+                    text = f"{_works(works, size)}{observation}; {quality}"
                     return Measured("write_depth", works if works > 1 else None, "guess", text)
                 lost += missing
             if not is_line_loss(lost, depth * _ROUNDS, quality):
-                seen = f"{_ROUNDS} bursts of {depth} lost {lost} of {depth * _ROUNDS}; "
+                observation = f"{_ROUNDS} bursts of {depth} lost {lost} of {depth * _ROUNDS}; "
                 break
             works = depth
     confidence: Confidence = "certain" if quality.is_clean else "likely"
-    return Measured("write_depth", works, confidence, f"{_works(works, size)}{seen}{quality}")
+    return Measured("write_depth", works, confidence, f"{_works(works, size)}{observation}{quality}")
 
 
 def _works(depth: int, size: int) -> str:
@@ -182,35 +182,35 @@ async def clear_findings(board: Board, trial: Trial) -> list[Measured]:
     await trial.note("clearing")
     begun = loop.time()
     try:
-        said_yes: bool | None = bool((await board.request(ClearAllDataRequest(), timeout=_LONGEST_CLEARING)).result)
+        is_accepted: bool | None = bool((await board.request(ClearAllDataRequest(), timeout=_LONGEST_CLEARING)).result)
     except OutcomeUnknown:
-        said_yes = None
+        is_accepted = None
     seconds = loop.time() - begun
     found = (await board.request(QueryProjectIDRequest())).project_id
     parameters = await board.servo_parameters()
-    left = sum([len(each.ids_in(await board.request(each.list_request))) for each in RECORD_TYPES])
+    remaining = sum([len(each.ids_in(await board.request(each.list_request))) for each in RECORD_TYPES])
     await write_marker(board, trial.journal.marker)
     await trial.note("writing")
-    if left or said_yes is False:
-        seen = f"the board said {'no' if said_yes is False else 'yes'} and lists {left} records"
-        return [Measured("clear", None, "guess", f"after clearing {seen}")]
-    return [_clear_finding(trial, marked_id, found, parameters), _clear_time(seconds, said_yes)]
+    if remaining or is_accepted is False:
+        observation = f"the board said {'no' if is_accepted is False else 'yes'} and lists {remaining} records"
+        return [Measured("clear", None, "guess", f"after clearing {observation}")]
+    return [_clear_finding(trial, marked_id, found, parameters), _clear_time(seconds, is_accepted)]
 
 
 def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[ServoParameter]) -> Measured:
     had = len(without_neutral(trial.content.servo_parameters))
     has = len(without_neutral(parameters))
-    seen = [f"project id {'kept' if after == before else 'deleted'}" if before else "no project id to see"]
-    seen.append(f"{has} of {had} servo parameters kept" if had else "no servo parameters to see")
-    kept = [after == before] * bool(before) + [has == had] * bool(had)
-    text = f"all records deleted, {', '.join(seen)}"
-    if not kept or len({*kept}) > 1 or (not kept[0] and (has or after)):
+    observations = [f"project id {'kept' if after == before else 'deleted'}" if before else "no project id to see"]
+    observations.append(f"{has} of {had} servo parameters kept" if had else "no servo parameters to see")
+    are_kept = [after == before] * bool(before) + [has == had] * bool(had)
+    text = f"all records deleted, {', '.join(observations)}"
+    if not are_kept or len({*are_kept}) > 1 or (not are_kept[0] and (has or after)):
         return Measured("clear", None, "guess", text)
-    return Measured("clear", "records" if kept[0] else "all", "certain" if len(kept) == 2 else "likely", text)
+    return Measured("clear", "records" if are_kept[0] else "all", "certain" if len(are_kept) == 2 else "likely", text)
 
 
-def _clear_time(seconds: float, said_yes: object) -> Measured:
-    if said_yes is None:
+def _clear_time(seconds: float, is_accepted: object) -> Measured:
+    if is_accepted is None:
         return Measured("clear_seconds", None, "guess", f"cleared, but not confirmed within {seconds:.1f} s")
     text = f"the response to clearing came after {seconds:.3f} s"
     return Measured("clear_seconds", round(seconds, 3), "likely", text)

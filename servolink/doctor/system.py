@@ -71,7 +71,7 @@ class SystemFacts:
     def text(self, path: str) -> str:
         """Return the text of a file without surrounding space; empty for an unreadable file."""
         try:
-            with self._here(path).open(encoding="utf-8", errors="replace") as file:
+            with self._below_root(path).open(encoding="utf-8", errors="replace") as file:
                 return file.read(_LONGEST).strip()
         except (OSError, ValueError):
             return ""
@@ -79,21 +79,21 @@ class SystemFacts:
     def names(self, folder: str) -> list[str]:
         """Return the sorted names in a folder; empty for an unreadable folder."""
         try:
-            return sorted(path.name for path in self._here(folder).iterdir())
+            return sorted(path.name for path in self._below_root(folder).iterdir())
         except (OSError, ValueError):
             return []
 
     def link(self, path: str) -> str:
         """Return the target of a symbolic link; empty for anything else."""
         try:
-            return str(self._here(path).readlink())
+            return str(self._below_root(path).readlink())
         except (OSError, ValueError):
             return ""
 
     def real(self, path: str) -> str:
         """Return the path without symbolic links."""
         try:
-            below = Path(os.path.realpath(self._here(path))).relative_to(os.path.realpath(self.root))
+            below = Path(os.path.realpath(self._below_root(path))).relative_to(os.path.realpath(self.root))
         except (OSError, ValueError):
             return path
         return f"/{below.as_posix()}"
@@ -101,14 +101,14 @@ class SystemFacts:
     def node(self, path: str) -> Node | None:
         """Return owner and permissions of a device file; None for a missing file."""
         try:
-            status = self._here(path).stat()
+            status = self._below_root(path).stat()
         except (OSError, ValueError):
             return None
         return Node(
             owner=process.user_name(status.st_uid),
             group=process.group_name(status.st_gid),
             mode=stat.S_IMODE(status.st_mode),
-            is_accessible=is_accessible(str(self._here(path))),
+            is_accessible=is_accessible(str(self._below_root(path))),
         )
 
     def processes(self) -> Iterator[Process]:
@@ -136,7 +136,7 @@ class SystemFacts:
         except Exception:  # noqa: BLE001 - a missing or broken library fails in ways of its own
             return False
 
-    def _here(self, path: str) -> Path:
+    def _below_root(self, path: str) -> Path:
         return self.root / path.lstrip("/")
 
 
@@ -228,5 +228,5 @@ def _described(facts: SystemFacts, folder: str) -> ListedUsbDevice | None:
 
 
 def _is_meant(url: str, device: ListedUsbDevice) -> bool:
-    wanted = PortIdentity.from_address(Address.parse(url))
-    return not wanted.is_any and wanted.fits(device.identity)
+    identity = PortIdentity.from_address(Address.parse(url))
+    return not identity.is_any and identity.fits(device.identity)
