@@ -45,7 +45,7 @@ nitpick_ignore_regex = [
         "py:.*",
         r"(asyncio|collections|os|pathlib|types)\..*",
     ),  # Python's own documentation is not at hand during a build
-    ("py:.*", r".*\.(R(_co)?|T)"),  # type variables
+    ("py:.*", r".*\.([MPRT](_co)?)"),  # type variables
     ("py:.*", r"servolink\.connection\.connection\.Connection"),  # only stands for the present connection
     ("py:.*", r"servolink\.virtual\..*"),  # how the virtual board keeps what is stored
 ]

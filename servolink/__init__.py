@@ -88,6 +88,7 @@ if TYPE_CHECKING:
     from servolink.recorder.writer import RecorderStatus as RecorderStatus
     from servolink.script import run as run
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
+    from servolink.transports.lifecycle import BaseTransport as BaseTransport
 else:
     # Each module is imported at the first use of a name: the command line starts without most modules.
     _MODULES = {
@@ -98,6 +99,7 @@ else:
         "Alarm": "servolink.client.alarms",
         "AmbiguousName": "servolink.errors",
         "Angle": "servolink.motion.angles",
+        "BaseTransport": "servolink.transports.lifecycle",
         "Board": "servolink.client.board",
         "BoardProfile": "servolink.profiles.profile",
         "build_project": "servolink.project.build",

@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
@@ -17,7 +17,7 @@ from servolink.protocol.frame import OVERHEAD, Frame, encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-from servolink.virtual.handlers import HANDLERS, RequestContext
+from servolink.virtual.handlers import HANDLERS, RequestContext, Response
 from servolink.virtual.hardware import NEW_PROTOCOL, Hardware
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.storage import Contents, partial_write
@@ -51,15 +51,21 @@ class VirtualBoard(Hardware):
         self.work = WorkQueue(kind.queue)
         """Queue of received requests."""
 
-    def attach(self, send: Callable[[bytes], None], unsent: Callable[[], int] = lambda: 0) -> HostSession:
+    def attach(
+        self,
+        send: Callable[[bytes], None],
+        unsent: Callable[[], int] = lambda: 0,
+        unplugged: Callable[[], None] = lambda: None,
+    ) -> HostSession:
         """Attach a host, and switch the power on if necessary.
 
-        `send` receives the frames of the board and must not raise; `unsent` returns the number of bytes passed to
-        `send` and not yet received by the host. Neither function is called after `detach`.
+        `send` receives the frames of the board and must not raise. `unsent` returns the number of bytes passed to
+        `send` and not yet received by the host. `unplugged` is called by `unplug`, after the host was detached. Neither
+        `send` nor `unsent` is called after `detach`.
         """
         if not self.powered:
             self.switch(on=True)
-        session = HostSession(self, send, unsent)
+        session = HostSession(self, send, unsent, unplugged)
         self.sessions.append(session)
         return session
 
@@ -72,6 +78,26 @@ class VirtualBoard(Hardware):
             self.sessions.remove(session)
         if self.kind.bus_powered and not self.sessions:
             self._lose_power(present)
+
+    def unplug(self, now: float | None = None) -> None:
+        """Detach all hosts, as if their cables had been pulled: each loses the connection.
+
+        `now` is the time, by default the last time passed to the board.
+        """
+        sessions = list(self.sessions)
+        self.detach(*sessions, now=now)
+        # After all are detached: a host may connect again at once, and then stays connected.
+        for session in sessions:
+            session.unplugged()
+
+    def handle(self, context: RequestContext[Any]) -> tuple[Response, float]:
+        """Execute a request; return the response, None without one, and the working time in seconds.
+
+        Boards that misbehave override this method.
+        """
+        if self.kind.ignores(context.request):
+            return None, 0.0
+        return HANDLERS[type(context.request)](context), self.kind.turnaround
 
     def power_cycle(self, now: float) -> None:
         """Interrupt the power: servos stop, and all state outside the storage is lost. Hosts stay attached."""
@@ -123,9 +149,17 @@ class StoredChange:
 class HostSession:
     """Conversation of a host with the board."""
 
-    def __init__(self, board: VirtualBoard, send: Callable[[bytes], None], unsent: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        board: VirtualBoard,
+        send: Callable[[bytes], None],
+        unsent: Callable[[], int],
+        unplugged: Callable[[], None],
+    ) -> None:
         """Made by `VirtualBoard.attach` only."""
         self.board = board
+        self.unplugged = unplugged
+        """Called after the host was detached because the board was unplugged."""
         self.subscribed = False
         """Whether the host receives button events."""
         self.waiting = 0
@@ -192,14 +226,12 @@ class HostSession:
             request = codec.decode(packet_id, content)
         except DecodeError:
             return None, 0.0  # count and length contradict each other: an unreadable request gets no response
-        handler = HANDLERS.get(type(request))
-        if handler is None or board.kind.ignores(request):
-            return None, 0.0  # an unsupported request, or a response
+        if type(request) not in HANDLERS:
+            return None, 0.0  # a response
         if board.mode != NEW_PROTOCOL and not isinstance(request, TransmissionModeSettingRequest):
             return None, 0.0
         before = board.storage.contents
-        response = handler(RequestContext(board, self, request, content, now))
-        seconds = board.kind.turnaround
+        response, seconds = board.handle(RequestContext(board, self, request, content, now))
         if board.storage.contents is not before:
             self._last_write = StoredChange(before, board.storage.contents)
             is_clear = isinstance(request, ClearAllDataRequest)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 from servolink.escaping import quote
+from servolink.virtual.board import VirtualBoard
 from servolink.virtual.buttons import LONG_PRESS_AFTER
 from servolink.virtual.hardware import MAX_SERVOS
 
@@ -90,6 +91,19 @@ def _events(words: list[str]) -> tuple[Sequence[Event], int]:
         return [Push(float(at), int(servo_id), int(degree))], MAX_SERVOS
     at, word, button = words
     return presses(float(at), word, int(button)), _MAX_BUTTON_ID
+
+
+def apply(board: VirtualBoard, event: Event, now: float) -> None:
+    """Let `event` happen on the board at the time `now`."""
+    match event:
+        case Push():
+            board.push_servo(event.servo_id, event.degree, now)
+        case ButtonChange(down=True):
+            board.press_button(event.button_id, now)
+        case ButtonChange():
+            board.release_button(event.button_id, now)
+        case PowerCycle():
+            board.power_cycle(now)
 
 
 HELP = "keys: 0-9 press a button, l then 0-9 make a long press, p switches off and on, Ctrl-C ends"

@@ -6,6 +6,7 @@ import asyncio
 import logging
 from pathlib import Path
 from typing import cast
+from weakref import WeakValueDictionary
 
 from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
@@ -20,6 +21,9 @@ from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
 """Seconds from a change of the storage to the saving."""
+
+BOARDS: WeakValueDictionary[str, VirtualBoard] = WeakValueDictionary()
+"""Boards of this program at an address of their own: `virtual://NAME`."""
 
 _logger = logging.getLogger(__name__)
 
@@ -95,10 +99,11 @@ def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
 
     `byte_order` applies to the board, and by default also to the connection.
     """
-    if address.host or address.port or address.path.strip("/"):
+    board = BOARDS.get(address.host)
+    if (address.host and board is None) or address.port or address.path.strip("/"):
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
-    board = VirtualBoard(
+    board = board or VirtualBoard(
         servos=address.integer("servos", 16, 0, MAX_SERVOS),
         seed=seed,
         codec=Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big")))),
@@ -151,7 +156,7 @@ class VirtualTransport(BaseTransport):
             except ServolinkError as error:
                 raise OpenError(str(error)) from error
             self._saver = StateSaver(self.board, self._file)
-        self._session = self.board.attach(self._receive, lambda: self._unsent)
+        self._session = self.board.attach(self._receive, lambda: self._unsent, self.unplug)
         self._driver = BoardDriver(self.board)
 
     def _send(self, data: bytes) -> None:

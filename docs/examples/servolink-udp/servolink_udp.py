@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import os
 
+from servolink import BaseTransport
 from servolink.errors import OpenError
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo
-from servolink.transports.lifecycle import BaseTransport
 
 _LARGEST = 1400  # bytes of a datagram that every network carries in one piece
 

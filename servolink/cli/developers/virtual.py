@@ -29,7 +29,7 @@ from servolink.script import OK
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.board_script import HELP, ButtonChange, Event, Keys, Push, parse_script
+from servolink.virtual.board_script import HELP, Event, Keys, Push, apply, parse_script
 from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
 from servolink.virtual.serve import serve
@@ -184,18 +184,10 @@ def _playing(board: VirtualBoard, events: Iterable[Event]) -> Iterator[None]:
 
 
 def _apply(board: VirtualBoard, event: Event) -> None:
-    """Apply a scripted event to the board: a push, a power cycle or a button."""
-    now = asyncio.get_running_loop().time()
-    if isinstance(event, Push):
-        if board.servos[event.servo_id].is_hold:
-            print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
-        board.push_servo(event.servo_id, event.degree, now)
-    elif not isinstance(event, ButtonChange):
-        board.power_cycle(now)
-    elif event.down:
-        board.press_button(event.button_id, now)
-    else:
-        board.release_button(event.button_id, now)
+    """Apply a scripted event to the board, and print a push without effect."""
+    if isinstance(event, Push) and board.servos[event.servo_id].is_hold:
+        print(f"servolink: servo {event.servo_id} is held and is not pushed at {event.at:g} s", file=sys.stderr)
+    apply(board, event, asyncio.get_running_loop().time())
 
 
 @contextmanager
