@@ -83,6 +83,8 @@ if TYPE_CHECKING:
     from servolink.protocol.records import ServoParameter as ServoParameter
     from servolink.protocol.records import Step as Step
     from servolink.protocol.servos import ALL_SERVOS as ALL_SERVOS
+    from servolink.recorder.reading import Recording as Recording
+    from servolink.recorder.reading import open_recording as open_recording
     from servolink.recorder.recorder import Recorder as Recorder
     from servolink.recorder.recorder import record as record
     from servolink.recorder.writer import RecorderStatus as RecorderStatus
@@ -132,6 +134,7 @@ else:
         "mirror_project": "servolink.project.mirror",
         "MotionRefused": "servolink.errors",
         "NotFound": "servolink.errors",
+        "open_recording": "servolink.recorder.reading",
         "OpenError": "servolink.errors",
         "OutcomeUnknown": "servolink.errors",
         "PacketError": "servolink.errors",
@@ -145,6 +148,7 @@ else:
         "record": "servolink.recorder.recorder",
         "Recorder": "servolink.recorder.recorder",
         "RecorderStatus": "servolink.recorder.writer",
+        "Recording": "servolink.recorder.reading",
         "RecordingError": "servolink.errors",
         "Rejected": "servolink.errors",
         "rename_record": "servolink.project.adjust",

@@ -59,7 +59,9 @@ _BYTE_FOR_BYTE = "latin-1"  # reads every caption, and writes the same number of
 _DEEPEST = 6  # levels of fields within fields
 
 
-def blanked(entries: Iterable[Entry], private: PrivateText, byte_order: ByteOrder) -> list[tuple[int, Message]]:
+def blanked(
+    entries: Iterable[Entry[Message]], private: PrivateText, byte_order: ByteOrder
+) -> list[tuple[int, Message]]:
     """Return the messages of `entries` with their times in nanoseconds, blanked.
 
     Take `private` from the same entries before (see `PrivateText.learn`): a name may stand in an earlier text.
@@ -225,15 +227,14 @@ def blank_recording(path: Path, private: PrivateText) -> bytes:
     Raise RecordingError if the recording cannot be read.
     """
     end, count = 0.0, 0
-    with Recording(path) as recording:
-        about, byte_order = recording.about, recording.codec.byte_order
-        for entry in recording.entries():
-            private.learn([entry.message])
-            end, count = max(end, entry.seconds), count + 1
+    recording = Recording(path)
+    about, byte_order = recording.about, recording.codec.byte_order
+    for entry in recording.entries():
+        private.learn([entry.message])
+        end, count = max(end, entry.seconds), count + 1
     if count > _MOST_MESSAGES:
         raise RecordingError(f"{path} has {count:,} messages: too many for a report; record a shorter time")
-    with Recording(path) as recording:
-        messages = blanked(recording.entries(Selection(since=end - LAST_SECONDS)), private, byte_order)
+    messages = blanked(recording.entries(Selection(since=end - LAST_SECONDS)), private, byte_order)
     stream = McapStream(_blank_about(about, private))
     parts = [stream.head()]
     for time, message in messages:

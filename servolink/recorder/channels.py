@@ -122,7 +122,7 @@ CHANNELS: Final[dict[str, type[Message]]] = {
     "/problems": ProblemFound,
 }
 """Type of the messages in each channel, by topic."""
-TOPICS: Final = {declared: topic for topic, declared in CHANNELS.items()}
+TOPICS: Final[dict[type, str]] = {declared: topic for topic, declared in CHANNELS.items()}
 SCHEMA_NAMES: Final = {topic: f"servolink.{declared.__name__}" for topic, declared in CHANNELS.items()}
 
 _encoder = msgspec.json.Encoder()

@@ -13,7 +13,7 @@ from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import SetAngleUnitRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest
-from servolink.recorder.channels import Wire
+from servolink.recorder.channels import Message, Wire
 from servolink.recorder.reading import Entry, Recording, Selection
 
 _PATIENCE = 3.0  # seconds; a later response belongs to no request
@@ -85,7 +85,7 @@ class _Reader:
         self._noise = b""
         self._seconds = 0.0
 
-    def take(self, entry: Entry) -> None:
+    def take(self, entry: Entry[Message]) -> None:
         assert isinstance(entry.message, Wire)  # noqa: S101 - only that was selected
         self._seconds = entry.seconds
         if entry.message.direction == "sent":

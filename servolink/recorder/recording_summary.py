@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from servolink.recorder.channels import CommandDone, Event, PacketSeen, ProblemFound, ServosRead, ServoState
+from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ProblemFound, ServosRead, ServoState
 from servolink.recorder.reading import GOOD, Entry
 from servolink.recorder.round_trips import RoundTrip, RoundTrips, Times, response_name
 
@@ -77,14 +77,14 @@ class Summary:
         self.servos: dict[int, ServoRange] = {}
         self._trips = RoundTrips()
 
-    def over(self, entries: Iterable[Entry]) -> Iterator[Entry]:
+    def over(self, entries: Iterable[Entry[Message]]) -> Iterator[Entry[Message]]:
         """Yield `entries` unchanged, and count each."""
         for entry in entries:
             self.take(entry)
             yield entry
         self.finish()
 
-    def take(self, entry: Entry) -> None:
+    def take(self, entry: Entry[Message]) -> None:
         """Count a single entry of the recording."""
         self.seconds = max(self.seconds, entry.seconds)
         self.messages[entry.topic] += 1

@@ -66,8 +66,7 @@ class RecordedBoardTransport(BaseTransport):
     async def _open(self) -> None:
         """Read the recording. Raise OpenError for a recording impossible to replay."""
         try:
-            with Recording(self._path) as recording:
-                self._found = found = read_conversation(recording)
+            self._found = found = read_conversation(Recording(self._path))
         except RecordingError as error:
             raise OpenError(str(error)) from error
         self._parser = FrameParser(found.codec.byte_order)

@@ -46,11 +46,11 @@ class Story:
         self._read_at: float | None = None
         self._waiting_since: float | None = None  # time of the oldest request without a response
 
-    def tell(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
+    def tell(self, entries: Iterable[Entry[Message]]) -> Iterator[StoryRow]:
         """Yield the lines; consecutive lines with equal keys become a single line."""
         return _in_short(self._lines(entries))
 
-    def _lines(self, entries: Iterable[Entry]) -> Iterator[StoryRow]:
+    def _lines(self, entries: Iterable[Entry[Message]]) -> Iterator[StoryRow]:
         last = 0.0
         for entry in entries:
             last = entry.seconds

@@ -10,33 +10,25 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import msgspec
-
 from servolink.escaping import escape
-from servolink.recorder.channels import CHANNELS, Message, ServosRead, ServoState
+from servolink.recorder.channels import CHANNELS, Message
+from servolink.recorder.columns import columns, rows
 from servolink.recorder.new_file import naming, new_file
 from servolink.recorder.reading import Entry
 
-_FIRST = ("seconds", "time_ns")
 _UTF_8 = codecs.getwriter("utf-8")
 _FORMULA = tuple("=+-@|%\t\r'")
 
 
-def columns(topic: str) -> tuple[str, ...]:
-    """Return the names of the columns of a channel."""
-    if topic == "/servos":  # without captions, as in the file of `servolink watch`
-        return (*_FIRST, *(name for name in ServoState.__struct_fields__ if name != "caption"), "missed")
-    return (*_FIRST, *("took_seconds" if name in _FIRST else name for name in CHANNELS[topic].__struct_fields__))
-
-
-def rows(entry: Entry) -> Iterator[tuple[Any, ...]]:
+def cells(entry: Entry[Message]) -> Iterator[tuple[Any, ...]]:
     """Yield the rows of a message, with values safe in a spreadsheet."""
-    first = f"{entry.seconds:.6f}", entry.time
-    for values in _values(entry.message):
-        yield (*first, *map(_cell, values))
+    for seconds, time, *values in rows(entry.seconds, entry.time, entry.message):
+        yield f"{seconds:.6f}", time, *map(_cell, values)
 
 
-def write_tables(entries: Iterable[Entry], path_of: Callable[[str], Path], *, replace: bool = False) -> dict[Path, int]:
+def write_tables(
+    entries: Iterable[Entry[Message]], path_of: Callable[[str], Path], *, replace: bool = False
+) -> dict[Path, int]:
     """Write a CSV file for each channel of `entries`, at the path from `path_of`; return the numbers of rows.
 
     Raise RecordingError if a file exists and `replace` is not set, or cannot be written; then no file is changed,
@@ -65,12 +57,12 @@ class _ChannelTable:
         """Number of rows so far."""
         self._file = file
         self._writer = csv.writer(_UTF_8(file), lineterminator="\n")
-        self._writer.writerow(columns(topic))
+        self._writer.writerow(columns(CHANNELS[topic]))
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry: Entry[Message]) -> None:
         """Write the rows of a message. Raise RecordingError, with the name of the file, for a fault of the disk."""
         with naming(self.path):
-            for row in rows(entry):
+            for row in cells(entry):
                 self._writer.writerow(row)
                 self.count += 1
 
@@ -78,14 +70,6 @@ class _ChannelTable:
         """Pass all rows on to the system. Raise RecordingError, with the name of the file, for a fault of the disk."""
         with naming(self.path):
             self._file.flush()
-
-
-def _values(message: Message) -> Iterator[list[Any]]:
-    if isinstance(message, ServosRead):
-        for servo in message.servos:
-            yield [getattr(servo, name) for name in servo.__struct_fields__ if name != "caption"] + [message.missed]
-    else:
-        yield list(msgspec.structs.astuple(message))
 
 
 def _cell(value: Any) -> Any:

@@ -6,7 +6,6 @@ import asyncio
 import logging
 from pathlib import Path
 from typing import cast
-from weakref import WeakValueDictionary
 
 from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
@@ -22,7 +21,7 @@ from servolink.virtual.state_file import StateFile
 SAVE_AFTER = 0.5
 """Seconds from a change of the storage to the saving."""
 
-BOARDS: WeakValueDictionary[str, VirtualBoard] = WeakValueDictionary()
+BOARDS: dict[str, VirtualBoard] = {}
 """Boards of this program at an address of their own: `virtual://NAME`."""
 
 _logger = logging.getLogger(__name__)

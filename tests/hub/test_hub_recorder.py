@@ -46,9 +46,9 @@ def test_a_page_records(folder: Path) -> None:
 
     run(main())
     (path,) = folder.iterdir()
-    with Recording(path) as recording:
-        found = [entry.message for entry in recording.entries()]
-        assert recording.remarks == []
+    recording = Recording(path)
+    found = [entry.message for entry in recording.entries()]
+    assert recording.remarks == []
     assert Event("mark", "there", "page") in found
     assert any(isinstance(each, CommandDone) and each.who == "page" for each in found)
     assert sum(isinstance(each, ServosRead) for each in found) > 20
@@ -80,9 +80,9 @@ def test_the_end_of_the_hub_ends_it(folder: Path) -> None:
 
     run(main())
     (path,) = folder.iterdir()
-    with Recording(path) as recording:
-        assert list(recording.entries())[-1].seconds > 2
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert list(recording.entries())[-1].seconds > 2
+    assert recording.remarks == []
 
 
 @pytest.mark.parametrize("full", [False, True])

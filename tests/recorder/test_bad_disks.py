@@ -21,9 +21,9 @@ SERVOS = ServosRead((ServoState(1, 90, "degree", 3, 40, 1, is_start=True, is_hol
 
 
 def read(path: Path) -> list[Message]:
-    with Recording(path) as recording:
-        found = [entry.message for entry in recording.entries()]
-        assert recording.remarks == []
+    recording = Recording(path)
+    found = [entry.message for entry in recording.entries()]
+    assert recording.remarks == []
     return found
 
 
@@ -109,10 +109,10 @@ def test_a_full_disk_leaves_what_was_written(tmp_path: Path, monkeypatch: pytest
         writer.take(clock.now(), Wire("received", os.urandom(10_000), 0.0))
     with pytest.raises(RecordingError, match="is not complete: No space left on device"):
         writer.close()
-    with Recording(path) as recording:
-        assert next(recording.entries()).message == Event("mark", "first")
-        assert list(recording.entries()) is not None
-        assert "its end is missing" in recording.remarks[-1]
+    recording = Recording(path)
+    assert next(recording.entries()).message == Event("mark", "first")
+    assert list(recording.entries()) is not None
+    assert "its end is missing" in recording.remarks[-1]
 
 
 def test_a_disk_that_is_full_from_the_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

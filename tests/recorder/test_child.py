@@ -31,9 +31,9 @@ def test_it_writes_all_and_says_how_much(tmp_path: Path) -> None:
     status = writer.status()
     assert (status.path, status.messages, status.dropped, status.problem) == (str(path), 2501, 0, "")
     assert status.size == path.stat().st_size
-    with Recording(path) as recording:
-        assert recording.about == ABOUT
-        times = [entry.time for entry in recording.entries()]
+    recording = Recording(path)
+    assert recording.about == ABOUT
+    times = [entry.time for entry in recording.entries()]
     assert times == sorted(times)
     assert abs(times[-1] - time.time_ns()) < 60_000_000_000
 
@@ -62,8 +62,8 @@ def test_a_program_that_has_crashed_is_told_nothing(tmp_path: Path) -> None:
     with open(tmp_path / "order", "rb") as stdin, open(stdout, "wb") as nobody:
         done = processes.run((sys.executable, "-m", "servolink.recorder.child"), stdin=stdin, stdout=nobody)
     assert (done.returncode, done.stderr) == (0, "")
-    with Recording(path) as recording:
-        assert recording.about == ABOUT
+    recording = Recording(path)
+    assert recording.about == ABOUT
 
 
 _CRASH = """
@@ -86,6 +86,6 @@ def test_a_program_that_crashes_leaves_a_whole_file(tmp_path: Path) -> None:
     done = processes.run((sys.executable, "-c", _CRASH, str(path)))
     assert done.returncode == 3
     processes.until(lambda: path.stat().st_size >= 100 and path.read_bytes().endswith(MAGIC))
-    with Recording(path) as recording:
-        assert "ExecuteActionRequest" in {getattr(entry.message, "packet", "") for entry in recording.entries()}
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert "ExecuteActionRequest" in {getattr(entry.message, "packet", "") for entry in recording.entries()}
+    assert recording.remarks == []

@@ -35,15 +35,15 @@ def test_kill_costs_at_most_the_last_second(tmp_path: Path) -> None:
     killed = time.time_ns()
     recorder.kill()
     processes.finish(recorder)
-    with Recording(path) as recording:
-        entries = list(recording.entries())
-        assert len(entries) > 50
-        assert killed - entries[-1].time < 10_000_000_000  # 1 s, on a machine that does nothing else
-        assert any(ENDING in remark for remark in recording.remarks)
+    recording = Recording(path)
+    entries = list(recording.entries())
+    assert len(entries) > 50
+    assert killed - entries[-1].time < 10_000_000_000  # 1 s, on a machine that does nothing else
+    assert any(ENDING in remark for remark in recording.remarks)
     assert repair(path).messages == len(entries)
-    with Recording(path) as recording:
-        assert len(list(recording.entries())) == len(entries)
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert len(list(recording.entries())) == len(entries)
+    assert recording.remarks == []
 
 
 def test_a_file_that_may_not_grow(tmp_path: Path) -> None:
@@ -98,12 +98,12 @@ def test_a_full_file_system(small_disk: Path) -> None:
         writer.take(clock.now(), Wire("received", os.urandom(10_000), 0.0))
     processes.until(lambda: writer.status().problem)
     assert writer.status().problem == "No space left on device"
-    with Recording(path) as recording:  # whatever was written is whole chunks
-        assert all("damaged" not in remark for remark in recording.remarks)
+    recording = Recording(path)  # whatever was written is whole chunks
+    assert all("damaged" not in remark for remark in recording.remarks)
     filler.unlink()
     writer.take(clock.now(), Event("mark", "last"))
     processes.run(("mount", "-o", "remount,size=8m", str(small_disk)), check=True)
     writer.close()
-    with Recording(path) as recording:
-        assert sum(isinstance(entry.message, Wire) for entry in recording.entries()) == 40
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert sum(isinstance(entry.message, Wire) for entry in recording.entries()) == 40
+    assert recording.remarks == []

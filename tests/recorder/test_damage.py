@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.recorder.channels import Event, encode
+from servolink.recorder.channels import Event, Message, encode
 from servolink.recorder.mcap_reader import LARGEST, McapReader, find_record
 from servolink.recorder.mcap_stream import MAGIC, McapStream
 from servolink.recorder.reading import Entry, Recording
@@ -21,10 +21,10 @@ CHUNKS, EACH = 5, 12
 KIND, LENGTH = 0, 1  # places in a record
 
 
-def read(path: Path) -> tuple[list[Entry], list[str]]:
+def read(path: Path) -> tuple[list[Entry[Message]], list[str]]:
     """Return the messages of a file, and what is said of it."""
-    with Recording(path) as recording:
-        return list(recording.entries()), recording.remarks
+    recording = Recording(path)
+    return list(recording.entries()), recording.remarks
 
 
 def damaged(path: Path, block: int, place: int, bit: int) -> list[bytes]:

@@ -67,12 +67,12 @@ def made_up(path: Path, *records: bytes) -> Recording:
 
 @pytest.mark.parametrize("compression", CompressionType)
 def test_messages_come_back(tmp_path: Path, compression: CompressionType) -> None:
-    with Recording(write(tmp_path / "out.mcap", MESSAGES, compression=compression, chunk_size=100)) as recording:
-        assert recording.about is not None
-        assert (recording.about.board, recording.about.through) == ("rex", "hub")
-        assert recording.started == START
-        assert [(round(each.seconds, 6), each.message) for each in recording.entries()] == MESSAGES
-        assert recording.remarks == []
+    recording = Recording(write(tmp_path / "out.mcap", MESSAGES, compression=compression, chunk_size=100))
+    assert recording.about is not None
+    assert (recording.about.board, recording.about.through) == ("rex", "hub")
+    assert recording.started == START
+    assert [(round(each.seconds, 6), each.message) for each in recording.entries()] == MESSAGES
+    assert recording.remarks == []
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,8 @@ def test_messages_come_back(tmp_path: Path, compression: CompressionType) -> Non
     ],
 )
 def test_selection(tmp_path: Path, selection: Selection, wanted: set[int]) -> None:
-    with Recording(write(tmp_path / "out.mcap", MESSAGES)) as recording:
-        assert [each.message for each in recording.entries(selection)] == [MESSAGES[at][1] for at in sorted(wanted)]
+    recording = Recording(write(tmp_path / "out.mcap", MESSAGES))
+    assert [each.message for each in recording.entries(selection)] == [MESSAGES[at][1] for at in sorted(wanted)]
 
 
 TRIM = PacketSeen("sent", 30110, "AddServoParameterRequest", {"servos": [{"servo_id": 3}]}, 20)
@@ -110,8 +110,8 @@ ANSWER_ALL = PacketSeen("received", 20021, "QueryServoResponse", {"servos": [{"s
 def test_response_is_selected_with_its_request(tmp_path: Path, selection: Selection, wanted: set[int]) -> None:
     unasked = PacketSeen("received", 20021, "QueryServoResponse", {"servos": []}, 30)
     messages: list[tuple[float, Message]] = [(0, ASK_ALL), (0.1, ANSWER_ALL), (1, TRIM), (1.1, TRIMMED), (9, unasked)]
-    with Recording(write(tmp_path / "out.mcap", messages)) as recording:
-        assert [each.message for each in recording.entries(selection)] == [messages[at][1] for at in sorted(wanted)]
+    recording = Recording(write(tmp_path / "out.mcap", messages))
+    assert [each.message for each in recording.entries(selection)] == [messages[at][1] for at in sorted(wanted)]
 
 
 def test_file_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
@@ -119,10 +119,10 @@ def test_file_cut_anywhere_gives_what_is_whole(tmp_path: Path) -> None:
     cut, counts = tmp_path / "cut.mcap", []
     for size in range(len(MAGIC), len(whole), 499):
         cut.write_bytes(whole[:size])
-        with Recording(cut) as recording:
-            counts.append(len(list(recording.entries())))
-            remarks = recording.remarks
-            assert not remarks or "the file is cut" in remarks[-1]
+        recording = Recording(cut)
+        counts.append(len(list(recording.entries())))
+        remarks = recording.remarks
+        assert not remarks or "the file is cut" in remarks[-1]
     assert counts[0] == 0
     assert counts[-1] == len(MESSAGES) * 5
     assert counts == sorted(counts)
@@ -136,9 +136,9 @@ def test_damage_is_counted_and_never_raised(tmp_path: Path) -> None:
         for _ in range(chance.randrange(1, 4)):
             damaged[chance.randrange(len(MAGIC), len(whole))] = chance.randrange(256)
         path.write_bytes(damaged)
-        with Recording(path) as recording:
-            assert len(list(recording.entries())) <= len(MESSAGES)
-            assert all(isinstance(each, str) for each in recording.remarks)
+        recording = Recording(path)
+        assert len(list(recording.entries())) <= len(MESSAGES)
+        assert all(isinstance(each, str) for each in recording.remarks)
 
 
 @pytest.mark.parametrize("content", [b"", MAGIC[:5], b"{}", b"\x89MCAP1\r\n" + bytes(100)])
@@ -183,8 +183,8 @@ BOMB = bytes(8 * LARGEST)
 def test_hostile_record_is_left_out(tmp_path: Path, hostile: bytes, remark: str) -> None:
     tracemalloc.start()
     try:
-        with made_up(tmp_path / "x.mcap", CHANNEL, hostile, MARK, END) as recording:
-            assert [each.message for each in recording.entries()] == [Event("mark", "here")]
+        recording = made_up(tmp_path / "x.mcap", CHANNEL, hostile, MARK, END)
+        assert [each.message for each in recording.entries()] == [Event("mark", "here")]
         assert tracemalloc.get_traced_memory()[1] < 4 * LARGEST
     finally:
         tracemalloc.stop()
@@ -197,8 +197,8 @@ def test_hostile_record_is_left_out(tmp_path: Path, hostile: bytes, remark: str)
 def test_size_that_lies_ends_the_file_and_costs_nothing(tmp_path: Path, kind: int, size: int) -> None:
     tracemalloc.start()
     try:
-        with made_up(tmp_path / "x.mcap", CHANNEL, MARK, struct.pack("<BQ", kind, size)) as recording:
-            assert len(list(recording.entries())) == 1
+        recording = made_up(tmp_path / "x.mcap", CHANNEL, MARK, struct.pack("<BQ", kind, size))
+        assert len(list(recording.entries())) == 1
         assert tracemalloc.get_traced_memory()[1] < LARGEST
     finally:
         tracemalloc.stop()
@@ -207,7 +207,7 @@ def test_size_that_lies_ends_the_file_and_costs_nothing(tmp_path: Path, kind: in
 
 def test_unknown_byte_order_is_read_as_the_usual_one(tmp_path: Path) -> None:
     about = {"version": "9", "started": "", "board": "", "through": "board", "byte_order": "middle"}
-    with Recording(write(tmp_path / "x.mcap", [], about=about)) as recording:
-        assert recording.codec.byte_order == "little"
-        assert list(recording.entries()) == []
-        assert recording.started == 0
+    recording = Recording(write(tmp_path / "x.mcap", [], about=about))
+    assert recording.codec.byte_order == "little"
+    assert list(recording.entries()) == []
+    assert recording.started == 0

@@ -17,9 +17,9 @@ from tests.virtual_time import run
 
 
 def messages(path: Path) -> list[Message]:
-    with Recording(path) as recording:
-        found = [entry.message for entry in recording.entries()]
-        assert recording.remarks == []
+    recording = Recording(path)
+    found = [entry.message for entry in recording.entries()]
+    assert recording.remarks == []
     return found
 
 

@@ -27,11 +27,11 @@ def test_it_hears_other_programs(tmp_path: Path) -> None:
         await interface.close()
 
     on_hub(use)
-    with Recording(path) as recording:
-        found = [entry.message for entry in recording.entries()]
-        assert recording.about is not None
-        assert (recording.about.through, recording.about.board) == ("hub", "rex")
-        assert recording.remarks == []
+    recording = Recording(path)
+    found = [entry.message for entry in recording.entries()]
+    assert recording.about is not None
+    assert (recording.about.through, recording.about.board) == ("hub", "rex")
+    assert recording.remarks == []
     commands = [message for message in found if isinstance(message, CommandDone)]
     (moved,) = [each for each in commands if each.packet == "ExecuteActionRequest"]
     assert moved.outcome == "sent"
@@ -56,8 +56,8 @@ def test_a_program_records_all_programs_of_its_shared_board(tmp_path: Path) -> N
         await interface.close()
 
     on_hub(use)
-    with Recording(path) as recording:
-        packets = [entry.message.packet for entry in recording.entries() if isinstance(entry.message, CommandDone)]
+    recording = Recording(path)
+    packets = [entry.message.packet for entry in recording.entries() if isinstance(entry.message, CommandDone)]
     assert "SetServoParameterRequest" in packets
 
 
@@ -74,5 +74,5 @@ def test_the_end_of_the_hub_ends_it(tmp_path: Path) -> None:
         await interface.close()
 
     on_hub(use)
-    with Recording(path) as recorded:
-        assert "hub has ended" in [getattr(entry.message, "text", "") for entry in recorded.entries()][-1]
+    recorded = Recording(path)
+    assert "hub has ended" in [getattr(entry.message, "text", "") for entry in recorded.entries()][-1]

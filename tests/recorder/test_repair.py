@@ -62,10 +62,10 @@ def test_the_file_is_replaced_and_the_original_kept(tmp_path: Path) -> None:
     done = repair(path)
     assert done.messages == 12 * 19
     assert Path(done.original).read_bytes() == cut
-    with Recording(path) as recording:
-        assert len(list(recording.entries())) == done.messages
-        assert recording.remarks == []
-        assert recording.about == ABOUT
+    recording = Recording(path)
+    assert len(list(recording.entries())) == done.messages
+    assert recording.remarks == []
+    assert recording.about == ABOUT
     assert sorted(each.name for each in tmp_path.iterdir()) == ["out.mcap", "out.mcap.cut"]
 
 
@@ -227,5 +227,5 @@ def test_events_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
     path.write_bytes(head + stream.chunk())
     repair(path)
-    with Recording(path) as recording:
-        assert [entry.message for entry in recording.entries()] == [Event("mark", "here")]
+    recording = Recording(path)
+    assert [entry.message for entry in recording.entries()] == [Event("mark", "here")]

@@ -97,9 +97,9 @@ def test_it_is_written_when_something_fails(tmp_path: Path) -> None:
     path = Path(saved.path)
     assert path.name.startswith("out-20")
     assert saved.size == path.stat().st_size
-    with Recording(path) as recording:
-        found = [entry.message for entry in recording.entries()]
-        assert recording.remarks == []
+    recording = Recording(path)
+    found = [entry.message for entry in recording.entries()]
+    assert recording.remarks == []
     assert [each.what for each in found if isinstance(each, Event)] == [*map(str, range(10)), "lost", "saved"]
 
 
@@ -122,8 +122,8 @@ def test_a_recorder_writes_it_with_packets(tmp_path: Path) -> None:
 
     (saved,) = run(main())
     assert saved.reason == "asked for"
-    with Recording(saved.path) as recording:
-        packets = [entry.message.packet for entry in recording.entries() if isinstance(entry.message, PacketSeen)]
+    recording = Recording(saved.path)
+    packets = [entry.message.packet for entry in recording.entries() if isinstance(entry.message, PacketSeen)]
     assert "QueryServoResponse" in packets
 
 

@@ -23,7 +23,7 @@ ASK = PacketSeen("sent", 20020, "QueryServoRequest", {"servo_id": 3}, 10)
 ANSWER = PacketSeen("received", 20021, "QueryServoResponse", {"servos": [{"servo_id": 3}]}, 30)
 
 
-def entries(*messages: tuple[float, Message]) -> list[Entry]:
+def entries(*messages: tuple[float, Message]) -> list[Entry[Message]]:
     return [Entry(seconds, 0, TOPICS[type(message)], message) for seconds, message in messages]
 
 

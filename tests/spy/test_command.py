@@ -98,10 +98,10 @@ def test_it_shows_records_and_says_what_it_learnt(tmp_path: Path, capsys: pytest
         line.startswith("unknown packets    50021 (big) from the board once, 4 bytes 1b5b324a") for line in lines
     )
     assert lines[-1].startswith("recorded ")
-    with Recording(file) as recording:
-        messages = [entry.message for entry in recording.entries()]
-        assert recording.about is not None
-        assert (recording.about.through, recording.about.byte_order) == ("spy", "big")
+    recording = Recording(file)
+    messages = [entry.message for entry in recording.entries()]
+    assert recording.about is not None
+    assert (recording.about.through, recording.about.byte_order) == ("spy", "big")
     assert (
         b"".join(message.data for message in messages if isinstance(message, Wire) and message.direction == "sent")
         == ASKED

@@ -45,9 +45,9 @@ def test_recording_marks_and_exports(studio: Studio, browser: Any, tmp_path: Pat
         path = exported(page, "Recording (MCAP)")
         copied = tmp_path / "x.mcap"
         copied.write_bytes(path.read_bytes())
-        with Recording(copied) as recording:
-            messages = [entry.message for entry in recording.entries()]
-            assert recording.remarks == []
+        recording = Recording(copied)
+        messages = [entry.message for entry in recording.entries()]
+        assert recording.remarks == []
         assert [each.what for each in messages if isinstance(each, Event) and each.kind == "mark"] == [
             "mark 1",
             "mark 2",

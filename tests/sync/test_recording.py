@@ -33,9 +33,9 @@ def test_a_block_is_recorded(tmp_path: Path) -> None:
             assert not recorder.status.problem
         assert recorder.status.messages > 2
         assert board.servo_ids() == (1, 2)
-    with Recording(path) as recording:
-        messages = [entry.message for entry in recording.entries()]
-        assert recording.remarks == []
+    recording = Recording(path)
+    messages = [entry.message for entry in recording.entries()]
+    assert recording.remarks == []
     assert Event("mark", "the arm is up", who="me") in messages
     assert any(isinstance(message, Wire) for message in messages)
 
@@ -50,9 +50,9 @@ def test_an_error_in_the_block_ends_the_recording_whole(tmp_path: Path) -> None:
             servolink.sync.record(path, board),
         ):
             pytest.fail("an existing file is never replaced")
-    with Recording(path) as recording:
-        assert list(recording.entries())
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert list(recording.entries())
+    assert recording.remarks == []
 
 
 def test_a_board_of_the_other_kind_is_refused(tmp_path: Path) -> None:
@@ -89,5 +89,5 @@ def test_the_end_of_the_program_ends_a_recording_without_a_word(tmp_path: Path) 
     process = processes.start([sys.executable, "-W", "default", "-c", ABANDONED, str(path)], stderr=subprocess.PIPE)
     out, err = process.communicate(timeout=processes.LIMIT)
     assert (process.returncode, out, err) == (0, "", "")
-    with Recording(path) as recording:  # its last moment is lost, as in a crash
-        list(recording.entries())
+    recording = Recording(path)  # its last moment is lost, as in a crash
+    list(recording.entries())

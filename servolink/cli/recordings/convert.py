@@ -46,9 +46,9 @@ from servolink.script import OK
 )
 def run(args: argparse.Namespace) -> int:
     """Write the recording in another form."""
-    with Recording(Path(args.file)) as recording:
-        written = _write_capture(args, recording) if args.pcap else _write_tables(args, recording)
-        remarks = recording.remarks
+    recording = Recording(args.file)
+    written = _write_capture(args, recording) if args.pcap else _write_tables(args, recording)
+    remarks = recording.remarks
     if args.json:
         print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
         return OK
@@ -78,8 +78,7 @@ def _write_capture(args: argparse.Namespace, recording: Recording) -> dict[Path,
         usage_error(args, "--pcap writes all bytes of the line: only --from and --to select a part")
     out = Path(args.output) if args.output else _beside(recording.path, ".pcapng")
     refuse_input(args, recording.path, [out])
-    entries = recording.entries(Selection(wanted.since, wanted.until, frozenset({"/wire"})))
-    wire = ((entry.time, entry.message) for entry in entries if isinstance(entry.message, Wire))
+    wire = ((entry.time, entry.message) for entry in recording.messages(Wire, since=wanted.since, until=wanted.until))
     recorded = recording.about or Recorded("", "", recording.path.name, "board")
     return {out: save_pcapng(out, wire, recorded, replace=args.force)}
 

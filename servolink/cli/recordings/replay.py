@@ -28,7 +28,7 @@ from servolink.protocol.json_form import packet_to_json
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 from servolink.recorder.channels import ServosRead
 from servolink.recorder.conversation import Asked, commands, read_conversation
-from servolink.recorder.reading import Recording, Selection
+from servolink.recorder.reading import Recording
 from servolink.recorder.replaying import RecordedBoardTransport
 from servolink.recorder.story import asked as in_words
 from servolink.recorder.story import duration
@@ -78,8 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    with Recording(Path(args.file)) as recording:  # now, so that a damaged file is reported before a program connects
-        read_conversation(recording)
+    read_conversation(Recording(args.file))  # now, so that a damaged file is reported before a program connects
 
     def connect() -> Transport:
         return RecordedBoardTransport(args.file, speed=args.speed)
@@ -143,13 +142,11 @@ def play(args: argparse.Namespace) -> int:
 
 
 def _load(args: argparse.Namespace) -> Replay:
-    path = Path(args.file)
-    with Recording(path) as recording:
-        conversation = read_conversation(recording)
-        codec = recording.codec
+    recording = Recording(args.file)
+    conversation = read_conversation(recording)
     sent = [asked for asked in commands(conversation) if asked.packet is not None]
-    first = _first_reading(path)
-    board = VirtualBoard(_servo_count(sent, first), codec=codec)
+    first = next((entry.message for entry in recording.messages(ServosRead) if entry.message.servos), None)
+    board = VirtualBoard(_servo_count(sent, first), codec=recording.codec)
     if args.state:
         load_state(board, Path(args.state))
     for state in first.servos if first else ():
@@ -157,15 +154,6 @@ def _load(args: argparse.Namespace) -> Replay:
             angle = to_degrees(round(state.angle)) if state.angle_unit == "adc" else state.angle
             board.servos[state.servo_id].angle = max(-180.0, min(180.0, angle))
     return Replay(args.file, board, sent, args.speed)
-
-
-def _first_reading(path: Path) -> ServosRead | None:
-    """Return the first reading with servos; None for a recording without readings."""
-    with Recording(path) as recording:
-        for entry in recording.entries(Selection(topics=frozenset({"/servos"}))):
-            if isinstance(entry.message, ServosRead) and entry.message.servos:
-                return entry.message
-    return None
 
 
 def _servo_count(sent: Sequence[Asked], first: ServosRead | None) -> int:

@@ -99,13 +99,13 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace, path: Path, wanted: Selection) -> None:
-    with Recording(path) as recording:
-        if args.json:
-            _print_messages(recording, wanted)
-        else:
-            _tell(recording, wanted)
-            for remark in recording.remarks:
-                print_error(f"servolink: {recording.path}: {remark}")
+    recording = Recording(path)
+    if args.json:
+        _print_messages(recording, wanted)
+    else:
+        _tell(recording, wanted)
+        for remark in recording.remarks:
+            print_error(f"servolink: {recording.path}: {remark}")
 
 
 def _show_report(args: argparse.Namespace, path: Path, wanted: Selection) -> None:

@@ -197,9 +197,9 @@ def test_no_table_is_replaced_if_one_of_them_cannot_be_written(
     tables = [path.with_name(f"out.{channel}.csv") for channel in ("events", "wire")]
     for each in tables:
         each.write_text("precious")
-    rows = tables_module.rows
+    cells = tables_module.cells
     monkeypatch.setattr(
-        tables_module, "rows", lambda entry: full() if getattr(entry.message, "data", b"") == b"last" else rows(entry)
+        tables_module, "cells", lambda entry: full() if getattr(entry.message, "data", b"") == b"last" else cells(entry)
     )
     said = call(capsys, "convert", str(path), "--csv", "--force")
     assert (said.code, said.err) == (1, f"servolink: {tables[1]} cannot be written: {os.strerror(errno.ENOSPC)}\n")

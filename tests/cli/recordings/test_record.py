@@ -25,9 +25,9 @@ def test_a_recording_of_some_time(tmp_path: Path, capsys: pytest.CaptureFixture[
     said = call(capsys, "record", str(path), "--seconds", "0.1", "--board", "virtual://")
     assert said.code == 0
     assert f"to {path}" in said.out
-    with Recording(path) as recording:
-        assert len(list(recording.entries())) > 5
-        assert recording.remarks == []
+    recording = Recording(path)
+    assert len(list(recording.entries())) > 5
+    assert recording.remarks == []
 
 
 def test_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
