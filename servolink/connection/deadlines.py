@@ -139,7 +139,7 @@ class Silence:
         """Time of the first request since the latest frame; None if there was none."""
         self._sendings = 0
 
-    def asked(self, now: float) -> None:
+    def sent(self, now: float) -> None:
         """Count a request sent at `now`."""
         if self.since is None:
             self.since, self._sendings = now, 0

@@ -153,7 +153,7 @@ class ResponseDispatcher:
         if not self._slots.live:
             self._restart(now)
         self._slots.open(slot)
-        self._silence.asked(now)
+        self._silence.sent(now)
         self._timer.arm(now + slot.timeout)
 
     def leave(self, call: Call) -> None:

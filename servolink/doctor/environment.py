@@ -20,7 +20,7 @@ from servolink.doctor.system import (
 from servolink.escaping import escape
 
 LATENCY_TIMER = "latency timer"
-_HELD_BACK = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
+_LATENCY_CAUSE = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"
 _LONGEST_TIMER = 2  # milliseconds, too short to matter
 _NEAR_16_MS = (0.0135, 0.0185)  # seconds: the timer itself, and the short way there and back
 _FEWEST_ROUND_TRIPS = 10  # minimum of round trips for a conclusion
@@ -117,7 +117,7 @@ def check_latency_timer(facts: SystemFacts, url: str) -> Iterator[Finding]:
     path = f"/sys/bus/usb-serial/devices/{name}/latency_timer"
     timer = facts.text(path)
     if timer.isdecimal() and int(timer) > _LONGEST_TIMER:
-        yield Finding(LATENCY_TIMER, f"{path} is {timer} ms", _HELD_BACK, _remedy(facts, name))
+        yield Finding(LATENCY_TIMER, f"{path} is {timer} ms", _LATENCY_CAUSE, _remedy(facts, name))
 
 
 def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]) -> Iterator[Finding]:
@@ -127,7 +127,7 @@ def check_round_trips(facts: SystemFacts, url: str, round_trips: Sequence[float]
     if len(round_trips) >= _FEWEST_ROUND_TRIPS and len(near) * 2 >= len(round_trips):
         name = PurePosixPath(facts.real(serial_device(url))).name
         evidence = f"{len(near)} of {len(round_trips)} responses took {low * 1000:g} to {high * 1000:g} ms"
-        yield Finding(LATENCY_TIMER, evidence, f"typical when {_HELD_BACK}", _remedy(facts, name))
+        yield Finding(LATENCY_TIMER, evidence, f"typical when {_LATENCY_CAUSE}", _remedy(facts, name))
 
 
 def _remedy(facts: SystemFacts, name: str) -> str:

@@ -202,11 +202,11 @@ def _clear_finding(trial: Trial, before: int, after: int, parameters: Sequence[S
     has = len(without_neutral(parameters))
     observations = [f"project id {'kept' if after == before else 'deleted'}" if before else "no project id to see"]
     observations.append(f"{has} of {had} servo parameters kept" if had else "no servo parameters to see")
-    are_kept = [after == before] * bool(before) + [has == had] * bool(had)
+    survived = [after == before] * bool(before) + [has == had] * bool(had)
     text = f"all records deleted, {', '.join(observations)}"
-    if not are_kept or len({*are_kept}) > 1 or (not are_kept[0] and (has or after)):
+    if not survived or len({*survived}) > 1 or (not survived[0] and (has or after)):
         return Measured("clear", None, "guess", text)
-    return Measured("clear", "records" if are_kept[0] else "all", "certain" if len(are_kept) == 2 else "likely", text)
+    return Measured("clear", "records" if survived[0] else "all", "certain" if len(survived) == 2 else "likely", text)
 
 
 def _clear_time(seconds: float, is_accepted: object) -> Measured:
