@@ -185,13 +185,13 @@ def choose_board(args: argparse.Namespace) -> str:
     if args.url:
         return str(args.url)
 
-    from servolink.discovery.search import NONE_HERE, boards, only, search
+    from servolink.discovery.search import NO_BOARD_FOUND, boards, only, search
 
     candidates = search()
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
     if not found:
-        raise OpenError(NONE_HERE)
+        raise OpenError(NO_BOARD_FOUND)
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
     if args.json or not can_ask():

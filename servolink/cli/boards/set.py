@@ -73,7 +73,7 @@ def _setting(name: str, about: FieldHelp) -> Option:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     metavar = "NAME,..." if name == "unsupported" else "VALUE"
-    help_text = in_shell(f"{about.meaning} ({about.wanted})")
+    help_text = in_shell(f"{about.meaning} ({about.expected})")
     return option(f"--{name.replace('_', '-')}", metavar, help_text, read)
 
 

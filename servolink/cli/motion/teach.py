@@ -36,7 +36,7 @@ from servolink.profiles.store import load_profile, save_profile
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
 from servolink.project.project_file import load_project, save_project
-from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
+from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_duplicate
 from servolink.protocol.records import Action, Macro
 from servolink.script import FAILED, INTERRUPTED, OK
 
@@ -159,7 +159,7 @@ def _note(text: str) -> None:
 async def _check_name(board: Board, name: str, file: Path | None) -> None:
     """Raise ProjectError if the poses could not be stored under `name`: before anything goes limp."""
     project = _in(file) if file is not None else await _outline(board)
-    refuse_taken(project, name)
+    refuse_duplicate(project, name)
     build_project(Action.pose(f"{name} 99", {}), Macro.of(name))
 
 
@@ -182,7 +182,7 @@ async def _write(board: Board, lesson: PoseRecorder, file: Path | None) -> str:
 
 def _taught_to(project: Project, lesson: PoseRecorder) -> Project:
     """Return `project` with the taught records. Raise ProjectError for a caption in use."""
-    refuse_taken(project, lesson.caption)
+    refuse_duplicate(project, lesson.caption)
     return extend_project(project, lesson.record())
 
 
