@@ -26,10 +26,10 @@ class AngleUnits:
 
     def __init__(self, session: Session, angle_unit: AngleUnit | None) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
-        self.known = ServoUnits()
+        self.current = ServoUnits()
         """Units that are set on the board, also after a reconnect."""
         self._session = session
-        self._wanted: AngleUnit | None = angle_unit  # for all servos, whenever their common unit is not known
+        self._chosen: AngleUnit | None = angle_unit  # for all servos, whenever their common unit is not known
         self._setting = asyncio.Lock()
         session.restore_with(self._restore)
 
@@ -40,11 +40,11 @@ class AngleUnits:
 
     def of(self, servo_id: int) -> AngleUnit | None:
         """Return the unit of a servo, None if it is unknown."""
-        return self.known.of(servo_id) or self._wanted
+        return self.current.of(servo_id) or self._chosen
 
     @property
     def _is_set(self) -> bool:
-        return self._wanted is None or self.known.common is not None
+        return self._chosen is None or self.current.common is not None
 
     async def set(self, unit: AngleUnit, servo: int | str = ALL_SERVOS) -> None:
         """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
@@ -65,8 +65,8 @@ class AngleUnits:
 
     async def _set_first(self) -> None:
         """Set the unit of all servos unless it is known to be set. The caller holds the lock."""
-        if not self._is_set and self._wanted is not None:
-            await self._set(unit_request(ALL_SERVOS, self._wanted))
+        if not self._is_set and self._chosen is not None:
+            await self._set(unit_request(ALL_SERVOS, self._chosen))
 
     async def _set(self, request: SetAngleUnitRequest) -> None:
         """Set a unit. The caller holds the lock."""
@@ -112,16 +112,16 @@ class AngleUnits:
             # Sent, and the response is missing: the board may be in either unit. Forget what is known, so that all
             # servos are set again before the next angle.
             if connection.units_sent != sent:
-                self.known.forget()
+                self.current.forget()
             raise
         if is_accepted(packet, response):
-            self.known.set(packet)
-            self._wanted = self.known.common or self._wanted
+            self.current.set(packet)
+            self._chosen = self.current.common or self._chosen
         return response
 
     async def _restore(self, connection: PacketConnection) -> None:
         """Set the same units on a new connection: the board may have been switched off and on."""
-        for request in ServoUnits().needed(self.known):
+        for request in ServoUnits().needed(self.current):
             _check_response(request, await connection.request(request))
 
 

@@ -328,7 +328,7 @@ class Board:
     @property
     def units(self) -> ServoUnits:
         """The units that are known to be set on the board. Change them with `set_angle_unit` only."""
-        return self._servos.units.known
+        return self._servos.units.current
 
     async def move(
         self,

@@ -91,8 +91,8 @@ class RecordStore:
         """Return whether the board is in the state after `request` (see `Board.took_effect`)."""
         for record_type in RECORD_TYPES:
             if isinstance(request, record_type.add_class):
-                wanted = record_type.record_in(request)
-                return wanted is not None and await self._find(record_type, record_type.id_of(request)) == wanted
+                record = record_type.record_in(request)
+                return record is not None and await self._find(record_type, record_type.id_of(request)) == record
             if isinstance(request, record_type.delete_class):
                 return await self._find(record_type, record_type.id_of(request)) is None
         match request:
@@ -114,13 +114,13 @@ class RecordStore:
         return found if found is not None and record_type.id_of(found) == record_id else None
 
     async def _free_id(self, record_type: RecordType[Any]) -> int:
-        taken = {record_type.id_of(entry) for entry in await self.entries(record_type)}
-        return next(record_id for record_id in range(1, len(taken) + 2) if record_id not in taken)
+        used_ids = {record_type.id_of(entry) for entry in await self.entries(record_type)}
+        return next(record_id for record_id in range(1, len(used_ids) + 2) if record_id not in used_ids)
 
     async def _is_set(self, request: SetServoParameterRequest) -> bool:
         states = (await self._session.request(QueryServoRequest(request.servo_id))).servos
-        wanted = (request.is_start, request.is_hold)
-        return bool(states) and all((state.is_start, state.is_hold) == wanted for state in states)
+        expected = (request.is_start, request.is_hold)
+        return bool(states) and all((state.is_start, state.is_hold) == expected for state in states)
 
 
 def _check_references(record_type: RecordType[T], record: T) -> None:

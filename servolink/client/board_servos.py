@@ -226,13 +226,13 @@ class ServoController:
                 raise OutcomeUnknown(text, error.request) from error
             elapsed = loop.time() - start
             yield servos
-            here = _angles(goals, servos)
-            away = [servo_id for servo_id in goals if _distance(servo_id, here[servo_id], goals[servo_id]) > _ARRIVED]
-            if elapsed >= seconds and not away and (too_late or not settle or here == before):
+            pose = _angles(goals, servos)
+            away = [servo_id for servo_id in goals if _distance(servo_id, pose[servo_id], goals[servo_id]) > _ARRIVED]
+            if elapsed >= seconds and not away and (too_late or not settle or pose == before):
                 return
             if too_late:
-                raise _not_arrived({servo_id: (here[servo_id], goals[servo_id]) for servo_id in away})
-            before = here
+                raise _not_arrived({servo_id: (pose[servo_id], goals[servo_id]) for servo_id in away})
+            before = pose
             await asyncio.sleep(_PAUSE)
 
     async def send(self, packet: ExecuteActionRequest, *, ticket: Ticket | None = None) -> None:
@@ -242,12 +242,12 @@ class ServoController:
         angles = {step.servo_id: step.degree for step in packet.steps}
         while True:
             await self.units.ensure()
-            here, moving = await self._start(angles, needed=self._needs_pose(angles))
+            pose, moving = await self._start(angles, needed=self._needs_pose(angles))
             units_sent = connection.units_sent
             check_limits(angles, self.units.of, self._limits)
             first = self.soft_start.first_moves(moving)
-            for step in packet.steps if here else ():
-                self._check_speed(step, abs(step.degree - here[step.servo_id]), is_first=step.servo_id in first)
+            for step in packet.steps if pose else ():
+                self._check_speed(step, abs(step.degree - pose[step.servo_id]), is_first=step.servo_id in first)
             with suppress(UnitsChanged):
                 await connection.send(packet, ticket=ticket.checked(units_sent))
                 break
@@ -318,11 +318,11 @@ class ServoController:
     ) -> tuple[dict[int, int], dict[int, int], set[int]]:
         """Return the goals, the time of each servo in intervals and the moving servos, for the units set now."""
         await self.units.ensure()
-        here, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
+        pose, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
         goals = self._goals(targets, speed)
         first = self.soft_start.first_moves(moving)
         intervals = intervals_for(
-            goals, here, self._limits, duration=duration, speed=speed, unit=self._interval_unit, soft=first
+            goals, pose, self._limits, duration=duration, speed=speed, unit=self._interval_unit, soft=first
         )
         return goals, intervals, moving
 
@@ -339,8 +339,8 @@ class ServoController:
         if not needed:
             return {}, set(servo_ids)
         servos = await self.servos()
-        here = _angles(servo_ids, servos)
-        return here, {servo.servo_id for servo in servos if servo.servo_id in here and servo.is_start and servo.is_hold}
+        pose = _angles(servo_ids, servos)
+        return pose, {servo.servo_id for servo in servos if servo.servo_id in pose and servo.is_start and servo.is_hold}
 
     def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
         """Raise MotionRefused for too fast a step of `degrees`."""
@@ -351,38 +351,38 @@ class ServoController:
             exceeded = self._limits.exceeded_soft_start(degrees, seconds)
             why = f"from an unknown pose its soft start allows {exceeded}, to which `move` keeps by itself"
         if exceeded:
-            asked = degrees_per_second(degrees, seconds)
+            speed = degrees_per_second(degrees, seconds)
             raise MotionRefused(
-                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {asked:.0f} degrees/s; {why}"
+                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}"
             )
 
 
-def _angles(wanted: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
+def _angles(servo_ids: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
     """Return the angles of the servos wanted, by id. Raise NotFound for a missing servo."""
-    here = {servo.servo_id: servo.angle for servo in servos}
-    if missing := [servo_id for servo_id in wanted if servo_id not in here]:
+    pose = {servo.servo_id: servo.angle for servo in servos}
+    if missing := [servo_id for servo_id in servo_ids if servo_id not in pose]:
         raise NotFound(f"the board has no servo {missing[0]}", QueryServoRequest(ALL_SERVOS))
-    return {servo_id: here[servo_id] for servo_id in wanted}
+    return {servo_id: pose[servo_id] for servo_id in servo_ids}
 
 
 def _not_arrived(away: Mapping[int, tuple[int, int]]) -> TargetNotReached:
     """Return the error for servos away from their targets."""
-    places = [f"servo {servo_id} is at {here}, not at {goal}" for servo_id, (here, goal) in away.items()]
+    places = [f"servo {servo_id} is at {angle}, not at {goal}" for servo_id, (angle, goal) in away.items()]
     if len(places) > _MOST_NAMED:
         places[_MOST_NAMED:] = [f"{len(places) - _MOST_NAMED} more servos are on their way"]
-    they = "it" if len(away) == 1 else "they"
+    noun = "it" if len(away) == 1 else "they"
     return TargetNotReached(
-        f"{'; '.join(places)}, {_GRACE:.0f} s after {they} should have arrived: {they} may be stopped or released "
+        f"{'; '.join(places)}, {_GRACE:.0f} s after {noun} should have arrived: {noun} may be stopped or released "
         "(then start and hold first), blocked, overloaded or unable to turn that far; the motion was sent, so look at "
         "the robot before you repeat it",
         away,
     )
 
 
-def _distance(servo_id: int, here: int, goal: int) -> int:
-    if type(here) is not type(goal):
+def _distance(servo_id: int, angle: int, goal: int) -> int:
+    if type(angle) is not type(goal):
         raise OutcomeUnknown(
-            f"servo {servo_id} was moved to {goal!r} and now reports {here!r}: its angle unit was changed meanwhile, "
+            f"servo {servo_id} was moved to {goal!r} and now reports {angle!r}: its angle unit was changed meanwhile, "
             "so whether it has arrived is unknown; read it again"
         )
-    return abs(here - goal)
+    return abs(angle - goal)

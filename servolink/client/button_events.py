@@ -94,17 +94,17 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
     async def _settle(self) -> None:
         """Subscribe if there are readers, unsubscribe if there are none."""
         async with self._changing:
-            wanted = bool(self._readers)
-            if wanted == self._subscribed or self._connection.ended is not None:
+            has_readers = bool(self._readers)
+            if has_readers == self._subscribed or self._connection.ended is not None:
                 return
             # None while the request is under way: after an unanswered request, the next call asks again in any case.
             before, self._subscribed = self._subscribed, None
-            request = SubscribeButtonEventRequest(subscribe=int(wanted))
+            request = SubscribeButtonEventRequest(subscribe=int(has_readers))
             response = await self._connection.request(request)
             if not response.result:
                 self._subscribed = before
-                raise Rejected(f"the board refused to {'start' if wanted else 'end'} button events", request)
-            self._subscribed = wanted
+                raise Rejected(f"the board refused to {'start' if has_readers else 'end'} button events", request)
+            self._subscribed = has_readers
 
     def _deliver(self, event: ButtonEvent) -> None:
         for reader in self._readers:

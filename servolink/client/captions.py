@@ -152,5 +152,5 @@ def _the_one(things: Iterable[Named], label: str, caption: str, request: Request
     if found:
         text = f"{quote(caption)} may be {listed(found, 'or')}; give the id"
         raise AmbiguousName(text, request)
-    there = closest(things, caption, label) if things or label != "servo" else "no servo of it has a caption"
-    raise NotFound(f"the board has no {label} {quote(caption)}; {there}", request)
+    hint = closest(things, caption, label) if things or label != "servo" else "no servo of it has a caption"
+    raise NotFound(f"the board has no {label} {quote(caption)}; {hint}", request)

@@ -59,6 +59,6 @@ def check_can_wait(run: RecordRun, servos: Iterable[Servo]) -> None:
     name = name_of(run.record)
     if why := next(uncheckable(run.stored), ""):
         raise RequestError(f"{name} was not run, because its end could not be known: {why}")
-    there = {servo.servo_id for servo in servos}
-    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in there):
+    present = {servo.servo_id for servo in servos}
+    if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in present):
         raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")

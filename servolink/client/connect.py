@@ -192,19 +192,19 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     def _profile_of(self, name: str | None) -> ProfileInUse | None:
         """Return the profile given, or else that of the board `name`. Raise ProfileError if it cannot be used."""
-        if (wanted := self._profile or name) is None:
+        if (profile := self._profile or name) is None:
             return None
         from servolink.profiles.profile import ProfileInUse  # late: most boards have no profile
         from servolink.profiles.store import load_profile, profile_names
 
-        if not isinstance(wanted, str):
-            return ProfileInUse(name, wanted)
-        if (found := load_profile(wanted)) is not None:
-            return ProfileInUse(wanted, found)
+        if not isinstance(profile, str):
+            return ProfileInUse(name, profile)
+        if (found := load_profile(profile)) is not None:
+            return ProfileInUse(profile, found)
         if self._profile is None:
             return None
-        known = ", ".join(profile_names()) or "none"
-        raise ProfileError(f"{wanted} has no profile (known: {known}); `servolink doctor {wanted} --learn` makes one")
+        names = ", ".join(profile_names()) or "none"
+        raise ProfileError(f"{profile} has no profile (known: {names}); `servolink doctor {profile} --learn` makes one")
 
     async def _prepare(
         self, transport: Transport, name: str | None, given: dict[str, Any]
@@ -314,8 +314,8 @@ def _options_in(profile: ProfileInUse | None) -> dict[str, Any]:
     """Return the options of the connection in a profile."""
     if profile is None:
         return {}
-    known = {name: getattr(profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
-    return {name: value for name, value in known.items() if value is not None}
+    settings = {name: getattr(profile.settings, name, None) for name in ConnectionOptions.__struct_fields__}
+    return {name: value for name, value in settings.items() if value is not None}
 
 
 def _shorten_traceback(error: OpenError) -> None:

@@ -213,8 +213,8 @@ async def join_hub(
             profile = ProfileInUse(welcome.name, found)
         options: dict[str, Any] = {"patience": welcome.patience}
         if profile is not None:
-            known = {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
-            options |= {name: value for name, value in known.items() if value is not None}
+            settings = {name: getattr(profile.settings, name) for name in _OF_THE_BOARD}
+            options |= {name: value for name, value in settings.items() if value is not None}
         return ConnectionOptions(**(options | given)), profile
     except msgspec.MsgspecError as error:
         await transport.close()

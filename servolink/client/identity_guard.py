@@ -73,8 +73,8 @@ class IdentityGuard:
         found = await self._found()
         if self._expected.fits(found):
             return ""
-        expected, here = _described(self._expected), _described(found)
-        return f"{self._name} was learnt with {expected}; the board at {self._connection.transport.url} has {here}"
+        expected, actual = _described(self._expected), _described(found)
+        return f"{self._name} was learnt with {expected}; the board at {self._connection.transport.url} has {actual}"
 
     async def _found(self) -> BoardIdentityRecord:
         """Return the identity of the connected board, in the facts known of the expected board."""

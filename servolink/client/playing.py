@@ -208,9 +208,9 @@ class _Player:
         """Wait until `seconds` after the latest due time, with checks for stops, losses and progress."""
         loop = asyncio.get_running_loop()
         before, self._due = self._playback.seconds, self._due + seconds
-        while (left := self._due - loop.time()) > 0:
-            self._playback.seconds = before + max(seconds - left, 0.0)
-            await asyncio.sleep(min(left, _LOOK_EVERY))
+        while (remaining := self._due - loop.time()) > 0:
+            self._playback.seconds = before + max(seconds - remaining, 0.0)
+            await asyncio.sleep(min(remaining, _LOOK_EVERY))
             self._check()
         self._playback.seconds = before + seconds
         if seconds <= 0:

@@ -49,8 +49,8 @@ class RawPackets:
             request = self._servos.request
         elif self._limits and isinstance(packet, ExecuteMacroRequest):
             request = self._runs().request
-        asked: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
-        return asked
+        answer: Coroutine[Any, Any, R] = request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
+        return answer
 
     async def send(self, packet: Command, *, ticket: Ticket | None) -> None:
         """Send a packet without a response (see `Board.send`)."""

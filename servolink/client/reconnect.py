@@ -182,7 +182,7 @@ class BoardIdentity:
         request = QueryProjectIDRequest()
         found = (await connection.request(request)).project_id
         if found not in self._project_ids:
-            known = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
+            expected = " or ".join(str(project_id) for project_id in sorted(self._project_ids))
             url = connection.url
-            raise NotFound(f"the board at {url} has project id {found}, not {known}, so it is another one", request)
+            raise NotFound(f"the board at {url} has project id {found}, not {expected}, so it is another one", request)
         self.set(found)

@@ -48,21 +48,21 @@ class _RatedReader(Reader[ServoReading]):
         self.due = 0.0
         """When the next reading is to be asked for, or later."""
 
-    def offer(self, asked_at: float, reading: ServoReading) -> bool:
+    def offer(self, requested_at: float, reading: ServoReading) -> bool:
         """Take a reading requested at `asked_at`, unless too early; an unread reading is replaced.
 
         Return whether it raises an alarm that stops the servos.
         """
         raised = self._alarms.check(reading.servos, reading.seconds)
         self._raised += raised
-        if asked_at >= self.due - _SLACK:
-            self._take(asked_at, reading)
+        if requested_at >= self.due - _SLACK:
+            self._take(requested_at, reading)
         return any(each.alarm.stops for each in raised)
 
-    def _take(self, asked_at: float, reading: ServoReading) -> None:
+    def _take(self, requested_at: float, reading: ServoReading) -> None:
         missed = 0
         if self.hz is not None:
-            missed = int((asked_at - self.due + _SLACK) * self.hz)
+            missed = int((requested_at - self.due + _SLACK) * self.hz)
             self.due += (missed + 1) / self.hz
         raised, self._raised = self._raised, ()
         if self.items:
@@ -149,8 +149,8 @@ class ServoWatch(Source[_RatedReader]):
         if not self._readers:
             return
         rates = [reader.hz for reader in self._readers]
-        known = [hz for hz in rates if hz is not None]
-        self._period = 1 / max(known) if len(known) == len(rates) else None
+        limited = [hz for hz in rates if hz is not None]
+        self._period = 1 / max(limited) if len(limited) == len(rates) else None
         self._began_at, self._ticks = self._loop.time(), 0
         if self._period is None:
             self._fill()

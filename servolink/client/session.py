@@ -201,13 +201,13 @@ class Session:
 
         Raise RuntimeError in another loop before that end: tasks of one loop cannot be awaited in another.
         """
-        here, home = asyncio.get_running_loop(), self.loop
-        if here is not home and not home.is_closed():
+        loop, home = asyncio.get_running_loop(), self.loop
+        if loop is not home and not home.is_closed():
             raise RuntimeError(
-                f"{escape(self.url)} was connected in {home!r} and cannot be closed in {here!r}: close it in the first "
+                f"{escape(self.url)} was connected in {home!r} and cannot be closed in {loop!r}: close it in the first "
                 "one; from another thread, with asyncio.run_coroutine_threadsafe(board.close(), loop)"
             )
-        return here is home
+        return loop is home
 
     async def stop_reconnecting(self) -> None:
         """Stop replacing lost connections."""

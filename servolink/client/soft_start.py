@@ -23,7 +23,7 @@ class SoftStart:
         """Start with all poses unknown."""
         self._session = session
         self._limits = limits
-        self._known_at: dict[int, float] = {}
+        self._settled_at: dict[int, float] = {}
         """End of the first movement by servo, in seconds of the event loop's clock; no entry before its begin."""
         self._epoch = self._now()
 
@@ -34,7 +34,7 @@ class SoftStart:
         return {
             servo_id
             for servo_id in servo_ids
-            if self._limits.soft_speed_of(servo_id) is not None and now < self._known_at.get(servo_id, math.inf)
+            if self._limits.soft_speed_of(servo_id) is not None and now < self._settled_at.get(servo_id, math.inf)
         }
 
     def moved(self, servo_ids: Iterable[int], seconds: float, ticket: Ticket) -> None:
@@ -47,22 +47,22 @@ class SoftStart:
             return
         end = asyncio.get_running_loop().time() + seconds
         for servo_id in servo_ids:
-            self._known_at.setdefault(servo_id, end)
+            self._settled_at.setdefault(servo_id, end)
 
     def forget(self, request: SetServoParameterRequest) -> None:
         """Forget the pose of the servos stopped or released by `request`."""
         if request.is_start and request.is_hold:
             return
         if request.servo_id == ALL_SERVOS:
-            self._known_at.clear()
+            self._settled_at.clear()
         else:
-            self._known_at.pop(request.servo_id, None)
+            self._settled_at.pop(request.servo_id, None)
 
     def _forget_old(self) -> None:
         """Forget everything if all servos were stopped, or if the connection was replaced."""
         if self._epoch != (epoch := self._now()):
             self._epoch = epoch
-            self._known_at.clear()
+            self._settled_at.clear()
 
     def _now(self) -> int:
         return self._session.connection.stops.epoch

@@ -149,7 +149,7 @@ class StoredRuns:
             _refuse(record, next(preflight_run(run, stored, self._limits, start), ""))
             if wait:
                 check_can_wait(run, servos.values())
-            self._check_is_wanted(name_of(record), ticket)
+            self._check_is_current(name_of(record), ticket)
             if dry_run or not first:
                 return run, ticket.checked(units_sent)
             await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, ticket)
@@ -160,8 +160,8 @@ class StoredRuns:
         loop = asyncio.get_running_loop()
         end = loop.time() + run.seconds()
         # The line is left free meanwhile, so a stop and a loss are looked for here.
-        while (left := end - loop.time()) > 0:
-            await asyncio.sleep(min(left, _LOOK_EVERY))
+        while (remaining := end - loop.time()) > 0:
+            await asyncio.sleep(min(remaining, _LOOK_EVERY))
             self._session.check_goes_on(name_of(run.record), packet, ticket)
         await self.until_at_rest(run, packet, ticket)
 
@@ -179,12 +179,12 @@ class StoredRuns:
         try:
             async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
                 async for _ in readings:
-                    self._check_is_wanted(name_of(record), ticket)
+                    self._check_is_current(name_of(record), ticket)
         except TargetNotReached as error:
             text = f"{name_of(record)} was not run, as servos have not reached its first pose: {error}"
             raise TargetNotReached(text, error.late) from None
 
-    def _check_is_wanted(self, name: str, ticket: Ticket) -> None:
+    def _check_is_current(self, name: str, ticket: Ticket) -> None:
         """Raise the error of a run that cannot begin: a loss, a stop, or another program with the lease."""
         connection = self._session.connection
         if not connection.stops.issued(ticket):
