@@ -125,7 +125,7 @@ class RpcChannel(asyncio.Protocol):
         Raise ConnectionLost if the hub is gone.
         """
         if self.ended is not None or self._pipe is None:
-            raise self._gone()
+            raise self._ended_error()
         self._number += 1
         number = self._number
         if on_progress is not None:
@@ -159,7 +159,7 @@ class RpcChannel(asyncio.Protocol):
         if self._pipe is not None:
             self._pipe.write(msgspec.json.encode({"jsonrpc": "2.0", **message}) + b"\n")
 
-    def _gone(self) -> ConnectionLost:
+    def _ended_error(self) -> ConnectionLost:
         return ConnectionLost(f"the hub of {self._name} is gone: start it again with `servolink share`")
 
     # --- called by asyncio --------------------------------------------------------------------------------------
@@ -178,8 +178,8 @@ class RpcChannel(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail all calls: the hub is gone."""
-        self.ended = self._gone()
-        self._calls.fail_all(self._gone)
+        self.ended = self._ended_error()
+        self._calls.fail_all(self._ended_error)
         if not self._lost.done():
             self._lost.set_result(None)
         if self.on_end is not None:
