@@ -17,7 +17,7 @@ import msgspec
 
 from servolink.files import open_file, user_folder
 from servolink.platforms.locks import lock, remove_locked
-from servolink.platforms.private_files import is_ours, private_folder
+from servolink.platforms.private_files import is_own, private_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"
@@ -42,7 +42,7 @@ def read_all(suffix: str) -> list[DeviceInfo]:
     """Return the boards announced in files with `suffix`; remove files of ended programs."""
     try:
         folder = user_folder("runtime")
-        names = sorted(folder.glob(f"*{suffix}")) if is_ours(folder.lstat()) else []
+        names = sorted(folder.glob(f"*{suffix}")) if is_own(folder.lstat()) else []
     except OSError:
         return []
     return [board for name in names if (board := _read(name)) is not None]
@@ -71,8 +71,8 @@ def _read(path: Path) -> DeviceInfo | None:
     try:
         with open_file(path, writable=True) as file:  # some file systems lock only files opened for writing
             content = file.read(_MOST_BYTES)
-            left_over = bool(content) and lock(file, wait=False)  # an empty file is about to be written
-            if left_over:
+            is_stale = bool(content) and lock(file, wait=False)  # an empty file is about to be written
+            if is_stale:
                 remove_locked(path, file)
                 return None
         return msgspec.json.decode(content, type=DeviceInfo)

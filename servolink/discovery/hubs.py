@@ -83,8 +83,8 @@ async def claim_hub(name: str) -> HubClaim:
         where = f"{error.filename}: " if error.filename else ""
         raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
     if file is None:
-        taken = await asyncio.to_thread(_described, name)
-        raise OpenError(f"share://{name} is {taken} already: use that hub, or choose another name with --name")
+        server = await asyncio.to_thread(_described, name)
+        raise OpenError(f"share://{name} is {server} already: use that hub, or choose another name with --name")
     return HubClaim(name, folder, file)
 
 

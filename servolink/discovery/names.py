@@ -97,14 +97,14 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     if not alias.serial_number:
         return alias.url
     found = ports_of(alias.identity, devices)
-    wanted = f"{name} is the board with serial number {alias.serial_number}"
+    meaning = f"{name} is the board with serial number {alias.serial_number}"
     if not found:
         raise OpenError(
-            f"{wanted}, but was not found; plug the board in and switch it on; `servolink list` shows all boards found"
+            f"{meaning}, but was not found; plug the board in and switch it on; `servolink list` shows all boards found"
         )
     if len(found) > 1:
         named = ", ".join(device.url for device in found)
-        raise OpenError(f"{wanted}, used by several boards: {named}; use one of these addresses")
+        raise OpenError(f"{meaning}, used by several boards: {named}; use one of these addresses")
     return move(alias.url, found[0])
 
 
@@ -161,9 +161,9 @@ def _resolve(board: str | None) -> Resolved:
     if (hub := _hub_for(board, alias)) is not None:
         return Resolved(hub.url, board)
     if alias is None:
-        known = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
+        place = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
         raise InvalidAddress(
-            f"{board} is neither an address nor a name {known}; give the name with: servolink use {board} URL"
+            f"{board} is neither an address nor a name {place}; give the name with: servolink use {board} URL"
         )
     return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
 
@@ -195,8 +195,8 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     found = [name for name, alias in aliases.items() if not alias.serial_number and is_same_place(alias.url, url)]
     by_number = {name: alias for name, alias in aliases.items() if alias.serial_number}
     if by_number and Address.parse(url).serial_device:
-        here = identity_at(url, search() if devices is None else devices)
-        found += [name for name, alias in by_number.items() if here and alias.identity.fits(here)]
+        present = identity_at(url, search() if devices is None else devices)
+        found += [name for name, alias in by_number.items() if present and alias.identity.fits(present)]
     if len(found) > 1:
         raise OpenError(
             f"{url} has the names {' and '.join(sorted(found))}, each with a profile; use a name instead of the address"

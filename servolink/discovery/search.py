@@ -123,7 +123,7 @@ def _find_with(plug_in: PlugIn) -> list[DeviceInfo]:
     return devices
 
 
-NONE_HERE = (
+NO_BOARD_FOUND = (
     "no board was found; plug a board in and switch it on, or name a board (--board or SERVOLINK_BOARD), as in "
     "serial:///dev/ttyACM0, tcp://192.168.1.20:9000 or virtual://; `servolink doctor` looks for the reason"
 )
@@ -158,7 +158,7 @@ def only(candidates: Sequence[DeviceInfo]) -> str:
     if len(usable) == 1:
         return usable[0].url
     if not found:
-        raise OpenError(NONE_HERE)
+        raise OpenError(NO_BOARD_FOUND)
     if len(found) == 1:
         raise OpenError(f"{found[0].url}: {found[0].problem}")
     raise SeveralBoards(f"{len(found)} boards are here; name one of {', '.join(board.url for board in found)}")
