@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 
 from servolink.discovery.names import resolve_board
-from servolink.discovery.search import NONE_HERE, boards, search
+from servolink.discovery.search import NO_BOARD_FOUND, boards, search
 from servolink.errors import OpenError, ServolinkError
 from servolink.files import is_name
 from servolink.fleet.access import BrokerAccess
@@ -79,7 +79,7 @@ async def _found() -> dict[str, str]:
     usable = [board.url for board in found if not board.problem]
     if not usable:
         problems = "; ".join(f"{board.url}: {board.problem}" for board in found)
-        raise OpenError(problems or NONE_HERE)
+        raise OpenError(problems or NO_BOARD_FOUND)
     return dict(zip(usable, usable, strict=True))
 
 
