@@ -60,7 +60,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
 
     def __init__(self, *, high: int = HIGH, low: int = LOW) -> None:
         """Start unconnected; pause the handler while more than `high` bytes are unread, until only `low` are."""
-        self.gone = asyncio.Event()
+        self.closed = asyncio.Event()
         """Set when the connection has ended."""
         self.who = "a program"
         """Name of the program in warnings."""
@@ -141,16 +141,16 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         if self._must_read and self._pipe.get_write_buffer_size() > MOST_UNREAD:
             self.abort(_NOT_READ)
 
-    def _read_so_far(self) -> int:
+    def _bytes_read(self) -> int:
         """Return the number of bytes accepted by the system for the program."""
         return self._written - (0 if self._pipe is None else self._pipe.get_write_buffer_size())
 
     def _look(self, read_before: int) -> None:
         """Disconnect the program if nothing was read since the last look."""
-        if self._read_so_far() == read_before:
+        if self._bytes_read() == read_before:
             self.abort(_NOT_READ)
         else:
-            self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
+            self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._bytes_read())
 
     def _stop_timer(self) -> None:
         if self._timer is not None:
@@ -178,7 +178,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         if self._handler is not None:
             self._handler.pause()
             if self._must_read:
-                self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._read_so_far())
+                self._timer = self._loop.call_later(LONGEST_PAUSE, self._look, self._bytes_read())
 
     def resume_writing(self) -> None:
         """Resume the handler: most bytes were read."""
@@ -189,7 +189,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
     def connection_lost(self, exc: Exception | None) -> None:
         """Tell the handler that the program is gone."""
         self._stop_timer()
-        self.gone.set()
+        self.closed.set()
         if self._handler is not None:
             self._handler.leave()
 
@@ -215,7 +215,7 @@ async def serve_connections(
         connections[connection] = asyncio.current_task()
         try:
             await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, accepted)
-            await connection.gone.wait()
+            await connection.closed.wait()
         finally:
             connections.pop(connection, None)
             connection.abort()

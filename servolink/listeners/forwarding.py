@@ -140,11 +140,11 @@ async def serve_network(connect: Connect, host: str, port: int, *, begins_with: 
         yield f"tcp://{place}"
 
 
-async def _beginning(reader: asyncio.StreamReader, wanted: bytes) -> bytes:
-    """Return the first bytes: `wanted` and perhaps more, or any other bytes with which the host began."""
+async def _beginning(reader: asyncio.StreamReader, expected: bytes) -> bytes:
+    """Return the first bytes: `expected` and perhaps more, or any other bytes with which the host began."""
     begin = b""
     with suppress(OSError):
-        while len(begin) < len(wanted) and wanted.startswith(begin) and (chunk := await reader.read(_CHUNK)):
+        while len(begin) < len(expected) and expected.startswith(begin) and (chunk := await reader.read(_CHUNK)):
             begin += chunk
     return begin
 
@@ -174,12 +174,12 @@ async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
 
     Like a board on a serial line, the conversation outlives its hosts. Raise TransportUnavailable on Windows.
     """
-    ours, theirs, name = open_pair()
+    controller, terminal, name = open_pair()
     with ExitStack() as line:
         # Our own descriptor of the other end keeps the line up, and raw, when a host closes the terminal.
-        line.callback(os.close, theirs)
-        source = line.enter_context(open(ours, "rb", buffering=0))
-        sink = line.enter_context(open(os.dup(ours), "wb", buffering=0))
+        line.callback(os.close, terminal)
+        source = line.enter_context(open(controller, "rb", buffering=0))
+        sink = line.enter_context(open(os.dup(controller), "wb", buffering=0))
         reader, writer = await _streams(source, sink, line)
         serving = asyncio.ensure_future(bridge(reader, writer, connect, patient=True))
         serving.add_done_callback(lambda _: line.close())
