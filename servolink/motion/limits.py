@@ -152,8 +152,8 @@ def degrees_per_second(degrees: float, seconds: float) -> float:
 
 
 def _is_above(limit: float, degrees: float, seconds: float) -> bool:
-    asked = degrees_per_second(degrees, seconds)
-    return asked > limit and not math.isclose(asked, limit)  # 29 degrees in 0.29 s are 100/s
+    speed = degrees_per_second(degrees, seconds)
+    return speed > limit and not math.isclose(speed, limit)  # 29 degrees in 0.29 s are 100/s
 
 
 def _shown(limit: float) -> str:

@@ -47,7 +47,7 @@ def check_limits(
 
 def intervals_for(
     angles: Mapping[int, int],
-    here: Mapping[int, int],
+    start: Mapping[int, int],
     limits: MotionLimits,
     *,
     duration: float | None,
@@ -57,11 +57,11 @@ def intervals_for(
 ) -> dict[int, int]:
     """Return each servo's time in units of `unit` seconds, rounded up.
 
-    `here` holds the present angles, empty without `speed`, a speed cap and `soft`. `soft` is the set of servos with a
+    `start` holds the present angles, empty without `speed`, a speed cap and `soft`. `soft` is the set of servos with a
     first movement from an unknown pose: to keep the soft start of each, the whole movement takes longer if necessary.
     Raise EncodeError for an impossible time, MotionRefused for a speed above the cap.
     """
-    distances = {servo_id: abs(angle - here[servo_id]) if here else 0 for servo_id, angle in angles.items()}
+    distances = {servo_id: abs(angle - start[servo_id]) if start else 0 for servo_id, angle in angles.items()}
     times = {
         servo_id: max(seconds_for(distance, duration, _speed_of(servo_id, speed), unit), unit)
         for servo_id, distance in distances.items()
@@ -81,9 +81,9 @@ def intervals_for(
         intervals[servo_id] = max(1, math.ceil(units))
         sent = intervals[servo_id] * unit
         if exceeded := limits.exceeded_cap(servo_id, distance, sent):
-            asked = degrees_per_second(distance, sent)
+            average = degrees_per_second(distance, sent)
             raise MotionRefused(
-                f"servo {servo_id}: {distance} degrees in {sent:g} s is {asked:.0f} degrees/s; its cap is {exceeded}"
+                f"servo {servo_id}: {distance} degrees in {sent:g} s is {average:.0f} degrees/s; its cap is {exceeded}"
             )
     return intervals
 

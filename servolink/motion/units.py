@@ -58,24 +58,24 @@ class ServoUnits(Struct):
         else:
             self.own[servo_id] = None
 
-    def needed(self, wanted: ServoUnits, servo_ids: AbstractSet[int] | None = None) -> tuple[SetAngleUnitRequest, ...]:
-        """Return the ordered requests that bring a board with these units to the `wanted` units.
+    def needed(self, target: ServoUnits, servo_ids: AbstractSet[int] | None = None) -> tuple[SetAngleUnitRequest, ...]:
+        """Return the ordered requests that bring a board with these units to the `target` units.
 
         Only `servo_ids` matter, None for all servos. Each request must be accepted, and no packet that depends on units
         may be under way meanwhile.
         """
         # A servo that has a different unit on either side exists: the board accepted the unit. Any other servo may be
         # missing, and a board rejects a unit for a missing servo. So the other servos are set all together.
-        existing = wanted.own.keys() | {servo_id for servo_id, unit in self.own.items() if unit is not None}
+        existing = target.own.keys() | {servo_id for servo_id, unit in self.own.items() if unit is not None}
         others = (self.own.keys() if servo_ids is None else servo_ids) - existing
-        if wanted.common is not None and (
-            (servo_ids is None and self.common != wanted.common)
-            or any(self.of(servo_id) != wanted.common for servo_id in others)
+        if target.common is not None and (
+            (servo_ids is None and self.common != target.common)
+            or any(self.of(servo_id) != target.common for servo_id in others)
         ):
-            after = sorted(wanted.own if servo_ids is None else wanted.own.keys() & servo_ids)
-            return (unit_request(ALL_SERVOS, wanted.common), *_requests(wanted, after))
+            after = sorted(target.own if servo_ids is None else target.own.keys() & servo_ids)
+            return (unit_request(ALL_SERVOS, target.common), *_requests(target, after))
         concerned = sorted(existing if servo_ids is None else existing & servo_ids)
-        return _requests(wanted, [servo_id for servo_id in concerned if self.of(servo_id) != wanted.of(servo_id)])
+        return _requests(target, [servo_id for servo_id in concerned if self.of(servo_id) != target.of(servo_id)])
 
 
 def unit_request(servo_id: int, unit: AngleUnit) -> SetAngleUnitRequest:
