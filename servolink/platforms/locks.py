@@ -18,14 +18,16 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-_FAR = 2**30  # position of the locked byte, beyond all content: on Windows other programs cannot read locked bytes
+_BEYOND_CONTENT = (
+    2**30
+)  # position of the locked byte, beyond all content: on Windows other programs cannot read locked bytes
 
 
 def lock(file: BinaryIO, *, wait: bool) -> bool:
     """Lock a file until the file is closed. Return whether the lock was acquired."""
     try:
         if sys.platform == "win32":
-            file.seek(_FAR)
+            file.seek(_BEYOND_CONTENT)
             msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
         else:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

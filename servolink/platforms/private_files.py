@@ -23,14 +23,14 @@ def private_folder() -> Path:
 
 def refuse_foreign(folder: Path, status: os.stat_result) -> None:
     """Raise PermissionError unless `status` describes a private folder of the user."""
-    if not is_ours(status):
+    if not is_own(status):
         raise PermissionError(
             errno.EPERM,
             f"{folder} belongs to another user, or is writable for others; correct or remove the folder",
         )
 
 
-def is_ours(status: os.stat_result) -> bool:
+def is_own(status: os.stat_result) -> bool:
     """Return whether `status` describes a folder, not a link, where only the user can create files."""
     if sys.platform == "win32":
         return stat.S_ISDIR(status.st_mode)  # inside the user's profile

@@ -38,10 +38,10 @@ def open_pair() -> tuple[int, int, str]:
     if sys.platform == "win32":
         raise TransportUnavailable("pseudo-terminals do not exist on Windows; use TCP")
     else:
-        ours, theirs = os.openpty()
-        os.set_blocking(ours, False)
-        tty.setraw(theirs)
-        return ours, theirs, os.ttyname(theirs)
+        controller, terminal = os.openpty()
+        os.set_blocking(controller, False)
+        tty.setraw(terminal)
+        return controller, terminal, os.ttyname(terminal)
 
 
 class PseudoTerminal:
@@ -50,33 +50,33 @@ class PseudoTerminal:
     def __init__(self) -> None:
         """Make the pseudo-terminal. Raise TransportUnavailable on Windows."""
         self._loop = asyncio.get_running_loop()
-        self._ours, theirs, self.name = open_pair()
-        os.close(theirs)  # the system reports a closed terminal only if no descriptor is left
+        self._controller, terminal, self.name = open_pair()
+        os.close(terminal)  # the system reports a closed terminal only if no descriptor is left
 
     def close(self) -> None:
         """Remove the terminal."""
         self.on_readable(None)
         self.on_writable(None)
-        os.close(self._ours)
+        os.close(self._controller)
 
     def on_readable(self, act: Callable[[], object] | None) -> None:
         """Call `act` whenever bytes are readable or the terminal is closed; None ends the calls."""
         if act is None:
-            self._loop.remove_reader(self._ours)
+            self._loop.remove_reader(self._controller)
         else:
-            self._loop.add_reader(self._ours, act)
+            self._loop.add_reader(self._controller, act)
 
     def on_writable(self, act: Callable[[], object] | None) -> None:
         """Call `act` whenever bytes are writable; None ends the calls."""
         if act is None:
-            self._loop.remove_writer(self._ours)
+            self._loop.remove_writer(self._controller)
         else:
-            self._loop.add_writer(self._ours, act)
+            self._loop.add_writer(self._controller, act)
 
     def read(self) -> bytes | None:
         """Read available bytes, possibly zero; return None if the terminal is closed."""
         try:
-            return os.read(self._ours, _CHUNK) or None
+            return os.read(self._controller, _CHUNK) or None
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -87,7 +87,7 @@ class PseudoTerminal:
     def write(self, data: bytes | bytearray) -> int:
         """Write as many bytes as possible and return their number; drop all bytes if the terminal is closed."""
         try:
-            return os.write(self._ours, data)
+            return os.write(self._controller, data)
         except BlockingIOError:
             return 0
         except OSError:  # the terminal is closed, and read returns None next
@@ -100,29 +100,29 @@ class PseudoTerminal:
         elif sys.platform == "darwin":  # poll on macOS supports no devices
             queue = select.kqueue()
             try:
-                found = queue.control([select.kevent(self._ours, select.KQ_FILTER_READ, select.KQ_EV_ADD)], 1, 0)
+                found = queue.control([select.kevent(self._controller, select.KQ_FILTER_READ, select.KQ_EV_ADD)], 1, 0)
             finally:
                 queue.close()
             return any(event.flags & select.KQ_EV_EOF for event in found)
         else:
             poll = select.poll()
-            poll.register(self._ours, 0)
+            poll.register(self._controller, 0)
             return any(event & select.POLLHUP for _, event in poll.poll(0))
 
     def renew(self, baudrate: int = 0) -> None:
         """Drop unread bytes and reset the settings of the terminal; set `baudrate` unless 0."""
         if sys.platform != "win32":
             with suppress(OSError, termios.error):
-                theirs = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+                terminal = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
                 try:
-                    termios.tcflush(theirs, termios.TCIFLUSH)
-                    tty.setraw(theirs, termios.TCSANOW)
+                    termios.tcflush(terminal, termios.TCIFLUSH)
+                    tty.setraw(terminal, termios.TCSANOW)
                     if code := getattr(termios, f"B{baudrate}", 0):
-                        settings = termios.tcgetattr(theirs)
+                        settings = termios.tcgetattr(terminal)
                         settings[4] = settings[5] = code
-                        termios.tcsetattr(theirs, termios.TCSANOW, settings)
+                        termios.tcsetattr(terminal, termios.TCSANOW, settings)
                 finally:
-                    os.close(theirs)
+                    os.close(terminal)
 
     def baudrate(self) -> int:
         """Return the baud rate of the terminal; 0 if the system does not report the rate."""
@@ -132,9 +132,9 @@ class PseudoTerminal:
             try:
                 if sys.platform == "linux":
                     settings = array("I", bytes(256))
-                    fcntl.ioctl(self._ours, _TCGETS2, settings)  # as a number: termios names only standard rates
+                    fcntl.ioctl(self._controller, _TCGETS2, settings)  # as a number: termios names only standard rates
                     return settings[10]
                 else:
-                    return int(termios.tcgetattr(self._ours)[5])
+                    return int(termios.tcgetattr(self._controller)[5])
             except (OSError, termios.error):
                 return 0

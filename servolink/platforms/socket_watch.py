@@ -24,12 +24,12 @@ class SocketWatch:
         self._is_writing = False
         self._loop.add_reader(self._number, on_readable)
 
-    def watch_writing(self, wanted: bool) -> None:  # noqa: FBT001 - the only argument
-        """Call `on_writable` while the socket can be written, if `wanted`."""
-        if wanted == self._is_writing:
+    def watch_writing(self, is_needed: bool) -> None:  # noqa: FBT001 - the only argument
+        """Call `on_writable` while the socket can be written, if `is_needed`."""
+        if is_needed == self._is_writing:
             return
-        self._is_writing = wanted
-        if wanted:
+        self._is_writing = is_needed
+        if is_needed:
             self._loop.add_writer(self._number, self._on_writable)
         else:
             self._loop.remove_writer(self._number)
@@ -57,10 +57,10 @@ class ThreadedSocketWatch:
             each.settimeout(0)
         threading.Thread(target=self._run, name="servolink socket watch", daemon=True).start()
 
-    def watch_writing(self, wanted: bool) -> None:  # noqa: FBT001 - the only argument
-        """Call `on_writable` while the socket can be written, if `wanted`."""
-        if wanted != self._is_writing:
-            self._is_writing = wanted
+    def watch_writing(self, is_needed: bool) -> None:  # noqa: FBT001 - the only argument
+        """Call `on_writable` while the socket can be written, if `is_needed`."""
+        if is_needed != self._is_writing:
+            self._is_writing = is_needed
             self._ring()
 
     def close(self) -> None:
