@@ -30,7 +30,7 @@ class FieldHelp(Struct, frozen=True):
 
     meaning: str
     """Meaning with the unit, written as the comment above the field in the file."""
-    wanted: str
+    expected: str
     """Possible values, as a phrase to follow "must be"."""
     check: Callable[[Any], object] = lambda value: None
     """Further check, which raises ValueError for a wrong value of the right type."""
@@ -99,7 +99,7 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         if None not in ids and set(self.servo_ids or ()) != set(found.servo_ids or ()):
             return False
         others = [(getattr(self, name), getattr(found, name)) for name in self.__struct_fields__ if name != "servo_ids"]
-        return all(expected is None or here is None or expected == here for expected, here in others)
+        return all(expected is None or actual is None or expected == actual for expected, actual in others)
 
     def facts(self) -> list[tuple[str, str]]:
         """Return the known properties, in words such as `servos`, `1..16`."""
@@ -327,6 +327,6 @@ def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> b
     return measured.value != value or _RANKS[measured.confidence] >= _RANKS[evidence.confidence]
 
 
-def _merged(kept: BoardIdentityRecord | None, found: BoardIdentityRecord) -> BoardIdentityRecord:
+def _merged(stored: BoardIdentityRecord | None, found: BoardIdentityRecord) -> BoardIdentityRecord:
     """Return the identity with new properties; properties lost on a bad line keep their old values."""
-    return replace(kept or found, **{name: value for name, value in asdict(found).items() if value is not None})
+    return replace(stored or found, **{name: value for name, value in asdict(found).items() if value is not None})

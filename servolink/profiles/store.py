@@ -128,7 +128,7 @@ def setting_from_text(name: str, text: str) -> Any:
         return _leaf(hint, value, (name,))
     except _Fault as fault:
         problem = fault.text.removeprefix(f"{name} ").removeprefix(f"{name}: ")
-        raise ValueError(problem.replace(described.wanted, in_shell(described.wanted), 1)) from None
+        raise ValueError(problem.replace(described.expected, in_shell(described.expected), 1)) from None
 
 
 def in_shell(text: str) -> str:
@@ -183,7 +183,7 @@ def _leaf(hint: Any, value: object, path: tuple[str, ...]) -> Any:
     try:
         found = msgspec.convert(value, hint)
     except msgspec.ValidationError:
-        raise _Fault(path, f"{_label(path)} must be {about(hint).wanted}, not {_quoted(value)}") from None
+        raise _Fault(path, f"{_label(path)} must be {about(hint).expected}, not {_quoted(value)}") from None
     try:
         about(hint).check(found)
     except ValueError as error:
@@ -217,11 +217,12 @@ def format_profile(name: str, profile: BoardProfile, text: str = "") -> str:
     """
     values = msgspec.to_builtins(profile, builtin_types=(datetime,), str_keys=True)
     tables = {part: value for part, value in values.items() if value is not None}
-    known = read_toml(text)
+    existing = read_toml(text)
     new = [
         _paragraph(part, getattr(profile, part))
         for part in fields_of(BoardProfile)
-        if not text or (part not in known and any(value not in (None, {}) for value in tables.get(part, {}).values()))
+        if not text
+        or (part not in existing and any(value not in (None, {}) for value in tables.get(part, {}).values()))
     ]
     return changed_toml("\n".join([text or _HEAD.format(name=name), *new]), tables)
 
