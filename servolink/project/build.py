@@ -86,8 +86,8 @@ class _Building:
     def __init__(self, project: Project) -> None:
         self._before = project
         self._records = by_type(project)
-        self._taken = {field: set(records) for field, records in self._records.items()}
-        self._known = {  # record without an id, with and without durations, to id
+        self._used_ids = {field: set(records) for field, records in self._records.items()}
+        self._plain_ids = {  # record without an id, with and without durations, to id
             field: {
                 with_id(form, 0): record_id
                 for record_id, record in records.items()
@@ -108,7 +108,7 @@ class _Building:
         if depth > _MAX_DEPTH:
             raise ProjectError(f"{name_of(record)}: macros nest deeper than {_MAX_DEPTH}")
         self._ids[id(record)] = 0
-        self._taken[kind.field].add(kind.id_of(record))
+        self._used_ids[kind.field].add(kind.id_of(record))
         for _, reference in kind.references(record):
             if isinstance(reference, RecordRef):
                 self.expect(reference.record, depth + 1)
@@ -120,10 +120,10 @@ class _Building:
         kind = type_of(record)
         plain = kind.with_references(record, self._plain_id)
         anonymous = with_id(plain, 0)
-        known, taken = self._known[kind.field], self._taken[kind.field]
-        record_id = kind.id_of(plain) or known.get(anonymous) or free_id(taken)
-        taken.add(record_id)
-        known.setdefault(anonymous, record_id)
+        ids, used_ids = self._plain_ids[kind.field], self._used_ids[kind.field]
+        record_id = kind.id_of(plain) or ids.get(anonymous) or free_id(used_ids)
+        used_ids.add(record_id)
+        ids.setdefault(anonymous, record_id)
         self._store(kind, with_id(plain, record_id))
         self._ids[id(record)] = record_id
         return record_id

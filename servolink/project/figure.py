@@ -156,13 +156,13 @@ def _refuse_wrong_names(figure: Figure) -> None:
     if not figure.joints:
         raise EncodeError("a figure needs at least one joint", "joints")
     _refuse_repeated("id", ((at, joint.id) for at, joint in enumerate(figure.joints)))
-    known = {joint.id for joint in figure.joints}
+    joint_ids = {joint.id for joint in figure.joints}
     for at, joint in enumerate(figure.joints):
-        if joint.parent is not UNSET and joint.parent not in known:
+        if joint.parent is not UNSET and joint.parent not in joint_ids:
             raise EncodeError(f"there is no joint {quote(joint.parent)}", f"joints[{at}].parent")
     if isinstance(figure.base, Feet):
         for number, foot in enumerate(figure.base.feet):
-            if foot not in known:
+            if foot not in joint_ids:
                 raise EncodeError(f"there is no joint {quote(foot)}", f"base.feet[{number}]")
 
 
@@ -203,15 +203,15 @@ def _parents_first(joints: tuple[Joint, ...]) -> Iterator[Joint]:
     done: set[str] = set()
     for at, joint in enumerate(joints):
         waiting: dict[str, Joint] = {}
-        here = joint
-        while here.id not in done and here.id not in waiting:
-            waiting[here.id] = here
-            if here.parent is UNSET:
+        node = joint
+        while node.id not in done and node.id not in waiting:
+            waiting[node.id] = node
+            if node.parent is UNSET:
                 break
-            here = by_id[here.parent]
+            node = by_id[node.parent]
         else:
-            if here.id not in done:
-                raise EncodeError(_cycle_text([*waiting][[*waiting].index(here.id) :]), f"joints[{at}].parent")
+            if node.id not in done:
+                raise EncodeError(_cycle_text([*waiting][[*waiting].index(node.id) :]), f"joints[{at}].parent")
         done |= waiting.keys()
         yield from reversed(waiting.values())
 

@@ -65,12 +65,12 @@ class _Merging:
         self.changes: list[str] = []
         self.records = by_type(one)
         # Record without an id, to id; of several identical records the lowest id, as in an earlier merge.
-        self._known = {
+        self._ids_of_records = {
             field: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
             for field, records in self.records.items()
         }
         self._others = by_type(other)
-        self._taken = {field: {*self.records[field], *others} for field, others in self._others.items()}
+        self._used_ids = {field: {*self.records[field], *others} for field, others in self._others.items()}
         self._new_ids: dict[tuple[str, int], int] = {}
 
     def id_of(self, kind: RecordType[Any], record_id: int) -> int:
@@ -95,12 +95,12 @@ class _Merging:
         if self.records[kind.field].get(now, record) == record:
             return False
         key = (kind.field, record_id)
-        alike = self._known[kind.field].get(with_id(record, 0))
+        alike = self._ids_of_records[kind.field].get(with_id(record, 0))
         if alike is not None and key not in self._new_ids:
             self._new_ids[key] = alike
         else:
-            self._new_ids[key] = free_id(self._taken[kind.field])
-            self._taken[kind.field].add(self._new_ids[key])
+            self._new_ids[key] = free_id(self._used_ids[kind.field])
+            self._used_ids[kind.field].add(self._new_ids[key])
         return True
 
     def add(self) -> None:
@@ -121,14 +121,14 @@ class _Merging:
 
 def _parameters(one: Project, other: Project, changes: list[str]) -> tuple[ServoParameter, ...]:
     parameters = by_servo(one)
-    for theirs in without_neutral(by_servo(other).values()):
-        ours = parameters.get(theirs.servo_id)
-        if ours is None or not without_neutral([ours]):
-            parameters[theirs.servo_id] = theirs
-            changes.append(f"servo {theirs.servo_id} '{escape(theirs.servo_caption)}' added")
-        elif ours != theirs:
+    for added in without_neutral(by_servo(other).values()):
+        existing = parameters.get(added.servo_id)
+        if existing is None or not without_neutral([existing]):
+            parameters[added.servo_id] = added
+            changes.append(f"servo {added.servo_id} '{escape(added.servo_caption)}' added")
+        elif existing != added:
             changes.append(
-                f"servo {ours.servo_id} stays '{escape(ours.servo_caption)}' with a correction of "
-                f"{ours.adjusted_degree}; '{escape(theirs.servo_caption)}' with {theirs.adjusted_degree} is dropped"
+                f"servo {existing.servo_id} stays '{escape(existing.servo_caption)}' with a correction of "
+                f"{existing.adjusted_degree}; '{escape(added.servo_caption)}' with {added.adjusted_degree} is dropped"
             )
     return tuple(parameters.values())

@@ -62,13 +62,13 @@ def partners_by_caption(parameters: Iterable[ServoParameter], servo_ids: Iterabl
         caption = captions.get(servo_id, "")
         if (other := other_side(caption)) == caption:
             continue
-        mine, theirs = servos_of[_normalized(caption)], servos_of[_normalized(other)]
-        if len(mine) != 1:
-            raise ProjectError(f"{len(mine)} servos have the caption '{caption}'; {_GIVE_PAIRS}")
-        if len(theirs) != 1:
-            found = f"{len(theirs) or 'no'} servo{'s have' if theirs else ' has'} the caption '{other}'"
+        servos, opposite = servos_of[_normalized(caption)], servos_of[_normalized(other)]
+        if len(servos) != 1:
+            raise ProjectError(f"{len(servos)} servos have the caption '{caption}'; {_GIVE_PAIRS}")
+        if len(opposite) != 1:
+            found = f"{len(opposite) or 'no'} servo{'s have' if opposite else ' has'} the caption '{other}'"
             raise ProjectError(f"servo {servo_id} has the caption '{caption}', and {found}; {_GIVE_PAIRS}")
-        (partner,) = theirs
+        (partner,) = opposite
         partners[servo_id], partners[partner] = partner, servo_id
     return partners
 

@@ -40,15 +40,15 @@ def preflight(
         EncodeError: The limits permit no value at all.
     """
     all_limits = motion_limits(angle_limits, speed_cap).tightened(limits or MotionLimits())
-    found = [*_too_far(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]
+    found = [*_beyond_limits(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]
     if records is None:
         return found
-    wanted = with_dependencies(project, records)
+    selected = with_dependencies(project, records)
     places = {
         f"{kind.field}[{at}]"
         for kind in (ACTION, MACRO)
         for at, record in enumerate(getattr(project, kind.field))
-        if record in wanted
+        if record in selected
     }
     return [one for one in found if one.path.partition(".")[0] in places]
 
@@ -73,7 +73,7 @@ def uncheckable(stored: Project) -> Iterator[str]:
 def preflight_run(run: RecordRun, stored: Project, limits: MotionLimits, start: Mapping[int, int]) -> Iterator[str]:
     """Yield where a run of the records in `stored` exceeds `limits`, from the pose `start`, degrees by servo id."""
     for action in stored.actions:
-        for _, text in _steps_too_far(action, limits):
+        for _, text in _steps_beyond_limits(action, limits):
             yield f"{name_of(action)}, {text}"
     for move in run.moves(start):
         if exceeded := limits.exceeded_cap(move.step.servo_id, move.degrees, move.seconds):
@@ -81,13 +81,13 @@ def preflight_run(run: RecordRun, stored: Project, limits: MotionLimits, start: 
             yield f"{place}{move}; its cap is {exceeded}"
 
 
-def _too_far(project: Project, limits: MotionLimits) -> Iterator[Diagnostic]:
+def _beyond_limits(project: Project, limits: MotionLimits) -> Iterator[Diagnostic]:
     for at, action in enumerate(project.actions):
-        for number, text in _steps_too_far(action, limits):
+        for number, text in _steps_beyond_limits(action, limits):
             yield Diagnostic(f"actions[{at}].steps[{number}]", text, "warning")
 
 
-def _steps_too_far(action: Action, limits: MotionLimits) -> Iterator[tuple[int, str]]:
+def _steps_beyond_limits(action: Action, limits: MotionLimits) -> Iterator[tuple[int, str]]:
     """Yield the index of each step beyond the limits, with a text for people."""
     for at, step in enumerate(action.steps):
         if exceeded := limits.exceeded_angles(step.servo_id, step.degree):

@@ -53,9 +53,9 @@ def with_records(project: Project, records: Mapping[str, Mapping[int, Any]]) -> 
     return replace(project, **{field: tuple(shelf.values()) for field, shelf in records.items()})
 
 
-def free_id(taken: Container[int]) -> int:
+def free_id(used_ids: Container[int]) -> int:
     """Return the lowest free id, at least 1, because 0 means "none" everywhere."""
-    return next(number for number in count(1) if number not in taken)
+    return next(number for number in count(1) if number not in used_ids)
 
 
 def with_id(record: Any, record_id: int) -> Any:
@@ -139,8 +139,8 @@ def durations(project: Project) -> dict[int, tuple[int | None, ...]]:
     for macro_id in dependency_order(macros):
         each = tuple(_duration(command, actions, totals) for command in macros[macro_id].commands)
         found[macro_id] = each
-        known = [time for time in each if time is not None]
-        totals[macro_id] = sum(known) if len(known) == len(each) else None
+        times = [time for time in each if time is not None]
+        totals[macro_id] = sum(times) if len(times) == len(each) else None
     return found
 
 

@@ -86,14 +86,14 @@ def replace_from(
 def remove_records(project: Project, kind: RecordType[Any], record_ids: set[int]) -> Project:
     """Return `project` without these records. Raise ProjectError if another record refers to a removed record."""
     records = by_type(project)
-    gone = {record_id: records[kind.field].pop(record_id) for record_id in record_ids}
+    removed = {record_id: records[kind.field].pop(record_id) for record_id in record_ids}
     for one in (one for shelf in records.values() for one in shelf.values()):
         for target, number in type_of(one).references(one):
-            if target is kind and number in gone:
+            if target is kind and number in removed:
                 runner = f"{type_of(one)} {type_of(one).id_of(one)}"
-                raise ProjectError(f"{name_of(one)} runs {name_of(gone[number])}; change or delete {runner} first")
+                raise ProjectError(f"{name_of(one)} runs {name_of(removed[number])}; change or delete {runner} first")
     active = project.active_joystick_table
-    if kind is TABLE and active in gone:
+    if kind is TABLE and active in removed:
         active = None  # the board chooses another table
     return replace(with_records(project, records), active_joystick_table=active)
 

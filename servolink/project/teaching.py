@@ -46,8 +46,8 @@ class PoseRecorder:
         """Record the present pose of the servos."""
         before = self.poses[-1].degrees if self.poses else self._start
         distance = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
-        wanted = now - self._times[-1] if self._seconds is None else self._seconds
-        seconds = min(max(wanted, distance / self._speed_cap, SHORTEST), LONGEST)
+        duration = now - self._times[-1] if self._seconds is None else self._seconds
+        seconds = min(max(duration, distance / self._speed_cap, SHORTEST), LONGEST)
         # Rounded up to the resolution of the protocol; rounded first, so that 0.07 s does not become 0.08 s.
         pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, LONGEST))
         self.poses.append(pose)
@@ -72,10 +72,10 @@ class PoseRecorder:
         return Action.pose(caption, pose.degrees, seconds=pose.seconds)
 
 
-def refuse_taken(project: Project, caption: str) -> None:
+def refuse_duplicate(project: Project, caption: str) -> None:
     """Raise ProjectError if an action or a macro has this caption, or an action the caption of a pose of the macro."""
     for kind in (ACTION, MACRO):
-        for taken in (kind.caption_of(record) for record in kind.by_id(project).values()):
-            name, _, number = taken.rpartition(" ")
-            if taken == caption or (kind is ACTION and name == caption and number.isdecimal()):
-                raise ProjectError(f"there is already {kind} '{taken}'; choose another name")
+        for existing in (kind.caption_of(record) for record in kind.by_id(project).values()):
+            name, _, number = existing.rpartition(" ")
+            if existing == caption or (kind is ACTION and name == caption and number.isdecimal()):
+                raise ProjectError(f"there is already {kind} '{existing}'; choose another name")

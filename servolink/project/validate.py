@@ -234,16 +234,16 @@ def _endless(project: Project) -> Iterator[Diagnostic]:
         for macro_id, macro in macros.items()
         if macro_id not in ending
     }
-    seen: set[int] = set()
+    visited: set[int] = set()
     for macro_id in following:
         path: list[int] = []
-        here = macro_id
-        while here not in seen:
-            seen.add(here)
-            path.append(here)
-            here = following[here]
-        if here in path:
-            yield _endless_macro(project, macros[here], following[here], path[path.index(here) :])
+        node = macro_id
+        while node not in visited:
+            visited.add(node)
+            path.append(node)
+            node = following[node]
+        if node in path:
+            yield _endless_macro(project, macros[node], following[node], path[path.index(node) :])
 
 
 def _nested_too_deep(project: Project) -> Iterator[Diagnostic]:

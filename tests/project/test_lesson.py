@@ -7,7 +7,7 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
-from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_taken
+from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_duplicate
 from servolink.protocol.records import Action, Macro, Step
 
 
@@ -70,7 +70,7 @@ def test_what_is_undone_leaves_no_trace() -> None:
 )
 def test_a_name_is_not_taken_twice(project: Project) -> None:
     with pytest.raises(ProjectError, match=r"there is already (action|macro) 'Wave.*'; choose another name"):
-        refuse_taken(project, "Wave")
+        refuse_duplicate(project, "Wave")
 
 
 def test_a_name_that_is_no_caption_is_refused() -> None:

@@ -140,10 +140,10 @@ class BackupStore:
 
         The low 16 bits, on some boards all that is kept, are not 0, nor equal to those of a number in `other_than`.
         """
-        taken = {0, *(number & 0xFFFF for number in other_than)}
+        used = {0, *(number & 0xFFFF for number in other_than)}
         while True:
             marker = choice(UNFINISHED)
-            if marker & 0xFFFF not in taken and not self._journal(marker).exists():
+            if marker & 0xFFFF not in used and not self._journal(marker).exists():
                 return marker
 
     def _journal(self, marker: int) -> Path:

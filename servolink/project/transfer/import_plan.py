@@ -38,7 +38,7 @@ async def plan_project(
     loop = asyncio.get_running_loop()
     begun = loop.time()
     content = await BoardReader(board, on_progress, project).read()
-    taken = loop.time() - begun
+    reading_seconds = loop.time() - begun
     changes = compare(content.readable(), project, board.project_id_bits)
     inconsistencies = (
         *(f"{name} is listed more than once" for name in content.doubled()),
@@ -50,7 +50,7 @@ async def plan_project(
         inconsistencies,
         cost.requests,
         cost.wire_bytes,
-        round(estimated_seconds(cost, cost_of_reading(content, project), taken, board.connection.pace), 3),
+        round(estimated_seconds(cost, cost_of_reading(content, project), reading_seconds, board.connection.pace), 3),
         await memory_after(board, content, project),
         is_unfinished(content.project_id),
     )
@@ -113,15 +113,15 @@ class Cost(Struct, frozen=True):
         return Cost(self.requests + other.requests, self.wire_bytes + other.wire_bytes)
 
 
-def estimated_seconds(cost: Cost, reading: Cost, taken: float, pace: float) -> float:
-    """Return the seconds for `cost` on a line where `reading` took `taken` seconds.
+def estimated_seconds(cost: Cost, reading: Cost, reading_seconds: float, pace: float) -> float:
+    """Return the seconds for `cost` on a line where `reading` took `reading_seconds` seconds.
 
     Bytes take time on a line of `pace` bytes per second; 0 stands for unknown, as with USB, where bytes take hardly any
     time. The rest is round trips, each as long as in the reading.
     """
     on_line = cost.wire_bytes / pace if pace else 0.0
     reading_on_line = reading.wire_bytes / pace if pace else 0.0
-    return on_line + cost.requests * max(taken - reading_on_line, 0.0) / reading.requests
+    return on_line + cost.requests * max(reading_seconds - reading_on_line, 0.0) / reading.requests
 
 
 def _cost(codec: Codec, content: Content, project: Project, *, replace: bool) -> Cost:

@@ -15,7 +15,7 @@ from servolink.escaping import quote
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal, JournalPhase, digests_of
-from servolink.project.transfer.marker import Marker, not_taken
+from servolink.project.transfer.marker import Marker, not_stored
 from servolink.project.transfer.pinned import BoardConnection, ProjectIDBits
 from servolink.project.transfer.read import BoardReader, Content, doubled_types
 from servolink.project.transfer.results import Progress, ProgressCallback
@@ -119,7 +119,7 @@ class ImportRun:
                 await self._note("writing")
                 return content
         raise ProjectError(
-            not_taken(self._board, "the command to delete all data (without `replace` it is not needed)")
+            not_stored(self._board, "the command to delete all data (without `replace` it is not needed)")
         )
 
     async def _write_all(self, reader: BoardReader, content: Content | None) -> None:
@@ -130,18 +130,18 @@ class ImportRun:
             content = await reader.read("verifying", self._marker.found)
         todo: list[Write] = []
         same = 0
-        for left in range(_PASSES, -1, -1):
+        for remaining in range(_PASSES, -1, -1):
             work = stages(content, self._target)
             before, todo = todo, [write for stage in work for write in stage]
             if not todo:
                 return
             same = 0 if len(todo) < len(before) or items_of(todo) != items_of(before) else same + 1
-            if same == _STUCK or not left:
+            if same == _STUCK or not remaining:
                 break
             lists = doubled_types(content) | self._lists_worth_reading(content, todo)
             await writer.run(work, lists)
             content = await self._check(reader, writer, lists)
-        raise ProjectError(not_taken(self._board, _explain_failed_writes(content, todo, writer.refused)))
+        raise ProjectError(not_stored(self._board, _explain_failed_writes(content, todo, writer.refused)))
 
     async def _check(self, reader: BoardReader, writer: RecordWriter, lists: set[RecordType[Any]]) -> Content:
         """Return the content of the board after a pass.

@@ -66,12 +66,12 @@ async def apply_project(
         begun = begun or await _begun_without_id(board, content, journals, store)
     if content is not None and begun is None:
         last = _last_import(journals, content, board.url)
-        known_bits = board.project_id_bits if last is None else last.project_id_bits
-        if not writes(content, project) and is_same_id(before, project.project_id, known_bits):
+        project_id_bits = board.project_id_bits if last is None else last.project_id_bits
+        if not writes(content, project) and is_same_id(before, project.project_id, project_id_bits):
             await _finish(last, store)
             return ApplyResult(changed=False, resumed=False, backup=None)
         await _warn_of_memory(board, content, project)
-    saved = await _backup(board, content, begun, store, on_progress, wanted=backup)
+    saved = await _backup(board, content, begun, store, on_progress, is_needed=backup)
     avoided = [before, project.project_id, *(one.project_id for one in journals), *(one.marker for one in journals)]
     marker = await asyncio.to_thread(store.new_marker, avoided)
     journal = Journal(marker, board.url, project.project_id, None if saved is None else saved.name, restores=restores)
@@ -80,9 +80,9 @@ async def apply_project(
     if await read_project_id(board, before) != before:
         raise _disturbed(board)
     run = ImportRun(board, project, journal, store, on_progress, unchecked=unchecked)
-    kept_bits = await run.run(reader, content, before, begun, others, replace=replace)
+    stored_bits = await run.run(reader, content, before, begun, others, replace=replace)
     on_progress(Progress("finishing", 1, 1, f"project id {project.project_id}"))
-    return ApplyResult(changed=True, resumed=begun is not None, backup=saved, project_id_bits=kept_bits)
+    return ApplyResult(changed=True, resumed=begun is not None, backup=saved, project_id_bits=stored_bits)
 
 
 def _disturbed(board: BoardConnection) -> ProjectError:
@@ -143,12 +143,12 @@ async def _backup(
     store: BackupStore,
     on_progress: ProgressCallback,
     *,
-    wanted: bool,
+    is_needed: bool,
 ) -> Path | None:
     """Return the backup of the board's content before the import; None without a backup."""
     if begun is None:
-        return await _save(board, content or Content(), store, on_progress) if wanted else None
-    if content is not None and wanted and not await _is_saved(content, begun, store):
+        return await _save(board, content or Content(), store, on_progress) if is_needed else None
+    if content is not None and is_needed and not await _is_saved(content, begun, store):
         # Either a rest of records after clearing the board, or a different board.
         path = await _save(board, content, store, on_progress)
         _logger.warning("the records left on %s are saved in %s", escape(board.url), escape(str(path)))
@@ -210,18 +210,18 @@ async def roll_back(
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     """Return the backup of the board's content before the last import. Raise ProjectError without a backup."""
-    here, url = await read_project_id(board), board.connection.board_url
-    journals = await asyncio.to_thread(store.journals, here)
-    journal = journal_of(journals, here, url) or last_import(journals, here, url)
-    if journal is None and any(one.may_be_of(here, url) for one in journals):
+    project_id, url = await read_project_id(board), board.connection.board_url
+    journals = await asyncio.to_thread(store.journals, project_id)
+    journal = journal_of(journals, project_id, url) or last_import(journals, project_id, url)
+    if journal is None and any(one.may_be_of(project_id, url) for one in journals):
         journal = await _import_without_id(board, journals, store)
     if journal is not None and journal.restores is not None and journal.phase != "finished":
         return store.path_of(journal.restores)  # continues an interrupted rollback
     if journal is None:
         why = (
             f"{url} holds an import begun by another computer, or with a lost journal"
-            if is_unfinished(here)
-            else f"no import from this computer gave {url} the project id {here}: nothing to undo"
+            if is_unfinished(project_id)
+            else f"no import from this computer gave {url} the project id {project_id}: nothing to undo"
         )
         raise ProjectError(f"{why}; give `rollback` a backup from `servolink backups`, or apply a project")
     if journal.backup is None:

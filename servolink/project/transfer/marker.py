@@ -14,9 +14,9 @@ _TRIES = 4
 _LOW_HALF = 0xFFFF
 
 
-def is_same_id(found: int, wanted: int, bits: ProjectIDBits | None) -> bool:
-    """Return whether `found` is a possible reading after writing `wanted`; `bits` are the bits kept, None for all."""
-    return bits == 0 or found == wanted or (bits == 16 and (found ^ wanted) & _LOW_HALF == 0)
+def is_same_id(found: int, expected: int, bits: ProjectIDBits | None) -> bool:
+    """Return whether `found` is a possible reading after writing `expected`; `bits` are the bits kept, None for all."""
+    return bits == 0 or found == expected or (bits == 16 and (found ^ expected) & _LOW_HALF == 0)
 
 
 def is_cut(found: int, written: int) -> bool:
@@ -72,7 +72,7 @@ class Marker:
     async def finish(self, project_id: int, phase: Phase = "finishing") -> None:
         """Write `project_id`, kept with as many bits as the marker. Raise ProjectError if another id is read."""
         if not is_same_id(await self._write(project_id, phase), project_id, self.bits):
-            raise ProjectError(not_taken(self._board, f"project id {project_id}"))
+            raise ProjectError(not_stored(self._board, f"project id {project_id}"))
 
     def _is_marker_of_another(self, found: int) -> bool:
         if found == self._before:
@@ -102,6 +102,6 @@ class Marker:
         return found
 
 
-def not_taken(board: BoardConnection, what: str) -> str:
+def not_stored(board: BoardConnection, what: str) -> str:
     """Return the error text for data not accepted by the board."""
     return f"{board.url} does not accept {what}; the import is unfinished: apply another project, or roll back"

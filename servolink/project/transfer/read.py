@@ -96,8 +96,8 @@ class Content:
     def growth(self, project: Project) -> int:
         """Return the number of bytes that `project` takes beyond the replaced content."""
         records = [entry.record for entries in self.records.values() for entry in entries if entry.record is not None]
-        kept = {one.servo_id for one in without_neutral(project.servo_parameters)}
-        neutral = [one for one in self.servo_parameters if one.servo_id not in kept]
+        servo_ids = {one.servo_id for one in without_neutral(project.servo_parameters)}
+        neutral = [one for one in self.servo_parameters if one.servo_id not in servo_ids]
         stored = sum(map(stored_size, (*self.servo_parameters, *records)))
         return total_size(project) + sum(map(stored_size, neutral)) - stored
 
@@ -146,7 +146,7 @@ class BoardReader:
 
     def __init__(self, board: BoardConnection, on_progress: ProgressCallback, target: Project | None = None) -> None:
         """Read `board`, expected to hold `target`; None expects nothing."""
-        self.known: dict[Key, Any | None] = {}
+        self.records: dict[Key, Any | None] = {}
         """Records with proved content; None for a missing record."""
         self._board = board
         self._depth = board.connection.depth_bound
@@ -164,7 +164,7 @@ class BoardReader:
         """Read everything, expecting `project_id`. Raise ProjectError for ever-changing ids or readings."""
         for _ in range(_READINGS):
             outline = await self._read_outline(self._expect(project_id))
-            self.known.clear()
+            self.records.clear()
             await in_parallel(RECORD_TYPES, self._read_list, self._depth)
             keys = self._listed_keys()
             self._on_progress(Progress(phase, 0, len(keys), "lists"))
@@ -187,11 +187,11 @@ class BoardReader:
         self._on_progress(Progress(phase, 0, len(types), "lists"))
         for record_type in RECORD_TYPES:
             self._lists[record_type] = tuple(
-                record for (each, _), record in self.known.items() if each is record_type and record is not None
+                record for (each, _), record in self.records.items() if each is record_type and record is not None
             )
         await in_parallel([each for each in RECORD_TYPES if each in types], self._read_list, self._depth)
         # A deleted record still listed is unknown again, like a new record.
-        await self._read_records(phase, [key for key in self._listed_keys() if self.known.get(key) is None])
+        await self._read_records(phase, [key for key in self._listed_keys() if self.records.get(key) is None])
         if doubtful := [each for each in types if self._is_doubtful(each)]:
             await self._confirm_lists(phase, doubtful)
             await self._read_records(phase, [key for key in self._listed_keys() if self._differs_from_list(*key)])
@@ -201,7 +201,7 @@ class BoardReader:
     def _content(self, outline: Outline) -> Content:
         records = {
             record_type: tuple(
-                Listed(record_id, self.known.get((record_type, record_id)))
+                Listed(record_id, self.records.get((record_type, record_id)))
                 for record_id in map(record_type.id_of, entries)
             )
             for record_type, entries in self._lists.items()
@@ -256,7 +256,7 @@ class BoardReader:
 
     def _differs_from_list(self, record_type: RecordType[Any], record_id: int) -> bool:
         """Return whether a listed record is missing, or has another caption than in the list."""
-        record = self.known.get((record_type, record_id))
+        record = self.records.get((record_type, record_id))
         if record is None or not self._compares_captions:
             return record is None
         caption = record_type.caption_of(record)
@@ -268,7 +268,7 @@ class BoardReader:
 
     def _compare_captions_no_more(self) -> None:
         """Ignore the captions in lists if different from the captions of records even after two readings."""
-        if any(self._differs_from_list(*key) for key in self._listed_keys() if self.known.get(key) is not None):
+        if any(self._differs_from_list(*key) for key in self._listed_keys() if self.records.get(key) is not None):
             self._compares_captions = False
 
     async def _confirm_lists(self, phase: Phase, types: Iterable[RecordType[Any]]) -> None:
@@ -280,7 +280,7 @@ class BoardReader:
 
             first = self._lists[record_type]
             self._lists[record_type] = await _agreed(self._board, read, f"the list of {record_type}s", first)
-        await self._read_records(phase, [key for key in self._listed_keys() if key not in self.known])
+        await self._read_records(phase, [key for key in self._listed_keys() if key not in self.records])
 
     def _listed_keys(self) -> list[Key]:
         """Return type and id of all listed records, each once."""
@@ -308,7 +308,7 @@ class BoardReader:
                 return await self.query(record_type, record_id)
 
             expected = self._expected[record_type].get(record_id, _NOTHING_EXPECTED)
-            self.known[key] = await _agreed(self._board, query, f"{record_type} {record_id}", expected)
+            self.records[key] = await _agreed(self._board, query, f"{record_type} {record_id}", expected)
             done += 1
             self._on_progress(Progress(phase, done, len(keys), f"{record_type} {record_id}"))
 

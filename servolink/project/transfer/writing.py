@@ -59,11 +59,11 @@ def stages(content: Content, target: Project) -> list[list[Write]]:
 
 def sound_ids(record_type: RecordType[Any], content: Content, target: Project) -> set[int]:
     """Return the ids of the records as wanted on the board: stored once, and equal to the target's."""
-    wanted, times = record_type.by_id(target), Counter(content.ids_of(record_type))
+    targets, times = record_type.by_id(target), Counter(content.ids_of(record_type))
     return {
         entry.record_id
         for entry in content.records[record_type]
-        if entry.record is not None and times[entry.record_id] == 1 and entry.record == wanted.get(entry.record_id)
+        if entry.record is not None and times[entry.record_id] == 1 and entry.record == targets.get(entry.record_id)
     }
 
 
@@ -84,14 +84,14 @@ def _deletions(record_type: RecordType[Any], content: Content, target: Project) 
 
 def _additions(record_type: RecordType[Any], content: Content, target: Project) -> list[list[Write]]:
     sound = sound_ids(record_type, content, target)
-    wanted = {number: record for number, record in record_type.by_id(target).items() if number not in sound}
+    targets = {number: record for number, record in record_type.by_id(target).items() if number not in sound}
     return [
         [
             Write(f"{record_type} {number}", record_type.add(record), record_type, number, record)
-            for number, record in wanted.items()
+            for number, record in targets.items()
             if number in level
         ]
-        for level in _levels(record_type, wanted)
+        for level in _levels(record_type, targets)
     ]
 
 
@@ -106,11 +106,11 @@ def _levels(record_type: RecordType[Any], records: dict[int, Any]) -> list[set[i
 
 def _parameters(content: Content, target: Project) -> list[Write]:
     """Write all parameters after any difference: a board may take the list as a whole, or each entry separately."""
-    there = without_neutral(content.servo_parameters)
-    if sorted(there, key=lambda one: one.servo_id) == list(target.servo_parameters):
+    present = without_neutral(content.servo_parameters)
+    if sorted(present, key=lambda one: one.servo_id) == list(target.servo_parameters):
         return []
-    kept = {one.servo_id for one in target.servo_parameters}
-    neutral = tuple(ServoParameter(servo_id) for servo_id in sorted({one.servo_id for one in there} - kept))
+    target_ids = {one.servo_id for one in target.servo_parameters}
+    neutral = tuple(ServoParameter(servo_id) for servo_id in sorted({one.servo_id for one in present} - target_ids))
     return [Write("servo parameters", AddServoParameterRequest(target.servo_parameters + neutral))]
 
 
@@ -233,7 +233,7 @@ class RecordWriter:
         key = record_type, write.record_id
         for _ in range(_TRIES):
             result, found = await self._send_and_read(write, record_type)
-            self._reader.known[key] = None if found is _NOT_READ else found
+            self._reader.records[key] = None if found is _NOT_READ else found
             if found == write.record:
                 return
             self.doubtful.add(record_type)
@@ -269,7 +269,7 @@ class RecordWriter:
         key = record_type, write.record_id
         for _ in range(_TRIES):
             result = await self._send(write)
-            self._reader.known[key] = None
+            self._reader.records[key] = None
             if result == 1 and (record_type in self._listed or record_type in self.doubtful):
                 return
             found = await self._read(record_type, write.record_id)
@@ -278,7 +278,7 @@ class RecordWriter:
             self.doubtful.add(record_type)
             if found is _NOT_READ or found is None:
                 return
-            self._reader.known[key] = found
+            self._reader.records[key] = found
             if result == 0:
                 self.refused.add(write.item)
             if result is not None:
