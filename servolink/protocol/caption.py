@@ -13,27 +13,28 @@ from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32
 _BYTES_AS_CODE_POINTS = "servolink.bytes"
-_KEPT_BYTES = "([\udc00-\udcff]+)"  # compiled on first use, as few captions have any
+_RAW_BYTES = "([\udc00-\udcff]+)"  # compiled on first use, as few captions have any
 
 
 def _keep_bytes(error: UnicodeError) -> tuple[str, int]:
     """Decode each byte outside the encoding to U+DC00 + byte: `surrogateescape` for every encoding and every byte."""
     assert isinstance(error, UnicodeDecodeError)  # noqa: S101 - narrows the type; only decoding uses it
-    return _kept(error.object[error.start : error.end]), error.end
+    return _escaped(error.object[error.start : error.end]), error.end
 
 
-def _kept(raw: bytes) -> str:
+def _escaped(raw: bytes) -> str:
     return "".join(chr(0xDC00 + byte) for byte in raw)
 
 
 codecs.register_error(_BYTES_AS_CODE_POINTS, _keep_bytes)
 
 
-def _encode_kept(text: str, encoding: str) -> bytes:
+def _encode_escaped(text: str, encoding: str) -> bytes:
     """Encode `text`, with kept bytes turned back into the original bytes."""
-    texts_and_bytes = enumerate(re.split(_KEPT_BYTES, text))
+    texts_and_bytes = enumerate(re.split(_RAW_BYTES, text))
     return b"".join(
-        bytes(ord(kept) - 0xDC00 for kept in part) if at % 2 else part.encode(encoding) for at, part in texts_and_bytes
+        bytes(ord(character) - 0xDC00 for character in part) if at % 2 else part.encode(encoding)
+        for at, part in texts_and_bytes
     )
 
 
@@ -69,7 +70,7 @@ def decode_caption(raw: bytes, encoding: str) -> str:
 def _is_form(raw: bytes, text: str, encoding: str) -> bool:
     """Return whether `text` is encoded as `raw`: some characters of Big5 have two codes, and are read from both."""
     try:
-        return _encode_kept(text, encoding) == raw
+        return _encode_escaped(text, encoding) == raw
     except UnicodeError:
         return False
 
@@ -81,9 +82,9 @@ def _decode_forms(raw: bytes, encoding: str) -> str:
     for end in range(1, len(raw) + 1):
         if character := decoder.decode(raw[end - 1 : end], end == len(raw)):
             form = raw[begun:end]
-            text += character if _is_form(form, character, encoding) else _kept(form)
+            text += character if _is_form(form, character, encoding) else _escaped(form)
             begun = end
-    return text if _is_form(raw, text, encoding) else _kept(raw)
+    return text if _is_form(raw, text, encoding) else _escaped(raw)
 
 
 def decode_captions(raws: Sequence[bytes], encoding: str) -> list[str]:
@@ -127,7 +128,7 @@ def _raw_caption(text: str, encoding: str, *, from_us: bool) -> tuple[bytes, str
     if from_us and any(_is_control(character) for character in text):
         return b"", "holds control characters; captions are plain text"
     try:
-        raw = _encode_kept(text, encoding)
+        raw = _encode_escaped(text, encoding)
     except UnicodeError:
         return b"", f"cannot be written in {encoding}"
     if len(raw) > CAPTION_SIZE:

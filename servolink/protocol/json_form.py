@@ -50,8 +50,8 @@ def packet_from_json(value: Any) -> Packet:
     if not isinstance(fields, dict):
         raise EncodeError(f"must be an object, not {quote(fields)}", "fields", name)
     if unknown := sorted(str(field) for field in fields if field not in declared.__struct_fields__):
-        known = ", ".join(declared.__struct_fields__) or "none"
-        raise EncodeError(f"no such field; the fields are {known}", unknown[0], name)
+        names = ", ".join(declared.__struct_fields__) or "none"
+        raise EncodeError(f"no such field; the fields are {names}", unknown[0], name)
     if declared.__struct_fields__ == ("data",) and "data" in fields:
         fields = {"data": _from_hex(fields["data"], name)}
     try:

@@ -181,8 +181,8 @@ class Layout:
     def _wrong_length(self, content: bytes) -> DecodeError:
         """Return the error for a content length that breaks the rule."""
         rule = self.rule
-        wanted = str(rule.base) if rule.unit == 0 else f"{rule.base} + n * {rule.unit}"
-        return DecodeError(f"{self._name}: the content has {len(content)} bytes, not {wanted}", content)
+        expected = str(rule.base) if rule.unit == 0 else f"{rule.base} + n * {rule.unit}"
+        return DecodeError(f"{self._name}: the content has {len(content)} bytes, not {expected}", content)
 
     def _wrong_count(self, content: bytes, count: int) -> DecodeError:
         size = self.rule.base + count * self.rule.unit

@@ -32,7 +32,7 @@ PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
 """Reasons for skipped bytes: zeros after a frame; no start of a frame; a start with an unknown id, a wrong length or a
 wrong sum; a frame without an end."""
 
-_MAX_KNOWN_HEADERS = 4096  # a stream with more is made to fill memory
+_MAX_CACHED_HEADERS = 4096  # a stream with more is made to fill memory
 _SHORT = 255  # longest content summed by adler32 at once, together with the header's share
 _LONG = 4096  # longer contents are summed in remembered blocks, so that overlapping claims stay cheap
 _WARY = 256  # number of frames after damage to search for whole frames inside
@@ -57,24 +57,24 @@ class FrameParser:
         self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
-        self._held: bytes | bytearray = b""  # incomplete rest; a bytearray if likely to grow long in small steps
+        self._partial: bytes | bytearray = b""  # incomplete rest; a bytearray if likely to grow long in small steps
         self._needed = HEADER_SIZE  # length needed before another look is worthwhile
         self._reason = PADDING
         self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), DEEPEST)
         self._wary = 0  # number of further frames to search for whole frames inside
         self._blocks: BlockSums | None = None
-        self._kept: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
+        self._skipped: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
         """Take the next bytes of the stream, and return the frames completed by them."""
-        held = self._held
-        if held:
-            held += chunk
-            if len(held) < self._needed:
+        partial = self._partial
+        if partial:
+            partial += chunk
+            if len(partial) < self._needed:
                 # A long frame in small chunks grows in place; a short frame is cheaper to copy.
-                self._held = bytearray(held) if len(held) > _SHORT and type(held) is bytes else held
+                self._partial = bytearray(partial) if len(partial) > _SHORT and type(partial) is bytes else partial
                 return []
-            return self._scan(held if type(held) is bytes else bytes(held))
+            return self._scan(partial if type(partial) is bytes else bytes(partial))
         if type(chunk) is not bytes:
             chunk = bytes(chunk)
         # Most responses come as a whole chunk. With nothing else under way, these few steps leave the same state as
@@ -93,7 +93,7 @@ class FrameParser:
 
     def abandon_frame(self) -> list[Frame]:
         """Stop waiting for the rest of the partial frame, and return the frames inside."""
-        data = bytes(self._held)
+        data = bytes(self._partial)
         if len(data) < HEADER_SIZE:
             return self._scan(data)  # length not received so far; perhaps not a frame at all
         self._reason = INCOMPLETE
@@ -103,29 +103,31 @@ class FrameParser:
 
     def finish(self) -> list[Frame]:
         """End the stream: return the last frames, and skip the bytes outside of frames."""
-        frames = self._scan(bytes(self._held)) if len(self._held) < HEADER_SIZE else []
-        while len(self._held) >= HEADER_SIZE:
-            earlier = self.take_skipped() if self._kept else []
+        frames = self._scan(bytes(self._partial)) if len(self._partial) < HEADER_SIZE else []
+        while len(self._partial) >= HEADER_SIZE:
+            earlier = self.take_skipped() if self._skipped else []
             found = self.abandon_frame()
-            if self._kept is not None:
-                self._kept = earlier + [(len(frames) + before, data, reason) for before, data, reason in self._kept]
+            if self._skipped is not None:
+                self._skipped = earlier + [
+                    (len(frames) + before, data, reason) for before, data, reason in self._skipped
+                ]
             frames += found
-        if self._held:
+        if self._partial:
             self._reason = INCOMPLETE
-            self._skip(bytes(self._held), 0, len(self._held), frames)
-        self._held, self._needed, self._blocks = b"", HEADER_SIZE, None
+            self._skip(bytes(self._partial), 0, len(self._partial), frames)
+        self._partial, self._needed, self._blocks = b"", HEADER_SIZE, None
         return frames
 
     @property
     def partial_frame(self) -> tuple[int, int, int] | None:
         """Packet id, bytes received and total bytes of the incomplete frame; None between frames."""
-        entry = self._entries.get(bytes(self._held[:HEADER_SIZE]))
-        return (entry[1], len(self._held), entry[0]) if entry else None
+        entry = self._entries.get(bytes(self._partial[:HEADER_SIZE]))
+        return (entry[1], len(self._partial), entry[0]) if entry else None
 
     def take_skipped(self) -> list[tuple[int, bytes, str]]:
         """Return (frames of the last feed before the span, bytes, reason) of each span skipped since the last call."""
-        taken, self._kept = self._kept or [], []
-        return taken
+        skipped, self._skipped = self._skipped or [], []
+        return skipped
 
     def _scan(self, data: bytes, at: int = 0) -> list[Frame]:  # noqa: C901, PLR0912, PLR0915 - a call per frame would double its cost
         """Collect the frames of `data` from `at` on, and hold the incomplete rest."""
@@ -186,7 +188,7 @@ class FrameParser:
             else:
                 recovery.accept(frame, at)
         self.frames += len(frames)
-        self._held = data[at:]
+        self._partial = data[at:]
         self._needed = needed
         if recovery.rereads:
             recovery.move(at)
@@ -251,7 +253,7 @@ class FrameParser:
             return UNKNOWN_ID
         if not layout(declared, self.byte_order).rule.admits(length):
             return LENGTH
-        if len(self._entries) >= _MAX_KNOWN_HEADERS:
+        if len(self._entries) >= _MAX_CACHED_HEADERS:
             self._entries.clear()
         cut = _cutter(length) if length <= _SHORT else None
         self._entries[header] = length + OVERHEAD, packet_id, sum(header) & 0xFF, cut
@@ -265,8 +267,8 @@ class FrameParser:
         self.skipped[self._reason] += end - start
         if self._reason != PADDING:
             self._wary = _WARY
-        if self._kept is not None:
-            self._kept.append((len(frames), data[start:end], self._reason))
+        if self._skipped is not None:
+            self._skipped.append((len(frames), data[start:end], self._reason))
 
 
 @cache
@@ -288,11 +290,11 @@ class _InnerParser(FrameParser):
         return self._recovery
 
     @property
-    def held(self) -> bytes:
+    def partial(self) -> bytes:
         """Bytes of the incomplete frame so far."""
-        return bytes(self._held)
+        return bytes(self._partial)
 
     @property
     def missing(self) -> int:
         """Number of further bytes needed at least."""
-        return self._needed - len(self._held)
+        return self._needed - len(self._partial)

@@ -27,7 +27,7 @@ class InnerParser(Protocol):
         ...
 
     @property
-    def held(self) -> bytes:
+    def partial(self) -> bytes:
         """Bytes of the incomplete frame so far."""
         ...
 
@@ -89,8 +89,8 @@ class Recovery:
         if self.last is None:
             return []
         inner, found = self._search(self.last, wary)
-        if inner.held:  # a frame begins near the end and may reach beyond
-            self._rest = inner.held
+        if inner.partial:  # a frame begins near the end and may reach beyond
+            self._rest = inner.partial
         else:
             self._go_on_as(inner.recovery)
         self.in_sync = self.is_calm = False  # so that the next frame replaces the rest kept here
@@ -106,7 +106,7 @@ class Recovery:
                 self._inner, self._inside = self._search(self.last, wary)
             else:
                 self.last = None
-        if self.last is not None and self._inner is not None and self._inner.held:
+        if self.last is not None and self._inner is not None and self._inner.partial:
             end = min(end, at + self._inner.missing)
         return end
 
@@ -119,7 +119,7 @@ class Recovery:
             found = self._inside + reaching
             self._go_on_as(self._inner.recovery)
             return found
-        if (not self._inner.held and not self._inside) or self._zeros > MAX_CONTENT:
+        if (not self._inner.partial and not self._inside) or self._zeros > MAX_CONTENT:
             self.last = None  # no frame begins inside, or none reaches so far
         return []
 
@@ -137,9 +137,9 @@ class Recovery:
         if start >= len(again):
             return data, at
         if len(again) > at:  # part of the frame was in an earlier buffer
-            gone = len(again) - at
-            data, at = again[:gone] + data, len(again)
-            self.rereads = [end + gone for end in self.rereads]
+            count = len(again) - at
+            data, at = again[:count] + data, len(again)
+            self.rereads = [end + count for end in self.rereads]
         self.rereads.append(at)
         return data, at - len(again) + start
 

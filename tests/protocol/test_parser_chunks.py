@@ -76,7 +76,7 @@ class ScanningParser(FrameParser):
     """The same parser without the short cut for a chunk that is one whole frame."""
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Frame]:
-        return super().feed(chunk) if self._held else self._scan(bytes(chunk))
+        return super().feed(chunk) if self._partial else self._scan(bytes(chunk))
 
 
 def state(thing: Any) -> Any:

@@ -13,7 +13,7 @@ from benchmarks.streams import chunks, hostile
 from servolink.protocol import frame as sums_module
 from servolink.protocol import parser as parser_module
 from servolink.protocol.frame import _MOST_BLOCKS, BlockSums, Frame, encode_frame
-from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
+from servolink.protocol.parser import _MAX_CACHED_HEADERS, FrameParser
 
 _LARGEST_FRAME = 65_544
 _NAMES = [name for name, _ in hostile(0)]
@@ -86,16 +86,16 @@ def test_memory_is_bounded(name: str) -> None:
     most = 0
     for chunk in chunks(dict(hostile(100_000))[name], 1000):
         parser.feed(chunk)
-        most = max(most, len(parser._held))
-        assert len(parser._entries) <= _MAX_KNOWN_HEADERS
+        most = max(most, len(parser._partial))
+        assert len(parser._entries) <= _MAX_CACHED_HEADERS
     assert most <= _LARGEST_FRAME
 
 
 def test_headers_are_remembered_up_to_a_number_and_all_are_read() -> None:
     parser = FrameParser()
-    for length in range(_MAX_KNOWN_HEADERS + 10):
+    for length in range(_MAX_CACHED_HEADERS + 10):
         assert parser.feed(encode_frame(10050, bytes(length % 7000), "little")) == [(10050, bytes(length % 7000))]
-    assert 0 < len(parser._entries) <= _MAX_KNOWN_HEADERS
+    assert 0 < len(parser._entries) <= _MAX_CACHED_HEADERS
 
 
 def test_sums_of_blocks_are_forgotten() -> None:
