@@ -34,7 +34,7 @@ class Relay:
         self._on_program = on_program
         self._now = asyncio.get_running_loop().time
         self._lost: asyncio.Future[ConnectionLost | None] = asyncio.get_running_loop().create_future()
-        board.on_taken = self._board_has_room
+        board.on_accepted = self._board_has_room
 
     async def open(self) -> None:
         """Open the board's port. Raise OpenError."""
