@@ -75,8 +75,8 @@ def run(main: Coroutine[Any, Any, T]) -> T:
 async def _without_tasks(main: Coroutine[Any, Any, T]) -> T:
     result = await main
     await asyncio.sleep(0)
-    if left := asyncio.all_tasks() - {asyncio.current_task()}:
-        raise AssertionError(f"tasks left behind: {left}")
+    if remaining := asyncio.all_tasks() - {asyncio.current_task()}:
+        raise AssertionError(f"tasks left behind: {remaining}")
     return result
 
 
