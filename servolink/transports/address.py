@@ -48,7 +48,7 @@ class Address:
         self.path = path
         self.options = dict(options or {})
         self.connection_options = {name: self.options.pop(name) for name in CONNECTION_OPTIONS if name in self.options}
-        self._known: list[str] = []
+        self._declared: list[str] = []
 
     @classmethod
     def parse(cls, url: str) -> Address:
@@ -136,9 +136,9 @@ class Address:
 
     def refuse_unknown(self) -> None:
         """Raise InvalidAddress for unread options. Call after reading all known options."""
-        unknown = [name for name in self.options if name not in self._known]
+        unknown = [name for name in self.options if name not in self._declared]
         if unknown:
-            own = ", ".join(self._known) or "none of its own"
+            own = ", ".join(self._declared) or "none of its own"
             every = ", ".join(CONNECTION_OPTIONS)
             raise self.refusal(
                 f"unknown option {shorten(unknown[0])}; {self.scheme}:// has: {own}; every address has: {every}"
@@ -151,11 +151,11 @@ class Address:
     def _option(self, name: str) -> str | None:
         if name in CONNECTION_OPTIONS:
             return self.connection_options.get(name)
-        self._known.append(name)
+        self._declared.append(name)
         return self.options.get(name)
 
-    def _bad(self, name: str, text: str, wanted: str) -> InvalidAddress:
-        return self.refusal(f"option {name} must be {wanted}, not {shorten(text)!r}")
+    def _bad(self, name: str, text: str, expected: str) -> InvalidAddress:
+        return self.refusal(f"option {name} must be {expected}, not {shorten(text)!r}")
 
 
 def refusal(url: str, reason: str) -> InvalidAddress:

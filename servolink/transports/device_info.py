@@ -118,7 +118,7 @@ class _Addressed(Protocol):
 _Found = TypeVar("_Found", bound=_Addressed)
 
 
-def choose_only(url: str, wanted: str, found: Sequence[_Found], present: Iterable[_Addressed]) -> _Found:
+def choose_only(url: str, expected: str, found: Sequence[_Found], present: Iterable[_Addressed]) -> _Found:
     """Return the only device in `found`. Raise OpenError for several, or for none, with the `present` devices."""
     if len(found) == 1:
         return found[0]
@@ -128,5 +128,5 @@ def choose_only(url: str, wanted: str, found: Sequence[_Found], present: Iterabl
     if urls:
         raise OpenError(f"{url}: {len(urls)} devices can be the board; choose among: {', '.join(urls)}")
     others = ", ".join(sorted(each.url for each in present))
-    here = f"these are here: {others}" if others else "nothing of that kind is here"
-    raise OpenError(f"{url}: found no {wanted}; plug the board in and switch it on; {here}")
+    present_text = f"these are here: {others}" if others else "nothing of that kind is here"
+    raise OpenError(f"{url}: found no {expected}; plug the board in and switch it on; {present_text}")

@@ -20,8 +20,8 @@ _logger = logging.getLogger("servolink.transport")
 
 def contained(transport: Transport) -> Transport:
     """Return `transport` inside a ForeignTransport; transports of servolink are returned unchanged."""
-    is_ours = type(transport).__module__.split(".")[0] == "servolink"
-    if isinstance(transport, BaseTransport) and (is_ours or transport.is_shared):  # hubs are recognised by type
+    is_own = type(transport).__module__.split(".")[0] == "servolink"
+    if isinstance(transport, BaseTransport) and (is_own or transport.is_shared):  # hubs are recognised by type
         return transport
     return ForeignTransport(transport, f"the transport {type(transport).__name__}")
 
@@ -37,7 +37,7 @@ class ForeignTransport(WrappedTransport):
         self._untaken = 0  # bytes in unfinished sends
         self._returned = 0  # number of finished sends
         self._waits: set[asyncio.Timeout] = set()  # time limits of unfinished sends, cancelled with the connection
-        self._watch = StallWatch(lambda: bool(self._waits), self._taken, self._stalled, self._send_limit)
+        self._watch = StallWatch(lambda: bool(self._waits), self._accepted, self._stalled, self._send_limit)
 
     async def _open(self) -> None:
         limit = asyncio.timeout(_OPEN_LIMIT)
@@ -82,8 +82,8 @@ class ForeignTransport(WrappedTransport):
             self._untaken -= size
             self._returned += 1
 
-    def _taken(self) -> int:
-        return self._returned + super()._taken()
+    def _accepted(self) -> int:
+        return self._returned + super()._accepted()
 
     def _send_limit(self) -> float:
         return STALL_LIMIT + self._untaken / _SLOWEST

@@ -35,7 +35,7 @@ class HidDevice:
         self,
         api: HidApi,
         url: str,
-        wanted: PortIdentity,
+        expected: PortIdentity,
         *,
         usage_page: int | None = None,
         report_id: int | None = None,
@@ -44,15 +44,15 @@ class HidDevice:
         """Use the only fitting interface; for None, read page, id or size from the descriptor of the device."""
         self._api = api
         self._url = url
-        self._wanted = wanted
+        self._expected = expected
         self._usage_page = usage_page
         self._report_id = report_id
         self._report_size = report_size
 
     def open(self) -> OpenHid:
         """Find and open the interface. Raise OpenError with the remedy."""
-        found = boards(self._api, self._wanted, self._usage_page)
-        kind = f"HID device {self._wanted}"
+        found = boards(self._api, self._expected, self._usage_page)
+        kind = f"HID device {self._expected}"
         if self._usage_page is not None:
             kind += f" of usage page {self._usage_page:#06x}"
         interface = choose_only(self._url, kind, found, [] if found else boards(self._api))
@@ -113,7 +113,7 @@ class OpenHid:
         try:
             report = bytes(self._handle.read(size + 1 if report_id else size, _READ_LIMIT))
         except (OSError, ValueError) as error:
-            raise _gone(str(error)) from error
+            raise _disconnected(str(error)) from error
         if not report_id:
             return report
         return report[1:] if report[:1] == bytes([report_id]) else b""
@@ -125,14 +125,14 @@ class OpenHid:
     def write(self, piece: bytes) -> None:
         """Send one report; Linux waits up to 5 s for the device to take it."""
         if self._handle.write(piece) < 0:  # other return values differ between systems
-            raise _gone(self._handle.error())
+            raise _disconnected(self._handle.error())
 
     def close(self) -> None:
         """Close the interface and release the lock for other programs."""
         self._undo.close()
 
 
-def _gone(reason: str) -> ConnectionResetError:
+def _disconnected(reason: str) -> ConnectionResetError:
     return ConnectionResetError(f"the device is gone: {reason}; is it unplugged or switched off?")
 
 
@@ -256,7 +256,7 @@ def _items(descriptor: bytes) -> Iterator[tuple[int, int]]:
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `hid://VID:PID/SERIAL?report_size=64&report_id=0&usage_page=0xFF00`."""
-    wanted = PortIdentity.from_address(address)
+    expected = PortIdentity.from_address(address)
     report_size = address.integer("report_size", 0, 1, 4096) or None
     report_id = address.integer("report_id", -1, 0, 255)
     usage_page = address.integer("usage_page", -1, 0, 0xFFFF)
@@ -264,7 +264,7 @@ def from_address(address: Address) -> DeviceTransport:
     device = HidDevice(
         load(),
         address.url,
-        wanted,
+        expected,
         usage_page=None if usage_page < 0 else usage_page,
         report_id=None if report_id < 0 else report_id,
         report_size=report_size,

@@ -121,9 +121,9 @@ class HidInterface:
         path = os.fsdecode(self.path)
         return "" if is_accessible(path) else f"no permission for {escape(path)}; {UDEV_CURE}"
 
-    def has_page(self, wanted: int | None) -> bool:
-        """Return whether the interface has the usage page `wanted`, for None any vendor-defined page."""
-        return any(page == wanted if wanted is not None else page in VENDOR_PAGES for page, _ in self.usages)
+    def has_page(self, expected: int | None) -> bool:
+        """Return whether the interface has the usage page `expected`, for None any vendor-defined page."""
+        return any(page == expected if expected is not None else page in VENDOR_PAGES for page, _ in self.usages)
 
 
 def interfaces(api: HidApi) -> list[HidInterface]:
@@ -148,17 +148,17 @@ def interfaces(api: HidApi) -> list[HidInterface]:
     return list(found.values())
 
 
-def boards(api: HidApi, wanted: PortIdentity = ANY_DEVICE, usage_page: int | None = None) -> list[HidInterface]:
-    """Return the fitting interfaces of possible boards; keyboards and mice only if `wanted` has their ids."""
+def boards(api: HidApi, expected: PortIdentity = ANY_DEVICE, usage_page: int | None = None) -> list[HidInterface]:
+    """Return the fitting interfaces of possible boards; keyboards and mice only if `expected` has their ids."""
     everything = interfaces(api)
     inputs = {each.identity.device for each in everything if each.is_input}
     found = [
         each
         for each in everything
-        if wanted.fits(each.identity)
+        if expected.fits(each.identity)
         and each.has_page(usage_page)
         and not each.is_input
-        and not (wanted.is_any and each.identity.device in inputs)
+        and not (expected.is_any and each.identity.device in inputs)
     ]
     siblings = Counter(each.identity.device for each in found)
     return [replace(each, exclusive=siblings[each.identity.device] == 1) for each in found]

@@ -48,7 +48,7 @@ class BaseTransport(ABC):
         self._receiver: Receiver | None = None  # None before opening and after the end
         self._error: ConnectionLost | None = None  # the first cause of a loss
         self._senders: deque[asyncio.Future[bool]] = deque()  # resolved with True if the system took the bytes
-        self._watch = StallWatch(lambda: bool(self._senders), self._taken, self._lose)
+        self._watch = StallWatch(lambda: bool(self._senders), self._accepted, self._lose)
 
     @property
     def url(self) -> str:
@@ -86,8 +86,8 @@ class BaseTransport(ABC):
         if self._stage != "open":
             raise self._lost()
         try:
-            if (taken := self._send(data)) is not None:
-                await taken
+            if (accepted := self._send(data)) is not None:
+                await accepted
         except ServolinkError:
             raise
         except Exception as error:
@@ -126,7 +126,7 @@ class BaseTransport(ABC):
         """Queue all of `data` immediately. Return None if the system accepted all bytes, else an awaitable.
 
         Empty `data` waits for all earlier bytes. Not a coroutine, so that a cancelled caller leaves nothing unsent; see
-        `_until_taken` for the usual awaitable.
+        `_until_accepted` for the usual awaitable.
         """
 
     @abstractmethod
@@ -140,7 +140,7 @@ class BaseTransport(ABC):
     def _abort(self) -> None:
         """Release the device without waiting; called after the end of the connection, perhaps twice."""
 
-    def _taken(self) -> int:
+    def _accepted(self) -> int:
         """Return a number growing with each byte accepted by the system; needed only by kinds with waiting senders."""
         return 0
 
@@ -165,13 +165,13 @@ class BaseTransport(ABC):
         error.__cause__ = self._error.__cause__ or self._error
         return error
 
-    async def _until_taken(self, taken: asyncio.Future[bool]) -> None:
-        """Wait until `taken` is resolved with True, or the connection ends."""
+    async def _until_accepted(self, accepted: asyncio.Future[bool]) -> None:
+        """Wait until `accepted` is resolved with True, or the connection ends."""
         if self._stage == "ended":  # ended by `_send` itself: nobody would resolve the future
             raise self._lost()
-        self._senders.append(taken)
+        self._senders.append(accepted)
         self._watch.start()
-        if not await taken:
+        if not await accepted:
             raise self._lost()
 
     def _end(self, cause: Exception | None) -> None:
@@ -186,7 +186,7 @@ class BaseTransport(ABC):
             self._error = self._loss(cause)
         self._abort()  # before receivers learn of the end: a receiver may open the device again
         self._watch.stop()
-        self._wake_senders(taken=False)
+        self._wake_senders(accepted=False)
         if receiver is not None and was_open:
             _logger.info("%s", self._error or f"{escape(self.url)}: closed")  # the error contains the address
             receiver.lost(self._error)
@@ -205,10 +205,10 @@ class BaseTransport(ABC):
     def _was_ended(self) -> bool:
         return self._stage == "ended"
 
-    def _wake_senders(self, *, taken: bool) -> None:
+    def _wake_senders(self, *, accepted: bool) -> None:
         while self._senders:
             if not (sender := self._senders.popleft()).done():
-                sender.set_result(taken)
+                sender.set_result(accepted)
 
 
 class WrappedTransport(BaseTransport):
@@ -255,8 +255,8 @@ class WrappedTransport(BaseTransport):
             self._closing = asyncio.ensure_future(self._close_inner())
             self._closing.add_done_callback(self._closed)
 
-    def _taken(self) -> int:
-        return self._inner._taken() if isinstance(self._inner, BaseTransport) else 0  # noqa: SLF001 - of its own class
+    def _accepted(self) -> int:
+        return self._inner._accepted() if isinstance(self._inner, BaseTransport) else 0  # noqa: SLF001 - of its own class
 
     async def _close_inner(self) -> None:
         await self._inner.close()
@@ -276,13 +276,13 @@ class StallWatch:
     def __init__(
         self,
         waiting: Callable[[], bool],
-        taken: Callable[[], int],
+        accepted: Callable[[], int],
         stalled: Callable[[TimeoutError], None],
         limit: Callable[[], float] = lambda: STALL_LIMIT,
     ) -> None:
         """Call `stalled` if `taken()` has not grown for `limit()` seconds while `waiting()` is true."""
         self._waiting = waiting
-        self._taken = taken
+        self._accepted = accepted
         self._stalled = stalled
         self._limit = limit
         self._timer: asyncio.TimerHandle | None = None
@@ -295,7 +295,7 @@ class StallWatch:
     def start(self) -> None:
         """Start the timer, unless set; the watch stops when no send waits."""
         if self._timer is None:
-            self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, self._taken(), 1)
+            self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, self._accepted(), 1)
 
     def stop(self) -> None:
         """Stop the watch immediately."""
@@ -303,15 +303,15 @@ class StallWatch:
             self._timer.cancel()
             self._timer = None
 
-    def _look(self, taken: int, looks: int) -> None:
-        """Compare progress with `taken`; `looks` is the number of comparisons without progress."""
+    def _look(self, accepted: int, looks: int) -> None:
+        """Compare progress with `accepted`; `looks` is the number of comparisons without progress."""
         self._timer = None
         if not self._waiting():
             return  # the next waiting send starts the watch again
-        if self._taken() != taken:
-            taken, looks = self._taken(), 0
+        if self._accepted() != accepted:
+            accepted, looks = self._accepted(), 0
         # Counted in comparisons, not in seconds: time also passes while the machine is suspended.
         elif looks * _STALL_STEP >= (limit := self._limit()):
             self._stalled(TimeoutError(f"it has taken no byte for {limit:g} s"))
             return
-        self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, taken, looks + 1)
+        self._timer = asyncio.get_running_loop().call_later(_STALL_STEP, self._look, accepted, looks + 1)

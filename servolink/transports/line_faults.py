@@ -47,10 +47,10 @@ class Faults:
             faults = cls.from_address(address)
         except InvalidAddress as error:
             raise InvalidAddress(str(error).removeprefix(f"{shorten(url)}: ").removeprefix("option ")) from None
-        known = [field.name for field in fields(cls)]
+        names = [field.name for field in fields(cls)]
         for name in (*address.options, *address.connection_options):
-            if name not in known:
-                raise InvalidAddress(f"{quote(shorten(name))} is not a fault; the faults are {', '.join(known)}")
+            if name not in names:
+                raise InvalidAddress(f"{quote(shorten(name))} is not a fault; the faults are {', '.join(names)}")
         return faults
 
     @classmethod

@@ -114,7 +114,7 @@ class ReplayTransport(BaseTransport):
         self._sends: list[_RecordedLine] = []
         self._ends: list[int] = []  # position after each send, in all bytes to be sent
         self._expected = bytearray()
-        self._said = 0  # bytes sent so far
+        self._sent = 0  # bytes sent so far
         self._done = 0  # sends completed so far
         self._coming: deque[tuple[int, _RecordedLine]] = deque()  # lines of the board, each after a number of sends
         self._shift = 0.0  # seconds from the time of the recording to the time of the loop
@@ -134,12 +134,12 @@ class ReplayTransport(BaseTransport):
 
     def _send(self, data: bytes) -> None:
         """Compare `data` with the recording. Raise ConnectionLost, with the number of the first different line."""
-        before, self._said = self._said, self._said + len(data)
-        if self._expected[before : self._said] != data:
+        before, self._sent = self._sent, self._sent + len(data)
+        if self._expected[before : self._sent] != data:
             error = self._mismatch(data, before)
             self._lose(error)
             raise error
-        done = bisect_right(self._ends, self._said)
+        done = bisect_right(self._ends, self._sent)
         if done > self._done:  # the rest of the recording follows the time of the last complete send
             self._done = done
             self._shift = asyncio.get_running_loop().time() - self._sends[done - 1].seconds
@@ -170,15 +170,17 @@ class ReplayTransport(BaseTransport):
                 self._arm()
 
     def _mismatch(self, data: bytes, before: int) -> ConnectionLost:
-        wanted = self._expected[before:]
-        same = next((i for i, (one, other) in enumerate(zip(wanted, data, strict=False)) if one != other), len(wanted))
-        got = f"got {data[same : same + 32].hex()}"
-        if same == len(wanted):
-            reason = f"nothing more was sent in the recording, {got}"
+        expected = self._expected[before:]
+        same = next(
+            (i for i, (one, other) in enumerate(zip(expected, data, strict=False)) if one != other), len(expected)
+        )
+        received = f"got {data[same : same + 32].hex()}"
+        if same == len(expected):
+            reason = f"nothing more was sent in the recording, {received}"
         else:
             index = bisect_right(self._ends, before + same)
             rest = self._expected[before + same : self._ends[index]][:32]
-            reason = f"line {self._sends[index].number}: expected {rest.hex()}, {got}"
+            reason = f"line {self._sends[index].number}: expected {rest.hex()}, {received}"
         return ConnectionLost(f"{self.url}: the program sent bytes different from the recording: {reason}")
 
 

@@ -56,8 +56,8 @@ def create(url: str) -> Transport:
     for plug_in in others:
         if plug_in.name == address.scheme:
             return _create_with(plug_in, address)
-    known = ", ".join(f"{scheme}://" for scheme in sorted({*_KINDS, *(plug_in.name for plug_in in others)}))
-    raise address.refusal(f"unknown kind of address; known are {known} and a bare device path")
+    schemes = ", ".join(f"{scheme}://" for scheme in sorted({*_KINDS, *(plug_in.name for plug_in in others)}))
+    raise address.refusal(f"unknown kind of address; known are {schemes} and a bare device path")
 
 
 class PlugIn:

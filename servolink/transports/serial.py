@@ -138,18 +138,18 @@ class SerialTransport(StreamTransport):
             self._port.close()
 
     def _unplugged(self, error: Exception) -> None:
-        gone = ConnectionResetError("the device is gone; is it unplugged or switched off?")
-        gone.__cause__ = error
-        self._lose(gone)
+        disconnected = ConnectionResetError("the device is gone; is it unplugged or switched off?")
+        disconnected.__cause__ = error
+        self._lose(disconnected)
 
     def _release(self) -> None:
         self._port.close()
 
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Write as many bytes as possible immediately, usually all, and not one turn of the loop later."""
-        taken = 0 if self._full else self._port.write_at_once(data)
-        if taken < len(data):
-            pipe.write(data[taken:])
+        written = 0 if self._full else self._port.write_at_once(data)
+        if written < len(data):
+            pipe.write(data[written:])
 
     def _unsent(self) -> int:
         try:
@@ -162,7 +162,7 @@ def _reason(device: str, error: Exception) -> str:
     code = getattr(error, "errno", None)
     text = str(error)  # on Windows, pyserial has only the text
     if code in _ABSENT or "FileNotFoundError" in text:
-        return f"there is no {device}; plug the board in and switch it on; {_ports_here()}"
+        return f"there is no {device}; plug the board in and switch it on; {_present_ports()}"
     if code in _BUSY or "PermissionError" in text:
         return f"{device} is in use; close the program that has it (another servolink, a serial monitor, ModemManager)"
     if code in _FORBIDDEN:
@@ -171,11 +171,11 @@ def _reason(device: str, error: Exception) -> str:
             f"(uucp on Arch), then log out and in"
         )
     if code in {errno.EISDIR, errno.ENOTTY} or "Could not configure port" in text:
-        return f"{device} is not a serial port; {_ports_here()}"
+        return f"{device} is not a serial port; {_present_ports()}"
     return f"cannot open {device}: {text}"
 
 
-def _ports_here() -> str:
+def _present_ports() -> str:
     ports = ", ".join(sorted(port.device for port in list_ports()))
     return f"the serial ports here: {ports}" if ports else "no serial port is here"
 

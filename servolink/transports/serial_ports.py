@@ -57,9 +57,9 @@ def _problem(device: str) -> str:
 
 def identity_at(url: str, devices: Iterable[DeviceInfo]) -> PortIdentity | None:
     """Return the identity of the serial port at `url`; None without a serial number."""
-    if not (wanted := Address.parse(url).serial_device):
+    if not (port := Address.parse(url).serial_device):
         return None
-    at_url = (device.identity for device in devices if Address.parse(device.url).serial_device == wanted)
+    at_url = (device.identity for device in devices if Address.parse(device.url).serial_device == port)
     return next((identity for identity in at_url if identity.serial_number), None)
 
 

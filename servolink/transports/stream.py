@@ -22,9 +22,9 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         """Start unopened; `url` names the transport in errors."""
         super().__init__(url)
         self._pipe: asyncio.Transport | None = None  # kept after the end
-        self._gone = asyncio.Event()
+        self._disconnected = asyncio.Event()
         self._full = False  # whether bytes wait in the buffer of the pipe
-        self.on_taken: Callable[[], object] | None = None
+        self.on_accepted: Callable[[], object] | None = None
         """Callback when the system has accepted all bytes of `pass_on`."""
         self._sent = 0
 
@@ -46,7 +46,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End the connection (called by asyncio; waiters continue after the descriptor was closed)."""
-        self._gone.set()
+        self._disconnected.set()
         self._end(exc)
 
     def pause_writing(self) -> None:
@@ -56,12 +56,12 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
     def resume_writing(self) -> None:
         """Release the waiting sends: the system has accepted all bytes (called by asyncio)."""
         self._full = False
-        self._wake_senders(taken=True)
-        if self.on_taken is not None:
-            self.on_taken()
+        self._wake_senders(accepted=True)
+        if self.on_accepted is not None:
+            self.on_accepted()
 
     def pass_on(self, data: bytes) -> bool:
-        """Send `data` without a time limit. Return whether the system accepted all; otherwise call `on_taken` later.
+        """Send `data` without a time limit. Return whether the system accepted all; otherwise call `on_accepted` later.
 
         For relays, which cannot know how long a device may be busy. Raise ConnectionLost for a closed transport.
         """
@@ -106,7 +106,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
         if data and self._pipe is not None:  # without data, pyserial-asyncio would spin
             self._write(self._pipe, data)
             self._sent += len(data)
-        return self._until_taken(asyncio.get_running_loop().create_future()) if self._full else None
+        return self._until_accepted(asyncio.get_running_loop().create_future()) if self._full else None
 
     async def _close(self) -> None:
         if self._pipe is None:
@@ -119,7 +119,7 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
                 await asyncio.sleep(_DRAIN_STEP)
         finally:
             self._abort()
-        await self._gone.wait()
+        await self._disconnected.wait()
 
     def _abort(self) -> None:
         # Once: a second abort of pyserial-asyncio's transport raises in a callback.
@@ -128,14 +128,14 @@ class StreamTransport(BaseTransport, asyncio.Protocol):
                 self._pipe.abort()
             except RuntimeError:  # asyncio cannot close a transport after the end of the event loop
                 self._release()
-                self._gone.set()
+                self._disconnected.set()
 
     def _release(self) -> None:
         """Free the port without asyncio, once the event loop has ended."""
         if self._pipe is not None:  # abort() would close the descriptor in the next turn of the loop
             self._pipe._call_connection_lost(None)  # type: ignore[attr-defined]  # noqa: SLF001
 
-    def _taken(self) -> int:
+    def _accepted(self) -> int:
         return self._sent - (self._pipe.get_write_buffer_size() if self._pipe else 0)
 
 

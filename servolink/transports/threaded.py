@@ -69,7 +69,7 @@ News: TypeAlias = "bytes | asyncio.Future[bool] | Exception | DeviceState"
 
 class _QueuedFrame(NamedTuple):
     data: bytes
-    taken: asyncio.Future[bool]
+    accepted: asyncio.Future[bool]
 
 
 class DeviceThread:
@@ -94,12 +94,12 @@ class DeviceThread:
         atexit.register(self._end_with_program)
         self._thread.start()
 
-    def send(self, frame: bytes, taken: asyncio.Future[bool]) -> None:
-        """Send `frame` after all earlier frames, and report `taken` when the device has accepted the frame.
+    def send(self, frame: bytes, accepted: asyncio.Future[bool]) -> None:
+        """Send `frame` after all earlier frames, and report `accepted` when the device has accepted the frame.
 
         An empty frame is reported when the device has accepted all earlier frames.
         """
-        self._frames.put(_QueuedFrame(frame, taken))
+        self._frames.put(_QueuedFrame(frame, accepted))
 
     def stop(self) -> None:
         """Close the device as soon as no call is in progress, and drop unsent frames; callable from any thread."""
@@ -148,7 +148,7 @@ class DeviceThread:
                     self._write_piece(device, piece)
                 if self._stopping:
                     return
-                self._post(frame.taken)
+                self._post(frame.accepted)
         except Exception as error:  # noqa: BLE001 - see _use
             self._post(error)
 
@@ -209,9 +209,9 @@ class DeviceTransport(BaseTransport):
     def _send(self, data: bytes) -> Awaitable[None] | None:
         if self._thread is None or not (data or self._senders):
             return None
-        taken = asyncio.get_running_loop().create_future()
-        self._thread.send(bytes(data), taken)
-        return self._until_taken(taken)
+        accepted = asyncio.get_running_loop().create_future()
+        self._thread.send(bytes(data), accepted)
+        return self._until_accepted(accepted)
 
     async def _close(self) -> None:
         if self._thread is None:
@@ -231,7 +231,7 @@ class DeviceTransport(BaseTransport):
         if self._thread is not None:
             self._thread.stop()
 
-    def _taken(self) -> int:
+    def _accepted(self) -> int:
         return self._thread.steps if self._thread else 0
 
     def _hear(self, everything: Iterator[News]) -> None:
@@ -241,7 +241,7 @@ class DeviceTransport(BaseTransport):
             if isinstance(news, bytes):
                 chunks.append(news)
             elif isinstance(news, asyncio.Future):
-                self._note_taken(news)
+                self._note_accepted(news)
             else:
                 self._deliver_all(chunks)
                 self._note(news)
@@ -260,11 +260,11 @@ class DeviceTransport(BaseTransport):
         elif isinstance(news, Exception):
             self._lose(news)
 
-    def _note_taken(self, taken: asyncio.Future[bool]) -> None:
-        if self._senders and self._senders[0] is taken:
+    def _note_accepted(self, accepted: asyncio.Future[bool]) -> None:
+        if self._senders and self._senders[0] is accepted:
             self._senders.popleft()
-            if not taken.done():
-                taken.set_result(True)
+            if not accepted.done():
+                accepted.set_result(True)
 
     def _deliver_all(self, chunks: list[bytes]) -> None:
         if chunks:

@@ -30,7 +30,7 @@ class BulkDevice:
     def __init__(
         self,
         url: str,
-        wanted: PortIdentity,
+        expected: PortIdentity,
         *,
         incoming: int | None = None,
         outgoing: int | None = None,
@@ -38,7 +38,7 @@ class BulkDevice:
     ) -> None:
         """Use the only fitting interface, with its first bulk endpoints; `library` is the backend of pyusb."""
         self._url = url
-        self._wanted = wanted
+        self._expected = expected
         self._incoming = incoming
         self._outgoing = outgoing
         self._library = library
@@ -46,10 +46,10 @@ class BulkDevice:
     def open(self) -> OpenUsb:
         """Find and open the interface, and drop responses to an earlier program. Raise OpenError with the remedy."""
         library = self._library or backend()
-        found = boards(library, self._wanted)
-        kind = f"USB device {self._wanted}"
-        if self._wanted.interface is not None:
-            kind += f" with a pair of bulk endpoints on interface {self._wanted.interface}"
+        found = boards(library, self._expected)
+        kind = f"USB device {self._expected}"
+        if self._expected.interface is not None:
+            kind += f" with a pair of bulk endpoints on interface {self._expected.interface}"
         board = choose_only(self._url, kind, found, [] if found else boards(library))
         endpoints = board.endpoints(self._incoming, self._outgoing)
         if endpoints is None:
@@ -96,13 +96,13 @@ class OpenUsb:
     def write(self, piece: bytes) -> bytes | None:
         """Offer `piece`; return the rest after the time limit, None if the device accepted all bytes."""
         try:
-            taken = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
+            written = self._device.write(self._endpoints.outgoing, piece, _TRANSFER_LIMIT)
         except usb.core.USBTimeoutError:
             return piece
         except (usb.core.USBError, ValueError) as error:  # ValueError: gone before its descriptors were needed
             self._recover(self._endpoints.outgoing, error)
             return None  # the number of accepted bytes is unknown, and a repeated command could be carried out twice
-        return piece[taken:] if taken < len(piece) else None
+        return piece[written:] if written < len(piece) else None
 
     def close(self) -> None:
         """Release the interface, if necessary to the driver of the kernel."""
@@ -125,11 +125,11 @@ class OpenUsb:
         """Clear a halt of `endpoint`. Raise ConnectionLost for any other error."""
         self._halts += 1
         if getattr(error, "errno", None) != errno.EPIPE or self._halts > _HALTS:
-            raise _gone(error) from error
+            raise _disconnected(error) from error
         try:
             self._device.clear_halt(endpoint)
         except usb.core.USBError as failure:
-            raise _gone(failure) from failure
+            raise _disconnected(failure) from failure
 
 
 def _claim(board: UsbInterface, undo: ExitStack) -> None:
@@ -147,15 +147,15 @@ def _claim(board: UsbInterface, undo: ExitStack) -> None:
         device.set_interface_altsetting(board.interface)
 
 
-def _configure(device: Any, wanted: int) -> None:
+def _configure(device: Any, configuration: int) -> None:
     """Set the configuration unless already set: setting the same value again would reset the whole device."""
     try:
-        if device.get_active_configuration().bConfigurationValue == wanted:
+        if device.get_active_configuration().bConfigurationValue == configuration:
             return
     except usb.core.USBError as error:
         if error.errno is not None:  # the error "not configured" of pyusb has no number
             raise
-    device.set_configuration(wanted)
+    device.set_configuration(configuration)
 
 
 def _quietly(free: Callable[..., object], *arguments: object) -> None:
@@ -177,17 +177,17 @@ def _reason(error: Exception) -> str:
     return f"cannot open it: {error}; plug the board in again"
 
 
-def _gone(error: Exception) -> ConnectionResetError:
+def _disconnected(error: Exception) -> ConnectionResetError:
     return ConnectionResetError(f"the device is gone: {error}; is it unplugged or switched off?")
 
 
 def from_address(address: Address) -> DeviceTransport:
     """Make the transport for `usb://VID:PID/SERIAL?interface=0&in=0x81&out=0x01`."""
-    wanted = PortIdentity.from_address(address)
+    expected = PortIdentity.from_address(address)
     interface = address.integer("interface", -1, 0, 255)
     if interface >= 0:
-        wanted = replace(wanted, interface=interface)
+        expected = replace(expected, interface=interface)
     incoming = address.integer("in", 0, 0x81, 0x8F) or None
     outgoing = address.integer("out", 0, 0x01, 0x0F) or None
     address.refuse_unknown()
-    return DeviceTransport(address.url, BulkDevice(address.url, wanted, incoming=incoming, outgoing=outgoing))
+    return DeviceTransport(address.url, BulkDevice(address.url, expected, incoming=incoming, outgoing=outgoing))

@@ -96,15 +96,15 @@ def backend() -> Any:
     return found
 
 
-def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface]:
-    """Return the fitting interfaces of possible boards; with a driver of the kernel only if `wanted` has the ids."""
+def boards(library: Any, expected: PortIdentity = ANY_DEVICE) -> list[UsbInterface]:
+    """Return the fitting interfaces of possible boards; with a driver of the kernel only if `expected` has the ids."""
     found: list[UsbInterface] = []
     devices: Any = usb.core.find(find_all=True, backend=library)
     for device in devices:
-        fitting = list(_bulk_interfaces(device, wanted.interface))
+        fitting = list(_bulk_interfaces(device, expected.interface))
         # Reading texts may open the device, and is limited to devices that fit otherwise.
-        ids = PortIdentity(device.idVendor, device.idProduct, wanted.serial_number, wanted.interface)
-        if fitting and wanted.fits(ids):
+        ids = PortIdentity(device.idVendor, device.idProduct, expected.serial_number, expected.interface)
+        if fitting and expected.fits(ids):
             serial_number, product = _texts(device)
             found += [
                 UsbInterface(
@@ -118,18 +118,20 @@ def boards(library: Any, wanted: PortIdentity = ANY_DEVICE) -> list[UsbInterface
                 )
                 for configuration, interface in fitting
             ]
-    return [each for each in found if wanted.fits(each.identity) and not (wanted.is_any and each.driver not in _FREE)]
+    return [
+        each for each in found if expected.fits(each.identity) and not (expected.is_any and each.driver not in _FREE)
+    ]
 
 
 def _bulk_interfaces(device: Any, number: int | None) -> Iterator[tuple[Any, Any]]:
     """Yield configuration and interface, with the first fitting alternate setting of each interface."""
-    seen = set[tuple[int, int]]()
+    visited = set[tuple[int, int]]()
     with suppress(usb.core.USBError):  # an unplugged device, or damaged descriptors
         for configuration in device:
             for interface in configuration:
                 key = configuration.bConfigurationValue, interface.bInterfaceNumber
-                if key not in seen and _can_be_board(interface) and number in {None, interface.bInterfaceNumber}:
-                    seen.add(key)
+                if key not in visited and _can_be_board(interface) and number in {None, interface.bInterfaceNumber}:
+                    visited.add(key)
                     yield configuration, interface
 
 

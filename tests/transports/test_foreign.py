@@ -163,7 +163,7 @@ class Slow(BaseTransport):
             self.bytes_taken += 1
         await asyncio.Event().wait()
 
-    def _taken(self) -> int:
+    def _accepted(self) -> int:
         return self.bytes_taken
 
     async def _close(self) -> None:
