@@ -100,8 +100,8 @@ class ControlEndpoint:
         """Return the data for a request, perhaps empty, or STALL for a request unknown to the device."""
         request = Setup.parse(setup)
         of_class = request.kind & _KIND == _CLASS
-        known = self._of_class.get(request.index, {}) if of_class else self._standard
-        handler = known.get((request.kind & ~_KIND if of_class else request.kind, request.request))
+        handlers = self._of_class.get(request.index, {}) if of_class else self._standard
+        handler = handlers.get((request.kind & ~_KIND if of_class else request.kind, request.request))
         response = STALL if handler is None else handler(request, data)
         return None if response is None else response[: request.length]
 

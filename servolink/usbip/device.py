@@ -108,9 +108,9 @@ class UsbDevice:
         return len(self._outstanding)
 
     @property
-    def held(self) -> int:
+    def pending_bytes(self) -> int:
         """Number of bytes sent by the host and not accepted yet."""
-        return sum(len(urb.data) - urb.taken for urb in self._outstanding.values())
+        return sum(len(urb.data) - urb.transferred for urb in self._outstanding.values())
 
     def submit(self, urb: Urb) -> None:
         """Accept a URB. Raise DecodeError if another URB with this number is outstanding."""
@@ -155,7 +155,7 @@ class UsbDevice:
             self._finish(urb, STALLED)
             return
         urb.received += response[: urb.length]
-        urb.taken = len(urb.data)
+        urb.transferred = len(urb.data)
         self._finish(urb, DONE)
 
     def _finish(self, urb: Urb, status: int) -> None:

@@ -36,7 +36,7 @@ class Urb:
     """Data from the host."""
     received: bytearray = field(default_factory=bytearray)
     """Data for the host."""
-    taken: int = 0
+    transferred: int = 0
     """Bytes of `data` accepted by the device so far."""
 
     @property
@@ -47,7 +47,7 @@ class Urb:
     @property
     def moved(self) -> int:
         """Number of bytes transferred so far."""
-        return len(self.received) if self.inward else self.taken
+        return len(self.received) if self.inward else self.transferred
 
 
 Complete: TypeAlias = Callable[[Urb, int], None]
@@ -139,9 +139,11 @@ class OutEndpoint(Endpoint):
         """Pass packets to the device while the device is ready."""
         while self._urbs and self._ready():
             urb = self._urbs[0]
-            packet = urb.data[urb.taken : urb.taken + PACKET]
-            urb.taken += len(packet)
-            if urb.taken == len(urb.data):  # returned first: on a bus no response can arrive before the URB is returned
+            packet = urb.data[urb.transferred : urb.transferred + PACKET]
+            urb.transferred += len(packet)
+            if urb.transferred == len(
+                urb.data
+            ):  # returned first: on a bus no response can arrive before the URB is returned
                 self._urbs.popleft()
                 self._complete(urb, DONE)
             if packet:

@@ -17,7 +17,7 @@ from servolink.usbip.endpoint import Urb
 
 MAX_OUTSTANDING = 4096
 """Most outstanding URBs of a host; the drivers of Linux use some dozens."""
-MAX_HELD = 16 * 1024 * 1024
+MAX_PENDING_BYTES = 16 * 1024 * 1024
 """Most unaccepted bytes of a host: the limit of Linux for all programs together."""
 
 HID_INTERVAL = 0.001
@@ -59,8 +59,10 @@ class Attachment:
             self._write(usbip_messages.unlinked(command, status))
             return
         self.device.submit(command)
-        if self.device.outstanding > MAX_OUTSTANDING or self.device.held > MAX_HELD:
-            raise DecodeError(f"too much is outstanding: {self.device.outstanding} URBs with {self.device.held} bytes")
+        if self.device.outstanding > MAX_OUTSTANDING or self.device.pending_bytes > MAX_PENDING_BYTES:
+            raise DecodeError(
+                f"too much is outstanding: {self.device.outstanding} URBs with {self.device.pending_bytes} bytes"
+            )
 
     def _return_urb(self, urb: Urb, status: int) -> None:
         if urb.endpoint != HID_IN:
@@ -136,8 +138,8 @@ class UsbIpServer:
                 self._host = writer
                 writer.write(usbip_messages.import_granted())
                 return
-            known = bus_id == usbip_messages.BUS_ID.encode()
-            writer.write(usbip_messages.import_refused(usbip_messages.BUSY if known else usbip_messages.UNKNOWN))
+            is_exported = bus_id == usbip_messages.BUS_ID.encode()
+            writer.write(usbip_messages.import_refused(usbip_messages.BUSY if is_exported else usbip_messages.UNKNOWN))
         elif code == usbip_messages.LIST:
             writer.write(usbip_messages.device_list())
         writer.close()

@@ -277,7 +277,7 @@ def test_a_host_that_says_what_no_host_says_is_disconnected_and_the_next_one_ser
 
 
 def test_a_host_that_sends_and_never_reads_is_disconnected_at_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(usbip_server, "MAX_HELD", 100_000)
+    monkeypatch.setattr(usbip_server, "MAX_PENDING_BYTES", 100_000)
 
     async def main() -> None:
         async with exported(VirtualBoard(servos=254)) as (place, usbip), attached(*place) as host:

@@ -184,11 +184,11 @@ def test_a_host_that_does_not_read_is_not_heard_until_it_does() -> None:
 
     bus.device.bulk.receive = answer
     write = bus.write(BULK_OUT, TEXT * 16)
-    unheard = bus.device.held
+    unheard = bus.device.pending_bytes
     assert not bus.done
     assert 0 < unheard == len(TEXT) * 16 - len(heard)
     assert bus.device.bulk.to_host.waiting < MAX_UNREAD + 9000
-    while bus.device.held:
+    while bus.device.pending_bytes:
         bus.read(BULK_IN, 65536)
     assert bytes(heard) == TEXT * 16
     assert bus.statuses()[write] == DONE
@@ -221,7 +221,7 @@ def test_a_write_that_waits_can_be_unlinked() -> None:
     bus.device.bulk.send(bytes(MAX_UNREAD))
     write = bus.write(BULK_OUT, b"never")
     assert bus.device.unlink(write) == UNLINKED
-    assert bus.device.held == bus.device.outstanding == 0
+    assert bus.device.pending_bytes == bus.device.outstanding == 0
 
 
 def test_a_halted_endpoint_stalls_what_waits_and_what_comes_until_the_host_clears_it() -> None:
