@@ -97,7 +97,7 @@ async def _make(client: Board, chosen: list[Call], board: LyingBoard, *, togethe
     stats = client.stats
     assert stats.bytes_received == board.said
     assert stats.frames_received >= stats.unsolicited + stats.mismatched + stats.undecodable + stats.events_received
-    assert len(client.connection.answers._parser._held) <= _LARGEST_FRAME
+    assert len(client.connection.answers._parser._partial) <= _LARGEST_FRAME
 
 
 async def _call(client: Board, call: Call) -> Any:

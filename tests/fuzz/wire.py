@@ -13,7 +13,7 @@ from servolink.protocol.frame import HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, Fr
 from servolink.protocol.json_form import packet_from_json, packet_to_json
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Packet
-from servolink.protocol.parser import _MAX_KNOWN_HEADERS, FrameParser
+from servolink.protocol.parser import _MAX_CACHED_HEADERS, FrameParser
 from tests.fuzz.errors import check, check_kept
 from tests.fuzz.recipes import IDS, Cursor, content_for, made
 
@@ -45,10 +45,10 @@ def check_stream(data: bytes) -> None:
 def _parse(stream: bytes, order: ByteOrder, cuts: int) -> list[Frame]:
     whole = FrameParser(order, keep_skipped=cuts % 16 == 0)
     frames = whole.feed(stream)
-    assert len(whole._held) <= _LARGEST_FRAME
+    assert len(whole._partial) <= _LARGEST_FRAME
     frames += whole.finish()
-    assert not whole._held
-    assert len(whole._entries) <= _MAX_KNOWN_HEADERS
+    assert not whole._partial
+    assert len(whole._entries) <= _MAX_CACHED_HEADERS
     assert whole.frames == len(frames)
     _check_account(stream, frames, whole, order)
     step = max(1 + cuts % 61, len(stream) // (64 if cuts < 16 else 3))
@@ -74,8 +74,8 @@ def _check_account(stream: bytes, frames: list[Frame], parser: FrameParser, orde
         taken += len(content) + OVERHEAD
     skipped = sum(parser.skipped.values())
     assert taken + skipped >= len(stream)
-    if parser._kept is not None:
-        assert skipped == sum(len(data) for _, data, _ in parser._kept)
+    if parser._skipped is not None:
+        assert skipped == sum(len(data) for _, data, _ in parser._skipped)
 
 
 def _abandon(stream: bytes, order: ByteOrder, step: int) -> None:

@@ -10,7 +10,7 @@ from servolink.errors import ProjectError
 from servolink.project.build import build_project
 from servolink.project.model import Project
 from servolink.project.project_file import project_to_form
-from servolink.project.teaching import PoseRecorder, refuse_taken
+from servolink.project.teaching import PoseRecorder, refuse_duplicate
 from servolink.protocol.records import Action, Macro
 from tests.studio.web_code import call_all, needs_node
 
@@ -81,7 +81,7 @@ def form(project: Project) -> dict[str, Any]:
 
 def is_refused(project: Project, name: str) -> bool:
     try:
-        refuse_taken(project, name)
+        refuse_duplicate(project, name)
     except ProjectError:
         return True
     return False

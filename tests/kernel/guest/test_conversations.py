@@ -113,7 +113,7 @@ async def read_list(plug: Plug, kind: str, stall: float = 0.0) -> tuple[ActionEn
         try:
             reading = asyncio.create_task(board.actions())
             async with asyncio.timeout(PATIENCE):
-                while not plug.call(lambda: plug.device.held):  # until the request waits in front of the board
+                while not plug.call(lambda: plug.device.pending_bytes):  # until the request waits in front of the board
                     await asyncio.sleep(0.01)
         finally:
             plug.call(lambda: asyncio.get_running_loop().call_later(0.05, release))
