@@ -30,7 +30,7 @@ from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
 from servolink.motion.ticket import Ticket
-from servolink.numeric import checked_flag
+from servolink.numeric import checked_flag, is_number
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -46,6 +46,7 @@ _ARRIVED = 2  # degrees (or ADC steps) from the target
 _GRACE = 1.0  # seconds beyond the planned duration of a movement
 _PAUSE = 0.04  # seconds between two readings of moving servos
 _STOP_TRIES = 3
+_FRESH = 0.5  # seconds for which the reading of a servo outside its limits counts
 _MOST_NAMED = 8  # servos still away from their targets
 
 
@@ -174,8 +175,9 @@ class ServoController:
         ticket = ticket or connection.stops.ticket()
         check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
         angles = checked_targets(await servo_targets(self._session, targets))  # a copy: callers change theirs
-        if not self.units.is_changing:  # during a change, only `_planned` knows the units
-            self._goals(angles, speed)
+        # During a change, only `_planned` knows the units, and only a reading whether a servo is outside its limits.
+        if not self.units.is_changing and not self._are_outside(angles):
+            self._goals(angles, speed, {})
         while True:
             goals, intervals, moving = await self._planned(angles, duration, speed)
             steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
@@ -185,7 +187,8 @@ class ServoController:
                 return longest
             # The movement may wait for its turn. If a unit is sent meanwhile, its numbers mean other angles.
             with suppress(UnitsChanged):
-                await connection.send(request, ticket=ticket.checked(connection.units_sent))
+                fresh = self._while_fresh(ticket, goals)
+                await connection.send(request, ticket=fresh.checked(connection.units_sent))
                 break
         self.soft_start.moved(moving, longest, ticket)
         if wait:
@@ -244,12 +247,12 @@ class ServoController:
             await self.units.ensure()
             pose, moving = await self._start(angles, needed=self._needs_pose(angles))
             units_sent = connection.units_sent
-            check_limits(angles, self.units.of, self._limits)
+            check_limits(angles, self.units.of, self._limits, pose=pose)
             first = self.soft_start.first_moves(moving)
             for step in packet.steps if pose else ():
                 self._check_speed(step, abs(step.degree - pose[step.servo_id]), is_first=step.servo_id in first)
             with suppress(UnitsChanged):
-                await connection.send(packet, ticket=ticket.checked(units_sent))
+                await connection.send(packet, ticket=self._while_fresh(ticket, angles).checked(units_sent))
                 break
         longest = max((step.interval for step in packet.steps), default=0) * self._interval_unit
         self.soft_start.moved(moving, longest, ticket)
@@ -304,10 +307,10 @@ class ServoController:
             bool(state.is_hold),
         )
 
-    def _goals(self, targets: Mapping[int, float], speed: Speed | None) -> dict[int, int]:
+    def _goals(self, targets: Mapping[int, float], speed: Speed | None, pose: Mapping[int, int]) -> dict[int, int]:
         """Return `targets` in the units set now. Raise EncodeError for impossible targets."""
         angles = wire_angles(targets, self.units.of)
-        check_limits(angles, self.units.of, self._limits, speed)
+        check_limits(angles, self.units.of, self._limits, speed, pose=pose)
         return self._in_units(angles)
 
     def _in_units(self, angles: Mapping[int, int]) -> dict[int, int]:
@@ -319,17 +322,30 @@ class ServoController:
         """Return the goals, the time of each servo in intervals and the moving servos, for the units set now."""
         await self.units.ensure()
         pose, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
-        goals = self._goals(targets, speed)
+        goals = self._goals(targets, speed, pose)
         first = self.soft_start.first_moves(moving)
         intervals = intervals_for(
             goals, pose, self._limits, duration=duration, speed=speed, unit=self._interval_unit, soft=first
         )
         return goals, intervals, moving
 
-    def _needs_pose(self, servo_ids: Iterable[int]) -> bool:
+    def _needs_pose(self, targets: Mapping[int, float]) -> bool:
         """Return whether the check of a movement needs the present angles."""
-        has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in servo_ids)
-        return has_cap or bool(self.soft_start.first_moves(servo_ids))
+        has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in targets)
+        return has_cap or bool(self.soft_start.first_moves(targets)) or self._are_outside(targets)
+
+    def _are_outside(self, targets: Mapping[int, float]) -> bool:
+        """Return whether a target is outside the angle limits of its servo."""
+        return any(
+            is_number(angle) and angle == angle // 1 and self._limits.exceeded_angles(servo_id, angle)
+            for servo_id, angle in targets.items()
+        )
+
+    def _while_fresh(self, ticket: Ticket, targets: Mapping[int, int]) -> Ticket:
+        """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
+        if not self._are_outside(targets):
+            return ticket
+        return ticket._replace(until=min(ticket.until, asyncio.get_running_loop().time() + _FRESH))
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.

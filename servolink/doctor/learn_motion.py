@@ -57,8 +57,8 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
             f"servo {servo_id} is stopped or released and would not move: "
             f"`servolink move {servo_id}={servo.angle} --start` starts and holds the servo at the present angle"
         )
-    start = int(servo.angle)
-    low, high = limits.angles.get(servo_id, (-180.0, 180.0))
+    start, allowed = int(servo.angle), limits.for_motions()
+    low, high = allowed.of(servo_id) or (-180.0, 180.0)
     away = degrees if start <= 0 else -degrees
     goals = [goal for goal in (start + away, start - away) if low <= goal <= high]
     if not goals or not low <= start <= high:
@@ -66,9 +66,7 @@ async def plan_movement(board: Board, servo_id: int, limits: SafetyLimits, degre
             f"servo {servo_id} is at {start}° and may only be moved within {low:g}..{high:g}°, without room "
             f"for {degrees}°: move the servo first"
         )
-    limits_set = (limits.speed_cap, limits.speed_caps.get(servo_id), limits.soft_start)
-    caps = [cap for cap in limits_set if cap is not None]
-    slowest = min(caps, default=degrees / (_INTERVAL * _UNITS[0]))
+    slowest = allowed.soft_speed_of(servo_id) or allowed.cap_of(servo_id) or degrees / (_INTERVAL * _UNITS[0])
     interval = max(_INTERVAL, round(degrees / slowest / _UNITS[0]))
     if interval > _LONGEST_INTERVAL:
         raise ServolinkError(

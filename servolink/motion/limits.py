@@ -16,6 +16,8 @@ AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: by servo id, or one pair for all servos."""
 SpeedCap = float | Mapping[int, float]
 """Highest speed in degrees per second: one for all servos, or by servo id."""
+BACK_STEP = 10
+"""Degrees by which a servo outside its angle limits may turn toward them in one movement."""
 
 
 class MotionLimits(Struct, frozen=True):
@@ -98,6 +100,16 @@ class MotionLimits(Struct, frozen=True):
             if pair is not None and not pair[0] <= degrees <= pair[1]:
                 return f"{_shown(pair[0])}..{_shown(pair[1])}{limits._origin}"  # noqa: SLF001 - of its own class
         return ""
+
+    def is_way_back(self, servo_id: int, present: float, degrees: float) -> bool:
+        """Return whether a turn from `present` to `degrees`, both outside the angle limits, leads toward them.
+
+        A turn of more than `BACK_STEP` does not count: it may be too fast for what holds the servo there.
+        """
+        low, high = self.of(servo_id) or (-math.inf, math.inf)
+        if low > high or abs(degrees - present) > BACK_STEP:
+            return False
+        return high < degrees <= present or present <= degrees < low
 
     def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
         """Return the speed cap exceeded by turning `degrees` in `seconds`, with its source; empty if none."""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from servolink.errors import EncodeError, MotionRefused
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import MotionLimits, degrees_per_second
+from servolink.motion.limits import BACK_STEP, MotionLimits, degrees_per_second
 from servolink.numeric import as_number, checked_servo_id, is_number
 
 INTERVAL_UNIT = 0.01
@@ -32,8 +32,14 @@ def check_limits(
     unit_of: Callable[[int], AngleUnit | None],
     limits: MotionLimits,
     speed: Speed | None = None,
+    *,
+    pose: Mapping[int, int] | None = None,
 ) -> None:
-    """Raise MotionRefused for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit."""
+    """Raise MotionRefused for an angle outside its limits, or if limits or `speed` cannot apply to the servo's unit.
+
+    `pose` holds the present angles, from where a servo outside its limits may turn toward them in small steps; empty
+    where no target is outside.
+    """
     if speed is None and not limits:
         return
     for servo_id, angle in angles.items():
@@ -42,7 +48,12 @@ def check_limits(
                 f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
             )
         if exceeded := limits.exceeded_angles(servo_id, angle):
-            raise MotionRefused(f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {exceeded}")
+            text = f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {exceeded}"
+            if not pose or not limits.exceeded_angles(servo_id, pose[servo_id]):
+                raise MotionRefused(text)
+            if not limits.is_way_back(servo_id, pose[servo_id], angle):
+                way = f"toward them by {BACK_STEP} degrees at a time"
+                raise MotionRefused(f"{text}; from {quote(int(pose[servo_id]))} it may turn within them, or {way}")
 
 
 def intervals_for(

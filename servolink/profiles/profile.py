@@ -196,6 +196,14 @@ class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         _Speed | None,
         FieldHelp("highest speed of the first movement from an unknown pose, in degrees per second", _SPEED),
     ] = None
+    angle_range: Annotated[
+        tuple[_Degrees, _Degrees] | None,
+        FieldHelp(
+            "lowest and highest angle of any servo in degrees, such as [-90, 90]; `angles` can only narrow it",
+            "the lowest and the highest angle in degrees, such as [-90, 90]",
+            _check_pair,
+        ),
+    ] = None
     angles: Annotated[
         dict[ServoKey, AnglesOfServo],
         FieldHelp("lowest and highest angle of a servo in degrees, by servo id, such as 3 = [20, 160]", "a table"),
@@ -204,6 +212,12 @@ class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         dict[ServoKey, SpeedOfServo],
         FieldHelp("highest speed of a servo in degrees per second, by servo id, such as 3 = 90", "a table"),
     ] = {}
+
+    def for_motions(self, source: str = "") -> MotionLimits:
+        """Return the limits for the checks of motions, which name `source` in errors."""
+        limits = MotionLimits(self.angles, self.speed_cap, self.speed_caps, self.soft_start, source)
+        everywhere = self.angle_range
+        return limits if everywhere is None else limits.tightened(MotionLimits(everywhere, source=source))
 
 
 Confidence = Literal["certain", "likely", "guess"]
@@ -272,8 +286,7 @@ class ProfileInUse(NamedTuple):
     @property
     def limits(self) -> MotionLimits:
         """Limits of movements, for every check of a movement."""
-        limits = self.profile.limits
-        return MotionLimits(limits.angles, limits.speed_cap, limits.speed_caps, limits.soft_start, str(self))
+        return self.profile.limits.for_motions(str(self))
 
 
 @cache

@@ -323,10 +323,20 @@ def test_a_wrong_angle_is_explained(target: str, problem: str, capsys: pytest.Ca
 
 
 def test_a_servo_that_cannot_turn_that_far_is_said_to_be(robot: Robot) -> None:
-    said = robot("move", "1=400", "--duration", "0.5")
+    said = robot("move", "1=400", "--duration", "0.5", "--any-angle")
     assert (said.code, said.out) == (1, "")
     assert "servo 1 is at 180, not at 400" in said.err
     assert "unable to turn that far" in said.err
+
+
+def test_more_than_a_turn_is_refused_unless_limits_or_the_user_allow_it(robot: Robot) -> None:
+    said = robot("move", "1=9999")
+    assert (said.code, said.out) == (1, "")
+    assert "servo 1: 9999 degrees is beyond ±360, and no limits say that it can turn that far" in said.err
+    assert not robot.board.servos[1].moving
+    assert "outside its limits 0..400" in robot("move", "1=401", "--limit", "0", "400").err
+    assert robot("move", "1=361", "--limit", "0", "400", "--no-wait").code == 0
+    assert robot("move", "1=9999", "--adc", "--duration", "1", "--no-wait").code == 0
 
 
 def test_one_servo_is_not_called_servos(capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,7 +41,7 @@ def test_a_request_without_a_response_is_a_timeout(capsys: pytest.CaptureFixture
 
 
 def test_servos_that_do_not_arrive_are_listed(robot: Robot) -> None:
-    said = robot("move", "2=500", "--json")
+    said = robot("move", "2=360", "--json")
     assert said.code == 1
     error = said.error
     assert (error["kind"], error["late_servo_ids"]) == ("TargetNotReached", [2])

@@ -10,7 +10,16 @@ from typing import Any
 import pytest
 
 from servolink.client.connect import connect
-from servolink.errors import EncodeError, NotFound, OutcomeUnknown, Rejected, RequestTimeout, TargetNotReached
+from servolink.errors import (
+    EncodeError,
+    MotionRefused,
+    NotFound,
+    OutcomeUnknown,
+    Rejected,
+    RequestError,
+    RequestTimeout,
+    TargetNotReached,
+)
 from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
@@ -227,7 +236,6 @@ async def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_
 @pytest.mark.parametrize(
     ("targets", "pace"),
     [
-        ({1: 91}, {"duration": 1}),
         ({}, {"duration": 1}),
         ({255: 0}, {"duration": 1}),
         ({1: 0.5}, {"duration": 1}),
@@ -246,6 +254,64 @@ async def test_nothing_is_sent_for_an_impossible_movement(targets: dict[int, flo
         with pytest.raises(EncodeError):
             await board.move(targets, **pace)
         assert fake.sent == []
+
+
+@pytest.mark.parametrize("pace", [{"duration": 1}, {"speed": 10}])
+async def test_an_angle_outside_the_limits_is_refused_after_a_reading_at_most(pace: dict[str, Any]) -> None:
+    fake = FakeBoard()
+    async with opened(fake, angle_limits=(-90, 90)) as board:
+        with pytest.raises(MotionRefused, match="outside its limits"):
+            await board.move({1: 91}, **pace)
+        assert {type(packet) for _, packet in fake.sent} <= {SetAngleUnitRequest, QueryServoRequest}
+
+
+@pytest.mark.parametrize("way", ["move", "send"])
+@pytest.mark.parametrize(
+    ("start", "goal", "allowed"),
+    [
+        (-120, -115, True),
+        (-120, -110, True),
+        (-120, -109, False),
+        (-120, -121, False),
+        (-120, 95, False),
+        (-120, -90, True),
+        (120, 111, True),
+        (0, 91, False),
+    ],
+)
+async def test_a_servo_outside_its_limits_may_turn_toward_them_in_small_steps(
+    start: int, goal: int, allowed: bool, way: str
+) -> None:
+    fake = FakeBoard(servos=1)
+    fake.virtual.servos[1].angle = start
+    async with opened(fake, angle_limits=(-90, 90)) as board:
+        packet = ExecuteActionRequest((Step(1, goal, 100),))
+        moving = board.send(packet) if way == "send" else board.move({1: goal}, duration=1)
+        if allowed:
+            await moving
+        else:
+            with pytest.raises(MotionRefused, match=r"outside its limits -90\.\.90"):
+                await moving
+        await turns_of_the_loop(50)
+        assert fake.executed_of(ExecuteActionRequest) == [packet] * allowed
+
+
+async def test_a_way_back_is_refused_half_a_second_after_its_reading() -> None:
+    fake = FakeBoard(servos=1)
+    fake.virtual.servos[1].angle = 120
+    async with opened(fake, angle_limits=(-90, 90)) as board:
+        send, packets = board.connection.send, list[float]()
+
+        async def later(packet: Any, *, ticket: Any) -> None:
+            packets.append(ticket.until - now())
+            await asyncio.sleep(0.51)
+            await send(packet, ticket=ticket)
+
+        board.connection.send = later  # type: ignore[method-assign,assignment]
+        with pytest.raises(RequestError, match="the time by which it was to begin has passed"):
+            await board.move({1: 115}, duration=1)
+        assert packets == [pytest.approx(0.5)]
+        assert fake.sent_of(ExecuteActionRequest) == []
 
 
 async def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() -> None:

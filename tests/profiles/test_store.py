@@ -56,7 +56,13 @@ FULL = BoardProfile(
         interval_unit=0.01,
         when_started="turns",
     ),
-    limits=SafetyLimits(angles={3: (20, 160), 10: (-90.5, 90)}, speed_cap=120, speed_caps={3: 90}, soft_start=60),
+    limits=SafetyLimits(
+        angle_range=(-100, 165),
+        angles={3: (20, 160), 10: (-90.5, 90)},
+        speed_cap=120,
+        speed_caps={3: 90},
+        soft_start=60,
+    ),
     evidence={
         "depth": Evidence("likely", 'four of four "queries"\n\u202e', datetime(2026, 1, 31, 12, tzinfo=UTC)),
         "byte_order": Evidence("certain", ""),

@@ -158,17 +158,17 @@ def _limit_table(profile: BoardProfile) -> list[tuple[str, str]]:
 
 def limit_rows(limits: SafetyLimits) -> Iterator[tuple[str, str]]:
     """Yield servo and value of each limit."""
-    if limits.speed_cap is not None:
-        yield "all servos", f"at most {limits.speed_cap:g} degrees/s"
+    if limits.angle_range is not None or limits.speed_cap is not None:
+        yield "all servos", _limits_text(limits.angle_range, limits.speed_cap)
     if limits.soft_start is not None:
         yield "first movement", f"at most {limits.soft_start:g} degrees/s"
     for servo_id in sorted({*limits.angles, *limits.speed_caps}):
-        allowed = []
-        if pair := limits.angles.get(servo_id):
-            allowed.append(f"{pair[0]:g}..{pair[1]:g} degrees")
-        if cap := limits.speed_caps.get(servo_id):
-            allowed.append(f"at most {cap:g} degrees/s")
-        yield f"servo {servo_id}", ", ".join(allowed)
+        yield f"servo {servo_id}", _limits_text(limits.angles.get(servo_id), limits.speed_caps.get(servo_id))
+
+
+def _limits_text(pair: tuple[float, float] | None, cap: float | None) -> str:
+    angles = [] if pair is None else [f"{pair[0]:g}..{pair[1]:g} degrees"]
+    return ", ".join(angles + ([] if cap is None else [f"at most {cap:g} degrees/s"]))
 
 
 # --- forget -----------------------------------------------------------------------------------------------------------

@@ -35,12 +35,10 @@ _COMMON = ("byte_order", "caption_encoding")  # settings whose options every com
 def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
     """Return servo and angle limits in degrees, None to unset, from SERVO=LOW..HIGH, for argparse."""
     servo, value = _assigned(text)
-    if servo == _ALL:
-        raise argparse.ArgumentTypeError("angles are limited for one servo at a time, not for all")
     if value == _UNSET:
         return SERVO_NAME(servo), None
     if (pair := _PAIR.fullmatch(value)) is None:
-        raise argparse.ArgumentTypeError(f"must have the form 3=20..160 or 3=unset, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must have the form 3=20..160, all=-90..90 or 3=unset, not {text!r}")
     low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
     if low > high:
         raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
@@ -82,7 +80,7 @@ def _setting(name: str, about: FieldHelp) -> Option:
     help="set limits that no program can exceed, and what is known of a board",
     examples=(
         "board set rex --angle 3=20..160 --speed 3=90 --soft-start 60",
-        "board set rex --speed all=120 --byte-order big --depth 4",
+        "board set rex --angle all=-90..90 --byte-order big --depth 4",
         "board set rex --angle 3=unset --unset depth",
     ),
     options=(
@@ -92,8 +90,8 @@ def _setting(name: str, about: FieldHelp) -> Option:
             option(
                 "--angle",
                 "SERVO=LOW..HIGH",
-                "allowed angles of a servo in degrees, such as 3=20..160; 3=unset removes them. A caption in "
-                "place of an id is looked up on the board, and the id is kept",
+                "allowed angles in degrees of a servo, such as 3=20..160, or of all=-90..90; 3=unset and all=unset "
+                "remove them. A caption in place of an id is looked up on the board, and the id is kept",
                 _angle,
                 action="append",
                 default=[],
@@ -206,8 +204,12 @@ def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping
     from servolink.profiles.profile import SafetyLimits
 
     angles, caps, cap, soft_start = dict(limits.angles), dict(limits.speed_caps), limits.speed_cap, limits.soft_start
+    angle_range = limits.angle_range
     for servo, pair in args.angle:
-        _put(angles, ids[servo], pair)
+        if servo == _ALL:
+            angle_range = pair
+        else:
+            _put(angles, ids[servo], pair)
     for servo, speed in args.speed:
         if servo == _ALL:
             cap = speed
@@ -215,7 +217,8 @@ def _changed_limits(args: argparse.Namespace, limits: SafetyLimits, ids: Mapping
             _put(caps, ids[servo], speed)
     if "soft_start" in args.unset:
         soft_start = None
-    return SafetyLimits(angles=angles, speed_cap=cap, speed_caps=caps, soft_start=args.soft_start or soft_start)
+    soft_start = args.soft_start or soft_start
+    return SafetyLimits(angle_range=angle_range, angles=angles, speed_cap=cap, speed_caps=caps, soft_start=soft_start)
 
 
 def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:

@@ -16,7 +16,7 @@ from servolink.cli.motion.servo_output import are, listed, print_servos, reporte
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.usage import usage_error
-from servolink.errors import ProfileError, RequestError, ServolinkError
+from servolink.errors import MotionRefused, ProfileError, RequestError, ServolinkError
 from servolink.motion.angles import Adc, Angle, Degrees
 from servolink.script import FAILED, OK
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, at most, when neither time nor speed is given."""
+
+_TURN = 360  # degrees
 
 _TARGET = re.compile(r"(.+)=(.+)", re.DOTALL)
 _WHOLE = re.compile(r"[+-]?[0-9]{1,9}", re.ASCII)
@@ -87,6 +89,7 @@ def servo_angle(text: str) -> tuple[int | str, int]:
         flag("--wait", "wait until all have arrived (default)", action=argparse.BooleanOptionalAction, default=True),
         flag("--start", "start and hold servos that are stopped or released"),
         flag("--adc", "angles are raw ADC readings; needs --duration"),
+        flag("--any-angle", f"allow angles beyond ±{_TURN} degrees for servos without limits"),
         *LIMITS,
     ),
 )
@@ -104,6 +107,8 @@ def run_move(args: argparse.Namespace) -> int:
 
         found, captions = await find_targets(board, named)
         targets = {servo_id: kind(angle) for servo_id, angle in found.items()}
+        if not args.adc and not args.any_angle:
+            _refuse_turns(board, targets)
         before = {servo.servo_id: servo for servo in await reported(board, targets)}
         pace = _speeds(board, targets) if args.speed is None and args.duration is None else args.speed
         # `move` checks the limits too, but no servo must be started for a refused move.
@@ -125,6 +130,16 @@ def run_move(args: argparse.Namespace) -> int:
         return OK
 
     return run_with_board(args, talk, angle_unit=kind.unit, **limits_of(args))
+
+
+def _refuse_turns(board: Board, targets: Mapping[int, int]) -> None:
+    """Raise MotionRefused for an angle beyond a whole turn, unless the servo has limits, which decide."""
+    for servo_id, angle in targets.items():
+        if abs(angle) > _TURN and board.limits.of(servo_id) is None:
+            raise MotionRefused(
+                f"servo {servo_id}: {angle} degrees is beyond ±{_TURN}, and no limits say that it can turn that far; "
+                "nothing was sent. Add --any-angle if it can"
+            )
 
 
 def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:

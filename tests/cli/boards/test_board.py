@@ -67,6 +67,20 @@ def test_limits_and_settings_are_set_and_unset(say: type) -> None:
     assert profile().limits == SafetyLimits(angles={1: (-90.5, 0)}, speed_caps={3: 90})
 
 
+def test_angles_of_all_servos_are_limited_besides_those_of_one(say: type) -> None:
+    said = say("board set rex --angle all=-90..90 --angle 3=20..160 --speed all=120")
+    assert (
+        said.out.partition("\n")[2]
+        == "all servos  -90..90 degrees, at most 120 degrees/s\nservo 3     20..160 degrees\n"
+    )
+    refused = say("-b rex move 1=100")
+    assert refused.err == 'servolink: servo 1: 100 degrees is outside its limits -90..90 (from profile "rex")\n'
+    limits = profile().limits.for_motions("profile")
+    assert [limits.of(servo_id) for servo_id in (1, 3)] == [(-90, 90), (20, 90)]
+    assert say("board set rex --angle all=unset").code == 0
+    assert profile().limits == SafetyLimits(angles={3: (20, 160)}, speed_cap=120)
+
+
 def test_the_help_writes_values_as_a_shell_takes_them(say: type) -> None:
     told = " ".join(say("board set --help").out.split("settings (and")[1].split())
     assert "auto (if the board is silent), 1 (always) or keep (never)" in told
@@ -86,14 +100,13 @@ def test_the_help_writes_values_as_a_shell_takes_them(say: type) -> None:
         ("--transmission-mode 2", "argument --transmission-mode: must be auto, keep or 1, not 2"),
         ("--unsupported QueryX", "argument --unsupported: 'QueryX' is not a query of the protocol"),
         ("--angle 3", "argument --angle: must be SERVO=VALUE, not '3'"),
-        ("--angle 3=20", "argument --angle: must have the form 3=20..160 or 3=unset, not '3=20'"),
+        ("--angle 3=20", "argument --angle: must have the form 3=20..160, all=-90..90 or 3=unset, not '3=20'"),
         ("--angle 3=20..10", "argument --angle: '3=20..10' has the highest angle first"),
         ("--angle 3=1.2.3..4", "argument --angle: must be from -32768 to 32767 degrees, not '1.2.3'"),
         ("--angle 255=0..1", "argument --angle: must be an integer from 0 to 254, not '255'"),
         ("--speed 3=0", "argument --speed: must be from 0.001 to 100000 degrees per second, not '0'"),
         ("--speed 300=3", "argument --speed: must be an integer from 0 to 254, not '300'"),
         ("--angle =3..4", "argument --angle: must not be empty"),
-        ("--angle all=3..4", "argument --angle: angles are limited for one servo at a time, not for all"),
         ("--unset colour", "argument --unset: 'colour' is not a setting; `servolink board show` lists them"),
         ("--depth 3 --unset depth", "--depth is set and unset"),
     ],
