@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from typing import Annotated
 
@@ -62,13 +62,14 @@ class _Named(Struct):
     method: str = ""
 
 
-async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse) -> None:
-    """Talk with a page until it is closed, or the hub ends."""
+async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse, admit: Callable[[], None]) -> None:
+    """Talk with a page until it is closed, or the hub ends; call `admit` when it shows a token."""
     hello = await _hello(messages)
     role = None if hello is None else gate.role_of(hello.token)
     if hello is None or role is None:
         await messages.close(code=_BAD_TOKEN, message=b"open the address that the studio prints")
         return
+    admit()
     try:
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
             await messages.send_str(msgspec.json.encode(await studio.welcome(welcome)).decode())

@@ -17,6 +17,7 @@ from servolink.errors import OpenError
 from servolink.files import read_file, user_folder, write_atomically
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
+from servolink.studio.connections import HEADERS, PageConnection, Connections
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.drafts import file_name
 from servolink.studio.gate import Gate
@@ -24,26 +25,7 @@ from servolink.studio.page import MOST_MESSAGE, serve_page
 from servolink.studio.page_files import PageFile, page_files
 from servolink.studio.studio_methods import Studio
 
-HEADERS = {
-    # Forbids other origins, inline code and frames.
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
-        "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-    ),
-    "Cache-Control": "no-cache",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-}
-HEAD_LIMIT = 10.0
-"""Seconds until the first request must have come; browsers also connect in advance."""
-MOST_SILENT = 32
-"""Connections without a request; when there are more, the oldest are closed."""
 _WRONG_HOST = 421
-_KEEP_ALIVE = 15.0  # seconds that a connection stays open for another request
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -60,13 +42,7 @@ async def serve_studio(
     used: int = listening[0].getsockname()[1]
     gate = Gate(used, allowed_hosts, _own_host([each.getsockname()[0] for each in listening]))
     connections = Connections()
-    runner = web.AppRunner(
-        application(studio, gate, connections),
-        access_log=None,
-        handle_signals=False,
-        keepalive_timeout=_KEEP_ALIVE,
-        shutdown_timeout=1.0,
-    )
+    runner = web.AppRunner(application(studio, gate), handle_signals=False, shutdown_timeout=1.0)
     try:
         await runner.setup()
         assert runner.server is not None  # noqa: S101 - narrows the type
@@ -77,43 +53,6 @@ async def serve_studio(
         await runner.cleanup()
         for each in listening:
             each.close()
-
-
-class Connections:
-    """Connections to the server; connections without a request are few, and closed after a while.
-
-    Every program that reaches the port can open connections, and each takes a descriptor that the hub here needs.
-    """
-
-    def __init__(self) -> None:
-        """Start without any open connection."""
-        self._silent: dict[web.RequestHandler, asyncio.TimerHandle] = {}  # the oldest first
-
-    async def serve(self, make: Callable[[], web.RequestHandler], accepted: socket) -> None:
-        """Let a handler from `make` serve a connection."""
-        loop = asyncio.get_running_loop()
-        try:
-            _, handler = await loop.connect_accepted_socket(make, accepted)
-        except OSError:
-            accepted.close()  # the browser is gone already
-            return
-        self._silent[handler] = loop.call_later(HEAD_LIMIT, self._drop, handler)
-        while len(self._silent) > MOST_SILENT:
-            self._drop(next(iter(self._silent)))
-
-    def heard(self, handler: web.RequestHandler) -> None:
-        """Keep a connection: a request has come."""
-        if (timer := self._silent.pop(handler, None)) is not None:
-            timer.cancel()
-
-    def close(self) -> None:
-        """Forget all connections that are open."""
-        for handler in list(self._silent):
-            self.heard(handler)
-
-    def _drop(self, handler: web.RequestHandler) -> None:
-        self.heard(handler)
-        handler.force_close()
 
 
 @asynccontextmanager
@@ -146,9 +85,9 @@ def _own_host(places: Sequence[str]) -> str:
     return f"[{places[0]}]" if ":" in places[0] else places[0]
 
 
-def application(studio: Studio, gate: Gate, connections: Connections) -> web.Application:
+def application(studio: Studio, gate: Gate) -> web.Application:
     """Return the application with the page and the WebSocket."""
-    app = web.Application(middlewares=[_checked(gate, connections)])
+    app = web.Application(middlewares=[_checked(gate)])
     files = page_files()
 
     async def talk(request: web.Request) -> web.StreamResponse:
@@ -156,13 +95,19 @@ def application(studio: Studio, gate: Gate, connections: Connections) -> web.App
             raise web.HTTPForbidden(text="this is not a page of the studio\n")
         messages = web.WebSocketResponse(max_msg_size=MOST_MESSAGE, compress=False, heartbeat=15)
         await messages.prepare(request)
-        await serve_page(studio, gate, messages)
+        await serve_page(studio, gate, messages, _connection(request).admit)
         return messages
 
     app.router.add_get("/ws", talk)
     for path, file in files.items():
         app.router.add_get(path, _sending(file))
     return app
+
+
+def _connection(request: web.Request) -> PageConnection:
+    connection = request.protocol
+    assert isinstance(connection, PageConnection)  # noqa: S101 - narrows the type
+    return connection
 
 
 def _sending(file: PageFile) -> _Handler:
@@ -175,10 +120,10 @@ def _sending(file: PageFile) -> _Handler:
     return send
 
 
-def _checked(gate: Gate, connections: Connections) -> Callable[..., Awaitable[web.StreamResponse]]:
+def _checked(gate: Gate) -> Callable[..., Awaitable[web.StreamResponse]]:
     @web.middleware
     async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
-        connections.heard(request.protocol)
+        _connection(request).heard()
         if not gate.is_ours(request.headers.get("Host")):
             return web.Response(status=_WRONG_HOST, text="the studio is not reached under this name\n", headers=HEADERS)
         try:

@@ -7,13 +7,15 @@ import base64
 import os
 import struct
 from collections.abc import AsyncIterator
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import Any
 
 import pytest
 from aiohttp import WSMsgType
 
-from servolink.studio import server
+from servolink.studio import connections
+from servolink.studio.connections import HEADERS
+from servolink.studio.gate import Gate
 from servolink.studio.page import MOST_MESSAGE, MOST_UNREAD
 from tests.studio.serving import Place, call, run, welcomed
 
@@ -65,7 +67,7 @@ async def silent(place: Place, begin: bytes = b"") -> AsyncIterator[asyncio.Stre
 def test_a_connection_that_sends_no_request_is_closed_and_a_page_is_not(
     begin: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "HEAD_LIMIT", 0.05)
+    monkeypatch.setattr(connections, "HEAD_LIMIT", 0.05)
 
     async def test(place: Place) -> None:
         async with place.page() as page:
@@ -77,19 +79,97 @@ def test_a_connection_that_sends_no_request_is_closed_and_a_page_is_not(
     run(test)
 
 
-def test_of_many_connections_that_send_no_request_the_oldest_are_closed() -> None:
+_PAGE = "GET {path} HTTP/1.1\r\nHost: {host}\r\n"
+_UPGRADE = (
+    "Origin: http://{host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+)
+FIRST = {
+    "nothing": "",
+    "half a head": "GET / HTTP/1.1\r\nHost: ",
+    "a request": _PAGE.replace("{path}", "/icon.svg") + "\r\n",
+    "a request, and reads nothing": _PAGE.replace("{path}", "/") + "\r\n" * 2,
+    "a request under another name": "GET / HTTP/1.1\r\nHost: elsewhere\r\n\r\n",
+    "a WebSocket without a token": _PAGE.replace("{path}", "/ws")
+    + _UPGRADE
+    + "Sec-WebSocket-Key: "
+    + "A" * 22
+    + "==\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("first", FIRST.values(), ids=FIRST)
+def test_connections_without_a_token_are_few_whatever_they_send_first(
+    first: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "most_connections", lambda: 8)
+
     async def test(place: Place) -> None:
+        begin = first.replace("{host}", place.address.removeprefix("http://")).encode()
+        token = place.gate.new_token("edit")
         async with place.page() as page, AsyncExitStack() as stack:
-            await welcomed(page, place.gate.new_token("edit"))
-            readers = [await stack.enter_async_context(silent(place)) for _ in range(server.MOST_SILENT + 5)]
-            for reader in readers[:5]:
-                assert await reader.read() == b""
-            async with place.http.get(f"{place.address}/") as response:
-                assert response.status == 200
-            assert sum(not reader.at_eof() for reader in readers) >= server.MOST_SILENT - 1
-            assert (await call(page, "studio.about"))["result"]["version"]
+            await welcomed(page, token)
+            readers = [await stack.enter_async_context(silent(place, begin)) for _ in range(20)]
+            for reader in readers[:12]:  # the oldest
+                with suppress(ConnectionError):
+                    while await reader.read(1 << 16):
+                        pass
+            later: Any = await stack.enter_async_context(place.page())
+            await welcomed(later, token)
+            assert (await call(page, "stop"))["result"] == (await call(later, "stop"))["result"] == {}
 
     run(test)
+
+
+def test_strangers_may_have_a_quarter_of_the_descriptors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("servolink.listeners.accept.most_open_files", lambda: 400)
+    assert connections.Connections()._most == 100
+    monkeypatch.setattr("servolink.listeners.accept.most_open_files", lambda: 1 << 20)
+    assert connections.Connections()._most == connections.MOST_STRANGERS
+
+
+WRONG = {
+    "a path of 64 kB": b"GET /" + b"a" * 65536 + b" HTTP/1.1\r\nHost: HOST\r\n\r\n",
+    "a header of 64 kB": b"GET / HTTP/1.1\r\nHost: HOST\r\nX: " + b"a" * 65536 + b"\r\n\r\n",
+    "no protocol": b"hello\r\n\r\n",
+    "the beginning of TLS": b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03\r\n\r\n",
+    "a control character in a header": b"GET / HTTP/1.1\r\nHost: HOST\r\nX: \x00\r\n\r\n",
+    "two lengths": b"GET / HTTP/1.1\r\nHost: HOST\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n",
+    "a chunk without a length": b"GET / HTTP/1.1\r\nHost: HOST\r\nTransfer-Encoding: chunked\r\n\r\nZZ\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("request_", WRONG.values(), ids=WRONG)
+def test_a_request_that_is_malformed_or_too_long_has_our_headers_and_leaves_no_trace(
+    request_: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.handler.filters.clear()  # aiohttp logs tracebacks under its own name
+
+    async def test(place: Place) -> None:
+        host = place.address.removeprefix("http://")
+        async with silent(place, request_.replace(b"HOST", host.encode())) as reader:
+            response = (await reader.readuntil(b"\r\n\r\n")).decode()
+        assert response.startswith(("HTTP/1.0 400 ", "HTTP/1.1 400 "))
+        assert {f"{name}: {text}" for name, text in HEADERS.items()} <= set(response.split("\r\n"))
+
+    run(test)
+    assert [record for record in caplog.records if record.name.startswith(("aiohttp", "servolink"))] == []
+
+
+def test_a_request_that_fails_in_the_studio_is_logged_and_has_our_headers(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Gate, "is_ours", lambda *_: 1 / 0)
+
+    async def test(place: Place) -> None:
+        async with place.http.get(f"{place.address}/") as response:
+            assert response.status == 500
+            assert HEADERS.items() <= dict(response.headers).items()
+            assert "Traceback" not in await response.text()
+
+    run(test)
+    assert "a request for '/' failed" in caplog.text
+    assert "ZeroDivisionError" in caplog.text
 
 
 @pytest.mark.parametrize("is_let_in", [False, True])
