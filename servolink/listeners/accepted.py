@@ -71,6 +71,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         self._pipe: asyncio.Transport | None = None
         self._handler: ProgramHandler | None = None
         self._must_read = True
+        self._is_bounded = False
         self._written = 0
         self._timer: asyncio.TimerHandle | None = None  # while the program does not read
 
@@ -105,13 +106,15 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
     def _begin(self, data: bytes) -> None:
         """Process bytes until the call of `_join`."""
 
-    def _join(self, handler: ProgramHandler, *, must_read: bool = True) -> None:
+    def _join(self, handler: ProgramHandler, *, must_read: bool = True, is_bounded: bool = False) -> None:
         """Pass all further bytes to `handler`.
 
-        If the program `must_read`, disconnect it when it does not; otherwise the handler limits its unread bytes.
+        If the program `must_read`, disconnect it after `LONGEST_PAUSE` without reading, and when `MOST_UNREAD` bytes
+        wait, unless the handler `is_bounded`: limits unread messages itself, each of which may be longer.
         """
         self._handler = handler
         self._must_read = must_read
+        self._is_bounded = is_bounded
         handler.on_room = self._resume
 
     def _receive(self, data: bytes) -> None:
@@ -138,7 +141,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
             return
         self._pipe.write(data)
         self._written += len(data)
-        if self._must_read and self._pipe.get_write_buffer_size() > MOST_UNREAD:
+        if self._must_read and not self._is_bounded and self._pipe.get_write_buffer_size() > MOST_UNREAD:
             self.abort(_NOT_READ)
 
     def _bytes_read(self) -> int:

@@ -144,7 +144,7 @@ class _Page:
             if message.type is not WSMsgType.TEXT:
                 return
             text: str = message.data
-            if _method(text).startswith(_OWN):
+            if (method := _method(text)) in METHODS or method.startswith(_OWN):
                 self._own.receive(text)
             else:
                 # A line for each message; line breaks in JSON occur only between values.

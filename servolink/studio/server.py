@@ -17,7 +17,7 @@ from servolink.errors import OpenError
 from servolink.files import read_file, user_folder, write_atomically
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
-from servolink.studio.connections import HEADERS, PageConnection, Connections
+from servolink.studio.connections import HEADERS, Connections, PageConnection
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.drafts import file_name
 from servolink.studio.gate import Gate

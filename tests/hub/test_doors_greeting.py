@@ -271,6 +271,29 @@ def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(
     assert "a test was disconnected: the program does not read its responses" in caplog.text
 
 
+def test_a_program_of_the_control_interface_that_never_reads_is_disconnected(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(accepted, "LONGEST_PAUSE", 0.2)
+    # Few of its requests wait at a time, so their number does not end it.
+    export = b'{"jsonrpc": "2.0", "id": 1, "method": "project.export"}\n'
+
+    async def use(hub: Hub, _: VirtualBoard) -> None:
+        interface = ControlInterface(hub)
+        async with sharing(hub, interface.open_channel) as url, connect(url) as board:
+            await board.request(big_action())
+            with RawLine(raw_socket()) as line:
+                session = (await line.greet(wants="rpc"))["session"]
+                await line.send(export * 20)
+                await until(lambda: session in hub.programs)
+                while session in hub.programs:
+                    assert await board.servo_ids() == (1, 2, 3)
+        await interface.close()
+
+    on_hub(use)
+    assert "a test was disconnected: the program does not read its responses" in caplog.text
+
+
 @pytest.mark.parametrize("depth", [1, 64])
 def test_a_program_that_reads_late_gets_all_it_asked_for(depth: int) -> None:
     """More than waits for it at any time."""

@@ -83,7 +83,21 @@ async def test_who_reads_slowly_is_kept_and_who_reads_nothing_is_not() -> None:
     assert pipe.unread == 200_000
 
 
-async def test_a_handler_that_limits_unread_bytes_itself_keeps_its_program() -> None:
+async def test_a_handler_that_limits_unread_bytes_itself_keeps_a_program_that_reads() -> None:
+    line, pipe = SilentConnection(), Pipe()
+    line.connection_made(pipe)
+    line._join(Counting(), is_bounded=True)
+    line.send(bytes(MOST_UNREAD + 1))
+    line.pause_writing()
+    await asyncio.sleep(LONGEST_PAUSE - 1)
+    pipe.unread -= 1
+    await asyncio.sleep(LONGEST_PAUSE)
+    assert not pipe.is_closing()
+    await asyncio.sleep(LONGEST_PAUSE)
+    assert pipe.is_closing()
+
+
+async def test_a_program_that_need_not_read_is_kept() -> None:
     line, pipe, program = SilentConnection(), Pipe(), Counting()
     line.connection_made(pipe)
     line._join(program, must_read=False)

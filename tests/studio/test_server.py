@@ -276,6 +276,11 @@ def test_a_page_has_another_name_at_once() -> None:
             await welcomed(page, place.gate.new_token("edit"))
             assert (await call(page, "studio.rename", who="Blue"))["result"] == {"who": "Blue"}
             assert "studio: Blue" in [one["who"] for one in (await call(page, "status"))["result"]["programs"]]
+            assert (await call(page, "rename", who="Teacher"))["result"] == {"who": "Teacher"}
+            names = [one["who"] for one in (await call(page, "status"))["result"]["programs"]]
+            assert "studio: Teacher" in names
+            assert "Teacher" not in names
+            assert (await call(page, "studio.rename", who="Blue"))["result"] == {"who": "Blue"}
             edit = {"kind": "project_id", "id": 0, "known": 0, "record": 5}
             assert (await call(page, "studio.draft.save", edits=[edit]))["result"]["saved"][0]["who"] == "Blue"
             assert "error" in await call(page, "studio.rename", who="x" * 61)

@@ -115,7 +115,7 @@ class ShareConnection(AcceptedConnection):
             raise ValueError("there is no such session; perhaps it has ended")
         self._say(self._introduction(session, greeting))
         channel = self._open_channel(self._hub, greeting, session, self._send_message, self.abort)
-        self._join(Messages(channel, self.abort), must_read=False)  # the channel limits unread messages
+        self._join(Messages(channel, self.abort), is_bounded=True)  # the channel counts unread messages
 
     def _introduction(self, session: str, greeting: Greeting) -> Welcome:
         board = self._hub.board
