@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Iterable
 
 import pytest
 
@@ -12,6 +13,16 @@ def every(step: int) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(
         "step", [pytest.param(step, id="some"), pytest.param(1, id="all", marks=pytest.mark.slow)]
     )
+
+
+def sampled(cases: Iterable[object], count: int) -> list[object]:
+    """Return parameters for all of `cases`, of which all but `count` are slow: the same ones in each run."""
+    every_case = list(cases)
+    always = random.Random(count).sample(range(len(every_case)), count)
+    return [
+        case if at in always else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        for at, case in enumerate(every_case)
+    ]
 
 
 def some(start: int, stop: int, step: int) -> range:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from tests.syntax import tree_of
@@ -71,17 +71,23 @@ HELD_IN_HUB = {
 """Names in the hub with hold or held; exclusive use of the board is called exclusive use."""
 
 
-def names_in(module: Path) -> Iterator[str]:
-    """Yield the names of the classes, functions, parameters, variables and attributes that a module defines."""
-    for node in ast.walk(tree_of(module)):
-        if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
-            yield node.name
-        elif isinstance(node, ast.arg):
-            yield node.arg
-        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-            yield node.id
-        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
-            yield node.attr
+@cache
+def names_in(module: Path) -> tuple[str, ...]:
+    """Return the names of the classes, functions, parameters, variables and attributes that a module defines."""
+    return tuple(name for node in ast.walk(tree_of(module)) if (name := _defined_by(node)))
+
+
+def _defined_by(node: ast.AST) -> str:
+    match node:
+        case ast.ClassDef() | ast.FunctionDef() | ast.AsyncFunctionDef():
+            return node.name
+        case ast.arg():
+            return node.arg
+        case ast.Name(ctx=ast.Store()):
+            return node.id
+        case ast.Attribute(ctx=ast.Store()):
+            return node.attr
+    return ""
 
 
 def words_of(name: str) -> set[str]:

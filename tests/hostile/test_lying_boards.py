@@ -22,6 +22,7 @@ from tests.hostile.corpus import controls
 from tests.hostile.lies import LIES, Lying
 from tests.hostile.lying_board import LyingBoard
 from tests.project.pulled import contents_of
+from tests.sampling import sampled
 from tests.virtual_time import run
 
 _NO_CALLS = {"close", "states", "unit_of", "codec", "connection", "limits", "profile", "stats", "units", "url"}
@@ -64,7 +65,7 @@ def test_the_truth_is_told_from_a_lie(tmp_path: Path) -> None:
     assert plan.changes == ()
 
 
-@pytest.mark.parametrize("name", LIES)
+@pytest.mark.parametrize("name", sampled(LIES, 14))
 def test_a_lie_is_an_answer_or_a_typed_error(name: str, tmp_path: Path) -> None:
     for method, call in calls(tmp_path).items():
         if LIES[name].long and method in _WHOLE_PROJECTS:
@@ -104,7 +105,7 @@ async def test_a_lie_during_the_handshake_ends_in_time_too(name: str) -> None:
     assert asyncio.get_running_loop().time() - begun < _LONGEST_OPENING
 
 
-@pytest.mark.parametrize("name", _FLOODS)
+@pytest.mark.parametrize("name", sampled(_FLOODS, 5))
 def test_a_flood_takes_no_memory(name: str) -> None:
     assert run(_peak(lying(LIES[name]))) < _MEMORY
 

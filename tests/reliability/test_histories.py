@@ -101,7 +101,7 @@ def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
         (matching_with(test_model.NoneToTheOldest), 19, "got "),
         (matching_with(test_model.ResultsToTheOldest), 14, "got "),
         (matching_with(test_model.ToTheNewest), 12, "got "),
-        (matching_with(test_model.EqualOnesSettleKeptOnes), 483, "got "),
+        (matching_with(test_model.EqualOnesSettleKeptOnes), 123, "got "),
         (matching_with(test_model.OverdueIsOver), 12, "got "),
         (sending_at_once, 21, "was sent beside others"),
         (repeating_everything, 10, "was sent again"),

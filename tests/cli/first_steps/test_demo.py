@@ -123,14 +123,9 @@ def test_a_terminal_sees_the_servos_move(arguments: tuple[str, ...], angles: int
 def test_no_stall_of_the_machine_fails_the_late_response(
     owner: type, name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stall(seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            pass
-
     def stalling(function: Callable[..., None]) -> Callable[..., None]:
         def stall_first(*arguments: object) -> None:
-            stall(0.7)
+            time.sleep(0.7)
             function(*arguments)
 
         return stall_first

@@ -207,9 +207,11 @@ def test_no_table_is_replaced_if_one_of_them_cannot_be_written(
     assert len(list(tmp_path.iterdir())) == 3
 
 
-# The limit is lifted at the end: where coverage is measured, the program writes down then what it has run.
+# No compiled module is written: Python does not see that a file was cut by the limit. The limit is lifted at the end:
+# where coverage is measured, the program writes down then what it has run.
 _WITH_A_LIMIT = """
 import resource, sys
+sys.dont_write_bytecode = True
 from servolink.__main__ import main
 before = resource.getrlimit(resource.RLIMIT_FSIZE)
 resource.setrlimit(resource.RLIMIT_FSIZE, (9000, before[1]))
