@@ -89,7 +89,7 @@ class IdentityGuard:
 
             found = await asyncio.to_thread(identity_of, self._connection.transport.url)
             port = ANY_DEVICE if found is None else found
-        return BoardIdentityRecord(
+        return BoardIdentityRecord.of(
             servo_ids=servo_ids,
             memory_total=memory_total,
             vendor_id=port.vendor_id,

@@ -24,6 +24,7 @@ TRIES = 6
 
 _QUIET = 0.1  # seconds without a byte, after which no more bytes are expected
 _LONGEST_SETTLING = 3.0  # seconds
+_LATEST = 3.0  # seconds after which a response is no longer waited for
 
 
 class SharedTransport:
@@ -89,17 +90,23 @@ class TrialLine:
 
     def __init__(self, transport: SharedTransport, codec: Codec) -> None:
         """Speak as `codec` does. `async with` opens the line and ends the use of `transport`."""
+        self._loop = asyncio.get_running_loop()
         self.codec = codec
         self.patience = PATIENCE
         """Seconds to wait for a response, and after the last response for another."""
+        self.fence: Request[Response] | None = None
+        """Query that the board answers: where a response is missing, waiting goes on until this later one has come."""
         self.received = 0
         """Number of bytes received so far."""
+        self.received_at = self._loop.time()
+        """Time of the latest byte, on the clock of the event loop."""
+        self.stalls = 0
+        """Number of bursts with missing responses that no later response has proven lost: they may be late."""
         self._transport = transport
-        self._loop = asyncio.get_running_loop()
         self._parser = FrameParser(codec.byte_order)
         self._frames: list[Frame] = []
         self._received_frames: list[Frame] = []  # all frames since the latest burst began
-        self._received_at = self._loop.time()
+        self._fences: list[Request[Response]] = []  # sent after the latest burst
         self._news = asyncio.Event()
         self._ended: Exception | None = None
 
@@ -118,7 +125,7 @@ class TrialLine:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.received += len(chunk)
-        self._received_at = self._loop.time()
+        self.received_at = self._loop.time()
         frames = self._parser.feed(chunk)
         self._frames += frames
         self._received_frames += frames
@@ -161,25 +168,55 @@ class TrialLine:
     async def burst(self, requests: Sequence[Request[Response]]) -> list[Frame]:
         """Send all requests at once, and return the frames of the responses: at most one for each request.
 
-        Waiting ends with the last response, or after `patience` without a frame.
+        Waiting ends with the last response, or after `patience` without a frame. With a `fence`, that is then sent, and
+        waiting goes on until it is answered: what is still missing is lost and not late.
         """
+        self._fences.clear()
         self._frames.clear()
         self._received_frames.clear()
         outstanding = list(requests)
         await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
-        begun = self._loop.time()
-        found: list[Frame] = []
-        while len(found) < len(requests):
+        found = await self._collect(outstanding)
+        if outstanding and self.fence is not None:
+            found += await self._await_fence(outstanding, self.fence)
+        answers = [frame for frame in found if any(self._answers(frame, each) for each in requests)]
+        # A fence may be equal to a request: all that is missing then counts as requests.
+        return answers[: max(0, len(requests) - sum(each in requests for each in outstanding))]
+
+    async def _await_fence(self, outstanding: list[Request[Response]], fence: Request[Response]) -> list[Frame]:
+        """Send `fence` until it is answered, and return all frames that answer what is outstanding."""
+        end = self._loop.time() + (0 if self.stalls else _LATEST)
+        found = list[Frame]()
+        while not any(self._answers(frame, fence) for frame in found):
+            if self._fences and self._loop.time() >= end:
+                self.stalls += 1
+                break
+            self._fences.append(fence)
+            outstanding.append(fence)
+            await self.send(fence)
+            found += await self._collect(outstanding, fence)
+        return found
+
+    async def _collect(
+        self, outstanding: list[Request[Response]], until: Request[Response] | None = None
+    ) -> list[Frame]:
+        """Return the frames that answer `outstanding` requests, and remove those requests.
+
+        Waiting ends when all are answered, or all equal to `until`, or after `patience` without a frame.
+        """
+        begun, found = self._loop.time(), list[Frame]()
+        while True:
             found += self._take(outstanding)
-            if len(found) < len(requests) and not await self._wait(max(begun, self._received_at) + self.patience):
+            if not outstanding or (until is not None and until not in outstanding):
+                return found
+            if not await self._wait(max(begun, self.received_at) + self.patience):
                 while self._parser.partial_frame:  # a damaged length may hold back the other frames
                     self._frames += self._parser.abandon_frame()
-                found += self._take(outstanding)
-                break
-        return found
+                return found + self._take(outstanding)
 
     def answered_in_order(self, requests: Sequence[Request[Response]]) -> bool:
         """Return whether `requests`, the latest burst, were answered in order and at most once each so far."""
+        requests = [*requests, *self._fences]
         answers = [frame for frame in self._received_frames if any(self._answers(frame, each) for each in requests)]
         remaining = iter(requests)
         return all(any(self._answers(frame, each) for each in remaining) for frame in answers)
@@ -256,8 +293,9 @@ _SHORTEST_PATIENCE, _LONGEST_PATIENCE = 0.1, 2.0
 
 
 async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
-    """Send `query` many times, one at a time, and set the patience of `line` by the response times."""
+    """Send `query` many times, one at a time, and set fence and patience of `line` by the responses."""
     loop = asyncio.get_running_loop()
+    line.fence = query
     end = loop.time() + _LONGEST_MEASURING
     round_trips = []
     sendings = 0
@@ -265,7 +303,7 @@ async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
         begun = loop.time()
         sendings += 1
         if await line.ask(query) is not None:
-            round_trips.append(loop.time() - begun)
+            round_trips.append(line.received_at - begun)
     quality = Quality(sendings, tuple(round_trips))
     slowest = max(round_trips, default=PATIENCE)
     line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 2 * slowest))

@@ -90,6 +90,9 @@ async def interval_finding(board: Board, planned: PlannedMovement) -> Measured:
         f"servo {planned.servo_id} took {shown or 'longer than was waited'} for {abs(planned.goal - planned.start)}° "
         f"at interval {planned.interval}"
     )
+    if any(timed.after < 0 for timed in times):
+        text += ", shown by the first reading: it reports the commanded angle, not where it is"
+        return Measured("interval_unit", None, "guess", text)
     fitting = [unit for unit in _UNITS if len(times) == 2 and all(each.fits(unit * planned.interval) for each in times)]
     if fitting:
         return Measured("interval_unit", fitting[0], "certain", text)
@@ -105,7 +108,7 @@ class _Timed(NamedTuple):
     """Duration of a movement, known with the accuracy of the readings."""
 
     after: float
-    """Latest time in seconds with the servo still on the way."""
+    """Latest time in seconds with the servo still on the way; negative without a reading on the way."""
     seconds: float
     """Time of the query with a response that shows the arrival."""
     by: float
@@ -120,7 +123,7 @@ async def _seconds_to(board: Board, planned: PlannedMovement, goal: int) -> _Tim
     """Move to `goal` and return the time of arrival; None if the servo does not arrive."""
     loop = asyncio.get_running_loop()
     await board.send(ExecuteActionRequest((Step(planned.servo_id, goal, planned.interval),)))
-    begun, after = loop.time(), 0.0
+    begun, after = loop.time(), -1.0
     while (elapsed := loop.time() - begun) < _PATIENCE:
         angle = (await board.servo(planned.servo_id)).angle
         if abs(angle - Degrees(goal)) < _BEGUN:

@@ -285,7 +285,15 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
     else:
         observation = "more were not tried, without a gain to expect"
     summary = f"{_bursts(works)} of up to {size} bytes were all answered; " if works > 1 else ""
-    return Measured("depth", works, "certain" if quality.is_clean else "likely", f"{summary}{observation}; {quality}")
+    return burst_finding("depth", works, f"{summary}{observation}; {quality}", line, quality)
+
+
+def burst_finding(setting: str, value: int, text: str, line: TrialLine, quality: Quality) -> Measured:
+    """Return how many requests at once are all answered: uncertain if responses may have been late and not lost."""
+    if line.stalls:
+        text += "; uncertain, as the board or this machine stopped for seconds meanwhile"
+        return Measured(setting, value, "guess", text)
+    return Measured(setting, value, "certain" if quality.is_clean else "likely", text)
 
 
 def is_line_loss(lost: int, sent: int, quality: Quality) -> bool:

@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.doctor.learn_line import Quality, TrialLine
-from servolink.doctor.learn_queries import is_line_loss
+from servolink.doctor.learn_queries import burst_finding, is_line_loss
 from servolink.doctor.learn_trial import SCRATCH, Trial, write_marker
 from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
-from servolink.profiles.profile import Confidence, Measured
+from servolink.profiles.profile import Measured
 from servolink.project.model import without_neutral
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.frame import OVERHEAD
@@ -138,6 +138,7 @@ async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
     size = max(OVERHEAD + ACTION.size(action) for action in trial.scratch_actions(1))
     async with TrialLine(trial.transport, trial.codec) as line:
         line.patience = max(line.patience, 4 * quality.round_trip)
+        line.fence = ACTION.list_request
         for depth in _DEPTHS:
             lost = 0
             for _ in range(_ROUNDS):
@@ -151,8 +152,7 @@ async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
                 observation = f"{_ROUNDS} bursts of {depth} lost {lost} of {depth * _ROUNDS}; "
                 break
             works = depth
-    confidence: Confidence = "certain" if quality.is_clean else "likely"
-    return Measured("write_depth", works, confidence, f"{_works(works, size)}{observation}{quality}")
+    return burst_finding("write_depth", works, f"{_works(works, size)}{observation}{quality}", line, quality)
 
 
 def _works(depth: int, size: int) -> str:

@@ -12,8 +12,8 @@ from functools import cache
 from itertools import groupby
 from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
 
-from msgspec import Meta, Struct
-from msgspec.structs import asdict, replace
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.structs import asdict, force_setattr, replace
 
 from servolink.escaping import quote
 from servolink.motion.limits import MotionLimits
@@ -92,6 +92,11 @@ class BoardIdentityRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     vendor_id: Annotated[_U16 | None, FieldHelp("USB vendor id of the port", "0x0000..0xffff")] = None
     product_id: Annotated[_U16 | None, FieldHelp("USB product id of the port", "0x0000..0xffff")] = None
     serial_number: Annotated[str | None, FieldHelp("USB serial number of the port", "text")] = None
+
+    @classmethod
+    def of(cls, **found: object) -> BoardIdentityRecord:
+        """Return the identity in properties as found, without those that no board has, such as a memory of -1."""
+        return cls(**{name: value for name, value in found.items() if can_hold(cls, name, value)})  # type: ignore[arg-type]
 
     def fits(self, found: BoardIdentityRecord) -> bool:
         """Return whether all properties known of both boards agree; the order of servo ids does not count."""
@@ -301,6 +306,18 @@ def about(hint: Any) -> FieldHelp:
     return next(each for each in hint.__metadata__ if isinstance(each, FieldHelp))
 
 
+def can_hold(kind: type[Struct], name: str, value: object) -> bool:
+    """Return whether a field of a part of the profile can be `value`."""
+    hint, described = fields_of(kind)[name]
+    try:
+        found = convert(value, hint)
+        if found is not None:
+            described.check(found)
+    except (ValidationError, ValueError):
+        return False
+    return True
+
+
 _RANKS: dict[Confidence, int] = {"guess": 0, "likely": 1, "certain": 2}
 
 
@@ -314,6 +331,12 @@ class Measured(Struct, frozen=True):
     confidence: Confidence
     evidence: str
     """Observation, in one sentence with figures."""
+
+    def __post_init__(self) -> None:
+        """Drop a value that no profile can hold, such as a time of no length, and say so in the evidence."""
+        if not can_hold(BoardSettings, self.setting, self.value):
+            force_setattr(self, "evidence", f"{self.evidence}; {quote(self.value)} is too unlikely to be saved")
+            force_setattr(self, "value", None)
 
 
 def merge_profile(

@@ -14,6 +14,7 @@ from servolink.errors import ServolinkError
 from servolink.profiles.profile import Measured, SafetyLimits
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
+from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.transport import VirtualTransport
 from tests.virtual_time import run
 
@@ -53,6 +54,19 @@ def test_another_unit_is_a_guess_at_what_was_measured(unit: float, turnaround: f
     found, _ = timed(BoardKind(interval_unit=unit, turnaround=turnaround))
     assert (found.value, found.confidence) == (pytest.approx(unit, rel=0.15), "guess")
     assert found.evidence.endswith(", not a unit of 1, 10 or 100 ms")
+
+
+def test_a_servo_that_reports_the_commanded_angle_at_once_cannot_be_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    move = SimulatedServo.move
+
+    def jump(servo: SimulatedServo, angle: int, *others: Any) -> None:
+        move(servo, angle, *others)
+        servo.angle = angle
+
+    monkeypatch.setattr(SimulatedServo, "move", jump)
+    found, _ = timed(BoardKind())
+    assert (found.value, found.confidence) == (None, "guess")
+    assert "it reports the commanded angle, not where it is" in found.evidence
 
 
 def test_times_that_differ_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

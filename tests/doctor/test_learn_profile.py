@@ -6,6 +6,8 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from servolink.doctor.learn_captions import encoding_finding
 from servolink.profiles.profile import (
@@ -19,6 +21,7 @@ from servolink.profiles.profile import (
     SafetyLimits,
     merge_profile,
 )
+from servolink.profiles.store import format_profile, parse_profile
 
 NOW, BEFORE = datetime(2026, 2, 1, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)
 REX = BoardIdentityRecord(servo_ids=(1, 2), memory_total=65536)
@@ -46,6 +49,35 @@ def test_which_finding_is_kept(
     is_new = found is not None and (result != kept or evidence is None)
     assert merged.evidence == ({"depth": Evidence(confidence, "new", NOW)} if is_new and result == found else old)
     assert merged.identity == REX
+
+
+ANYTHING = (
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.integers(-2, 70)
+    | st.floats()
+    | st.text(st.characters(exclude_categories=["Cs"]))
+    | st.sampled_from(["little", "big", "all", "silent", "replace", "stays", "keep", "utf-8", "QueryAction"])
+    | st.lists(st.integers(-1, 256)).map(tuple)
+    | st.lists(st.sampled_from(["QueryAction", "QueryMacro", "Query", ""])).map(tuple)
+)
+
+
+@given(st.dictionaries(st.sampled_from(BoardSettings.__struct_fields__), ANYTHING), st.data())
+def test_whatever_was_measured_can_be_saved(values: dict[str, Any], data: st.DataObject) -> None:
+    measured = [Measured(name, value, "certain", "measured") for name, value in values.items()]
+    found = {name: data.draw(ANYTHING, name) for name in BoardIdentityRecord.__struct_fields__}
+    profile = merge_profile(BoardProfile(), measured, BoardIdentityRecord.of(**found), NOW)
+    assert parse_profile(format_profile("rex", profile)) == profile
+    for each in measured:
+        assert getattr(profile.settings, each.setting) == each.value
+        assert each.value is not None or values[each.setting] is None or "too unlikely to be saved" in each.evidence
+
+
+@pytest.mark.parametrize(("field", "value"), [("memory_total", -1), ("servo_ids", (1, 255)), ("vendor_id", 1 << 16)])
+def test_an_identity_is_kept_without_what_no_board_has(field: str, value: Any) -> None:
+    assert BoardIdentityRecord.of(**{"serial_number": "A1", field: value}) == BoardIdentityRecord(serial_number="A1")
 
 
 def test_what_was_set_by_hand_is_replaced_only_by_what_is_certain() -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import random
+from collections import deque
 from typing import Any
 
 import pytest
@@ -146,6 +148,54 @@ def test_a_board_that_mixes_its_responses_is_asked_one_by_one(twice: bool) -> No
     found = learn(board_of(BoardKind(turnaround=BUSY)), behind=lambda inner: Mixing(inner, twice=twice))
     assert (found["depth"].value, found["depth"].confidence) == (1, "certain")
     assert "8 of 8 bursts of 2 queries were answered in another order, or more than once" in found["depth"].evidence
+
+
+class Stalling:
+    """A transport behind which a board, or the machine, stops for a while: nothing is lost, all comes later."""
+
+    def __init__(self, inner: Transport, seed: int, longest: float) -> None:
+        self.url = inner.url
+        self._inner = inner
+        self._random = random.Random(seed)
+        self._longest = longest
+        self._free_at = 0.0
+        self._late = deque[bytes]()  # in order: equal times of timers have none
+
+    async def open(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+        await self._inner.open(self)
+
+    async def send(self, data: bytes) -> None:
+        await self._inner.send(data)
+
+    async def close(self) -> None:
+        await self._inner.close()
+
+    def data(self, chunk: bytes, /) -> None:
+        loop = asyncio.get_running_loop()
+        if self._random.random() < 0.05:
+            self._free_at = max(self._free_at, loop.time() + self._random.uniform(0, self._longest))
+        self._late.append(chunk)
+        loop.call_at(max(self._free_at, loop.time()), lambda: self._receiver.data(self._late.popleft()))
+
+    def lost(self, error: Exception | None, /) -> None:
+        self._receiver.lost(error)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_late_response_is_not_a_lost_one(seed: int) -> None:
+    kind = BoardKind(turnaround=BUSY, unsupported=("QueryRemainPower",), unknown_ids="silent")
+    found = learn(board_of(kind), behind=lambda inner: Stalling(inner, seed, 1.0))
+    values = found["depth"].value, found["unsupported"].value, found["unknown_ids"].value
+    assert values == (16, ("QueryRemainPower",), "silent")
+    assert found["depth"].confidence in {"certain", "likely"}
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_depth_is_uncertain_where_the_board_stops_for_seconds(seed: int) -> None:
+    found = learn(board_of(BoardKind(turnaround=BUSY)), behind=lambda inner: Stalling(inner, seed, 15.0))
+    is_uncertain = found["depth"].confidence == "guess" and "uncertain, as the board or" in found["depth"].evidence
+    assert found["depth"].value == 16 or is_uncertain
 
 
 def test_boards_may_answer_some_unknown_ids_and_not_others(monkeypatch: Any) -> None:

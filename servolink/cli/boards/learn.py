@@ -230,7 +230,7 @@ class _Lesson:
 async def _identity(url: str, learnt: Learnt) -> BoardIdentityRecord:
     port = await asyncio.to_thread(identity_of, url)
     servo_ids = learnt.survey.servo_ids
-    return BoardIdentityRecord(
+    return BoardIdentityRecord.of(
         servo_ids=None if servo_ids is None else tuple(sorted(servo_ids)),
         memory_total=learnt.survey.memory_total,
         vendor_id=port.vendor_id if port else None,
