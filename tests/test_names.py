@@ -59,7 +59,7 @@ NEVER = {"alone": "exclusive", "desk": "handler"}
 """Words that no name has, and the word to use."""
 ONLY_IN = {
     "journal": ("project/", "doctor/learn_trial.py"),
-    "fence": ("connection/",),
+    "fence": ("connection/", "doctor/learn_line.py", "doctor/learn_writes.py"),
     "lane": ("connection/",),
 }
 """Words that names have only in some parts, where they have their meaning."""

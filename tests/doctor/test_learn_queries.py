@@ -194,8 +194,7 @@ def test_a_late_response_is_not_a_lost_one(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_depth_is_uncertain_where_the_board_stops_for_seconds(seed: int) -> None:
     found = learn(board_of(BoardKind(turnaround=BUSY)), behind=lambda inner: Stalling(inner, seed, 15.0))
-    is_uncertain = found["depth"].confidence == "guess" and "uncertain, as the board or" in found["depth"].evidence
-    assert found["depth"].value == 16 or is_uncertain
+    assert found["depth"].value == 16 or found["depth"].confidence == "guess"
 
 
 def test_boards_may_answer_some_unknown_ids_and_not_others(monkeypatch: Any) -> None:
