@@ -147,6 +147,7 @@ def test_a_program_that_promised_beats_and_is_killed_stops_the_board(robot: Robo
     assert robot.status().lease is None
 
 
+@pytest.mark.slow
 def test_a_program_killed_while_it_waits_leaves_nothing_behind(tmp_path: Path) -> None:
     with ExitStack() as stack:
         robot = Robot(tmp_path, stack, "--turnaround", "0.05")
@@ -162,6 +163,7 @@ def test_a_program_killed_while_it_waits_leaves_nothing_behind(tmp_path: Path) -
             finished(each, signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_an_import_that_is_killed_frees_the_board_and_can_be_finished(tmp_path: Path) -> None:
     save_project(tmp_path / "project", PROJECT)
     with ExitStack() as stack:

@@ -139,6 +139,7 @@ def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> Non
     assert [path.suffix for path in folder.iterdir()] == [".board"]
 
 
+@pytest.mark.slow
 def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
     with serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
         (said,) = run_all(f"--board {url} servos --json")
@@ -153,6 +154,7 @@ def test_the_studio_answers(board: str) -> None:
             assert (answer.status, b"<html" in answer.read()) == (200, True)
 
 
+@pytest.mark.slow
 def test_the_demo_works(world: Path) -> None:
     (said,) = run_all("demo --fast")
     assert "All of it worked" in said.out
@@ -191,6 +193,7 @@ def test_keys_of_a_console_trim_a_servo(board: str) -> None:
     assert [(one["servo_id"], one["adjusted_degree"]) for one in stored] == [(1, 2)]
 
 
+@pytest.mark.slow
 def test_keys_of_a_console_press_buttons(board: str) -> None:
     run_all(f"--board {board} apply {ROBOT} --yes")
     said = in_terminal("--board", board, "remote", later=("q or Esc: end", "a q"), command=RUNNER)
@@ -198,6 +201,7 @@ def test_keys_of_a_console_press_buttons(board: str) -> None:
     assert "all servos are stopped and held" in said.out
 
 
+@pytest.mark.slow
 def test_keys_of_a_console_record_poses(board: str) -> None:
     said = in_terminal("--board", board, "teach", "Wave", "--yes", "--no-play", later=("space", "  q"), command=RUNNER)
     assert said.code == 0, said.out
