@@ -19,6 +19,7 @@ from servolink.fleet.topics import (
     MOTION,
     SENT,
     SESSION_METHODS,
+    TRANSFERS,
     Echoed,
     Started,
     Step,
@@ -66,6 +67,7 @@ id of its own:
 - {motion} need a message expiry (MQTT 5), and 60 seconds count at most. What has not begun by then is refused, also
   if it waits because another program has the board alone. Put the latest word of `pulse` into
   `pulse`: then the board knows how old the command is, even if the network stood still, and refuses a late one.
+- {transfers} need both, an expiry and a `pulse`: servos turn when their corrections change.
 - Retained commands are refused. So are those with more than 1 MiB, and those beyond 64 that wait.
 - `stop` is always taken. Send it to `servolink/BOARD/stop` or `servolink/_fleet/stop`, where nothing is before it.
   What was sent before a stop does not begin after it, if it has a `pulse`; without one, only what the broker had by
@@ -86,7 +88,9 @@ def fleet_reference() -> str:
         name = topic if topic.startswith("_fleet") else f"BOARD/{topic}"
         link = f"[{payload.__name__}](#{payload.__name__.lower()})"
         rows.append(f"| `servolink/{name}` | {link} | {qos} | {'yes' if retain else ''} |")
-    page = _INTRODUCTION.format(topics="\n".join(rows), motion=_listed(MOTION), session=_listed(SESSION_METHODS))
+    page = _INTRODUCTION.format(
+        topics="\n".join(rows), motion=_listed(MOTION), transfers=_listed(TRANSFERS), session=_listed(SESSION_METHODS)
+    )
     own: dict[str, type[Struct]] = {payload.__name__: payload for payload, _, _ in SENT.values()}
     own |= {params.__name__: params for params, _ in METHODS.values()}
     own |= {each.__name__: each for each in (Runnable, Started, StopOver, Echoed, Step, Stored)}

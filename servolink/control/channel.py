@@ -155,6 +155,11 @@ class RpcChannel(asyncio.Protocol):
         await asyncio.wait((self._lost,), timeout=_CLOSING_LIMIT)
         self._pipe.abort()
 
+    def abort(self) -> None:
+        """Disconnect at once, as if the hub were gone."""
+        if self._pipe is not None:
+            self._pipe.abort()
+
     def _send(self, message: dict[str, Any]) -> None:
         if self._pipe is not None:
             self._pipe.write(msgspec.json.encode({"jsonrpc": "2.0", **message}) + b"\n")
@@ -173,8 +178,8 @@ class RpcChannel(asyncio.Protocol):
             self._searched = 0
             self._take(line)
         self._searched = len(self._heard)
-        if len(self._heard) > _MOST_BYTES and self._pipe is not None:
-            self._pipe.abort()
+        if len(self._heard) > _MOST_BYTES:
+            self.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Fail all calls: the hub is gone."""

@@ -12,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.escaping import quote
 from servolink.files import read_file, reason
+from servolink.platforms.private_files import others_can_read
 
 PASSWORD_VARIABLE = "SERVOLINK_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -131,6 +132,8 @@ def _password(address: BrokerAddress, user: str | None, file: Path | None) -> st
             text = read_file(file, _MOST_PASSWORD).decode()
         except (OSError, ValueError) as error:
             raise ServolinkError(f"{file} cannot be used as a password: {reason(error)}") from error
+        if others_can_read(file):
+            raise ServolinkError(f"{file} has a password that other users can read: run `chmod 600 {quote(str(file))}`")
         return _with_user(user, text.partition("\n")[0].removesuffix("\r"), f"the password in {file}")
     if (text := os.environ.get(PASSWORD_VARIABLE, "")) or user is None:
         return _with_user(user, text, f"the password in {PASSWORD_VARIABLE}") if text else None

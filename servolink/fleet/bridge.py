@@ -23,11 +23,12 @@ from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
-from servolink.fleet.topics import OFFLINE, ONLINE, Topics
+from servolink.fleet.topics import OFFLINE, ONLINE, BoardTopic, Topics
 from servolink.motion.ticket import StopCounter
 
 SESSION_SECONDS = 300
 """Seconds for which the broker keeps commands for a board after a lost connection; most expire long before."""
+_HEARD: tuple[BoardTopic, ...] = ("cmd", "pulse", "available")
 
 
 class Bridge:
@@ -50,7 +51,7 @@ class Bridge:
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
         options = MqttOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
         self.broker = BrokerConnection(access, options)
-        self.broker.subscriptions = [(topics.board(board, "cmd"), 1), (topics.board(board, "pulse"), 1)]
+        self.broker.subscriptions = [(topics.board(board, kind), 1) for kind in _HEARD]
         self.broker.on_message = self._receive
         self.broker.on_connect = self._begin
         self.broker.on_problem = partial(self._log, "error")
@@ -67,6 +68,7 @@ class Bridge:
         self._policy = policy
         self._announcer: Announcer | None = None
         self._available = will
+        self._has_left = False
         self.pulse = Pulse(self._send_pulse)
         self._link = PulseLink(self.pulse)
         self.barrier = StopBarrier(self.pulse)
@@ -83,6 +85,18 @@ class Bridge:
         self._announcer = Announcer(
             home_assistant, self._topics, self._policy, self.telemetry, self.outbox, self.broker, kept
         )
+
+    def follow(self, policy: BoardPolicy) -> None:
+        """Allow from now on what `policy` allows; what is under way ends with the session of the hub."""
+        if policy == self._policy:
+            return
+        self._policy = policy
+        self.commands.follow(policy)
+        self.telemetry.follow(policy)
+        if self._announcer is not None:
+            self._announcer.follow(policy)
+        self.hub.follow(policy)
+        self._log("info", f"the policy has changed: {policy.allow} is allowed from afar")
 
     def start(self, group: asyncio.TaskGroup) -> None:
         """Begin, in tasks of `group`. OpenError of the first attempt to reach broker or hub ends the group."""
@@ -103,6 +117,7 @@ class Bridge:
         """Answer commands under way, and publish the board as unavailable."""
         await self.stops.close()
         await self.commands.close()
+        self._has_left = True
         self.outbox.put(self._available)
         await self.outbox.flush()
 
@@ -129,6 +144,10 @@ class Bridge:
                     f"another program has joined as {self.board}, too, and each takes the other's place: give one of "
                     "the boards another name, with --name"
                 )
+            self.broker.acknowledge(message)
+        elif message.topic == self._available.topic:
+            if message.payload != ONLINE.encode() and not self._has_left:  # of a former connection, or of somebody else
+                self.outbox.put(self._available._replace(payload=ONLINE))
             self.broker.acknowledge(message)
         else:
             self.commands.receive(message, self._link, partial(self.broker.acknowledge, message))

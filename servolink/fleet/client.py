@@ -16,7 +16,7 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes
-from servolink.fleet.groups import Groups, chosen_boards, load_groups
+from servolink.fleet.groups import Groups, chosen_boards, load_groups, named_boards
 from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stop_boards import Stopped
@@ -35,9 +35,11 @@ _KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by 
 class Fleet:
     """Boards known to a broker. Use `connect`."""
 
-    def __init__(self, access: BrokerAccess, prefix: str, groups: Groups, *, with_servos: bool = False) -> None:
+    def __init__(
+        self, access: BrokerAccess, prefix: str, groups: Groups | Path | None, *, with_servos: bool = False
+    ) -> None:
         """Enter the fleet with `async with` to connect."""
-        self.groups = groups
+        self._groups = groups
         self.controller = Controller(access, Topics(prefix), with_servos=with_servos)
 
     async def __aenter__(self) -> Self:
@@ -48,6 +50,11 @@ class Fleet:
     async def __aexit__(self, *_: object) -> None:
         """Disconnect."""
         await self.controller.__aexit__()
+
+    @property
+    def groups(self) -> Groups:
+        """Names of boards by group; a file is read again each time. Raise ServolinkError for an unusable file."""
+        return load_groups(self._groups) if self._groups is None or isinstance(self._groups, Path) else self._groups
 
     def boards(self, on: On = ALL) -> tuple[str, ...]:
         """Return the board names for `on`. Raise NotFound for any name that is neither board nor group."""
@@ -93,9 +100,13 @@ class Fleet:
                 failed[board] = error
         return await together.run_together(self.controller, runs, anyway=anyway, failed=failed)
 
-    async def stop(self, *, patience: float = stop_boards.PATIENCE) -> Stopped:
-        """Stop all servos of all boards. Boards that do not answer within `patience` seconds are named."""
-        return await stop_boards.stop_all(self.controller, patience=patience)
+    async def stop(self, on: On = ALL, *, patience: float = stop_boards.PATIENCE) -> Stopped:
+        """Stop all servos of all boards, or of those of `on`: names of groups, and of boards whether known or not.
+
+        Boards that do not answer within `patience` seconds are named. The file of groups is read only for `on`.
+        """
+        chosen = None if on == ALL else named_boards(on, self.groups)
+        return await stop_boards.stop_all(self.controller, chosen, patience=patience)
 
     async def plan(
         self,
@@ -176,9 +187,7 @@ def connect(
     from servolink.fleet.access import broker_access
 
     access = broker_access(broker) if isinstance(broker, str) else broker
-    if groups is None or isinstance(groups, (str, Path)):
-        groups = load_groups(None if groups is None else Path(groups))
-    return Fleet(access, prefix, groups, with_servos=servos)
+    return Fleet(access, prefix, Path(groups) if isinstance(groups, str) else groups, with_servos=servos)
 
 
 def _check_away(controller: Controller, name: str) -> None:

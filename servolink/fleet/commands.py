@@ -32,7 +32,7 @@ from servolink.fleet.pulse import PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.topics import METHODS as OWN
-from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, Cancel, Command, Prepare
+from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, TRANSFERS, Cancel, Command, Prepare
 from servolink.hub import METHODS
 from servolink.json_text import read_json
 from servolink.motion.ticket import Ticket
@@ -98,6 +98,10 @@ class CommandHandler:
         self._order = asyncio.Lock()
         self._refused_retained: OrderedDict[str, None] = OrderedDict()
         self._refused: OrderedDict[str, _Refused] = OrderedDict()
+
+    def follow(self, policy: BoardPolicy) -> None:
+        """Accept commands within `policy` from now on."""
+        self._role = Role.parse(policy.allow)
 
     def finish_interrupted(self) -> None:
         """Answer the commands that an earlier program was carrying out when killed."""
@@ -185,12 +189,18 @@ class CommandHandler:
             raise _stopped()
         now = asyncio.get_running_loop().time()
         expiry: float | None = message.expiry
-        if command.method in MOTION:
+        if command.method in MOTION | TRANSFERS:
             if expiry is None:
                 raise RpcError(
                     Code.INVALID_REQUEST,
                     f"{command.method} needs a message expiry: a robot must not move late",
                     remedy="send it with the property message-expiry-interval, such as 10 seconds",
+                )
+            if command.method in TRANSFERS and command.pulse is None:
+                raise RpcError(
+                    Code.INVALID_REQUEST,
+                    f"{command.method} needs a pulse: servos turn when their corrections change, and must not late",
+                    remedy="put the latest word of the topic pulse into the command",
                 )
             expiry = min(expiry, LONGEST_MOTION)
         if expiry is not None and now > link.latest(expiry, command.pulse):

@@ -25,6 +25,7 @@ from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
     MOST_BYTES,
     MOTION,
+    TRANSFERS,
     UNREADABLE,
     BoardTopic,
     Command,
@@ -111,13 +112,14 @@ class Controller:
     ) -> Any:
         """Return the result of a method, carried out once at most by a board. Raise the reported error.
 
-        A motion that has not reached the board after `expires` seconds is not carried out. If nothing comes for
-        `patience` seconds (10), raise OutcomeUnknown for what changes or moves something, RequestTimeout for all else.
+        A motion or transfer that has not reached the board after `expires` seconds is not carried out. If nothing comes
+        for `patience` seconds (10), raise OutcomeUnknown for what changes or moves something, RequestTimeout for all
+        else.
         """
         topic, message_id = self.topics.board(board, "cmd"), new_id()
         patience = self.patience if patience is None else patience
         seen = self.roster.get(board)
-        pulse = seen.pulse if seen is not None and method in MOTION else None
+        pulse = seen.pulse if seen is not None and method in MOTION | TRANSFERS else None
         command = Command(message_id, method, _plain(params), self.who, pulse)
         payload = msgspec.json.encode(command)
         if len(payload) > MOST_BYTES:
@@ -127,7 +129,7 @@ class Controller:
         with self.pending_command(message_id, board=board, on_step=on_step) as pending:
             sent = 0
             while not pending.results:
-                left = expires - (loop.time() - begun) if method in MOTION else float(expires)
+                left = expires - (loop.time() - begun) if method in MOTION | TRANSFERS else float(expires)
                 if sent != self.connections and left > 0:
                     # Also after a reconnection: the command, or the result, may have been lost with the connection.
                     # The board knows the id and does not carry out the command twice.

@@ -85,6 +85,14 @@ def chosen_boards(
     return tuple(found)
 
 
+def named_boards(words: str | Iterable[str], groups: Groups) -> tuple[str, ...] | None:
+    """Return the boards of `words`, names without a group as they are; None for `all`, even beside others."""
+    parts = [part.strip() for word in ([words] if isinstance(words, str) else words) for part in word.split(",")]
+    if ALL in parts:
+        return None
+    return tuple(dict.fromkeys(board for part in filter(None, parts) for board in groups.get(part, (part,))))
+
+
 def _known(there: Sequence[str], groups: Groups) -> str:
     boards = ", ".join(there) or "none"
     return f"boards: {boards}" + (f"; groups: {', '.join(groups)}" if groups else "")

@@ -275,6 +275,11 @@ class Announcer:
         telemetry.least_hz = 1 / VITALS_SECONDS
         telemetry.on_catalog = self.announce
 
+    def follow(self, policy: BoardPolicy) -> None:
+        """Announce what `policy` allows."""
+        self._policy = policy
+        self.announce()
+
     def announce(self) -> None:
         """Send the document after a change. Removed entities are deleted first."""
         telemetry = self._telemetry

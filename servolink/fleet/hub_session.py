@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
 
+import msgspec
 from msgspec import Raw
 
 from servolink.control.channel import Reply, RpcChannel, open_channel
@@ -35,18 +36,27 @@ class HubSession:
         """Whether the hub is there."""
         return self._channel is not None
 
+    def follow(self, policy: BoardPolicy) -> None:
+        """Begin a new session, with the rights and the limits of `policy`."""
+        self._policy = policy
+        self._greeting = msgspec.structs.replace(self._greeting, role=policy.allow)
+        if self._channel is not None:
+            self._channel.abort()
+
     async def run(self) -> None:
         """Connect, and again after each loss. Raise OpenError if the first attempt fails."""
         pauses = Pauses()
         async for channel in Reconnecting(self._open, pauses, self._may_come_back):
             self._was_connected = True
+            policy = self._policy
             pauses.restart()
             try:
                 await channel.until_ended()
             finally:
                 self._channel = None
                 await channel.close()
-            self.on_lost(f"the hub of {self.name} has ended; waiting for it")
+            if policy is self._policy:
+                self.on_lost(f"the hub of {self.name} has ended; waiting for it")
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
         """Return the result of a method of the hub. Raise ConnectionLost without a hub."""
@@ -60,21 +70,24 @@ class HubSession:
             self._channel.tell(method, **params)
 
     async def _open(self) -> RpcChannel:
+        policy = self._policy
         channel, _ = await open_channel(self.name, self._greeting)
         channel.on_notification = self.on_notification
         try:
-            await self._begin(channel)
+            await self._begin(channel, policy)
         except BaseException:
             self._channel = None
             await channel.close()
             raise
         return channel
 
-    async def _begin(self, channel: RpcChannel) -> None:
-        if (limits := self._policy.tightening()) is not None:
+    async def _begin(self, channel: RpcChannel, policy: BoardPolicy) -> None:
+        if (limits := policy.tightening()) is not None:
             reply = await channel.ask("limits.tighten", limits)
             if (fault := reply.fault) is not None:  # without the limits of the policy, no motion is allowed
                 raise ServolinkError(f"the limits for {self.name} cannot be used: {fault.message}")
+        if policy is not self._policy:
+            raise ConnectionLost("the policy has changed meanwhile")
         self._channel = channel
         if self.on_connect is not None:
             await self.on_connect()

@@ -7,7 +7,7 @@ import socket
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import msgspec
 
@@ -21,7 +21,7 @@ from servolink.fleet.broker import retained
 from servolink.fleet.command_log import opened_command_log
 from servolink.fleet.commands import Level
 from servolink.fleet.home_assistant import HomeAssistant
-from servolink.fleet.policy import FleetFile
+from servolink.fleet.policy import FleetFile, PolicyFile
 from servolink.fleet.pulse import INTERVAL, SLACK
 from servolink.fleet.topics import ONLINE, UNREADABLE, BoardNow, Topics
 from servolink.fleet.urgent import Urgent
@@ -30,6 +30,7 @@ from servolink.hub import serve_board
 OnLine: TypeAlias = Callable[[Level, str], None]
 
 _SHARED = "share://"
+_LOOK = 1.0  # seconds between looks at the policy file
 _FAREWELL = 1.0  # seconds for the last answers
 
 
@@ -126,6 +127,20 @@ class LocalFleet:
             urgent.broker.on_state = self._tell_state
             urgent.broker.on_problem = partial(self._tell, "", "error")
             await _serve(self.bridges, urgent, on_ready)
+
+    async def follow(self, file: PolicyFile) -> NoReturn:
+        """Allow what the file allows after each of its changes, in an endless loop."""
+        while True:
+            await asyncio.sleep(_LOOK)
+            try:
+                has_changed = file.read_again()
+            except ServolinkError as error:
+                self._tell("", "error", f"{error}; until then, the earlier policy applies")
+                continue
+            if has_changed:
+                self._policies = file.policies
+                for bridge in self.bridges:
+                    bridge.follow(file.policies.policy_of(bridge.board))
 
     def _tell(self, board: str, level: Level, text: str) -> None:
         self.on_line(level, f"{board}{text}")

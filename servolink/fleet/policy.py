@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -59,6 +60,31 @@ class FleetFile(Struct, frozen=True):
     def policy_of(self, board: str) -> BoardPolicy:
         """Return the remote control allowed for a board."""
         return self.boards.get(board, self.default)
+
+
+class PolicyFile:
+    """Policy in a file that people change while the boards take part."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Read `path`, or `fleet.toml` of this user. Raise ServolinkError for an unusable file."""
+        self._path = path
+        self._seen = self._status()
+        self.policies = load_fleet_file(path)
+        """Policy as last read."""
+
+    def read_again(self) -> bool:
+        """Return whether the policy has changed. Raise ServolinkError, once, for a change that cannot be used."""
+        status, before = self._status(), self.policies
+        if status != self._seen:
+            self._seen = status
+            self.policies = load_fleet_file(self._path)
+        return self.policies != before
+
+    def _status(self) -> tuple[int, ...]:
+        with suppress(OSError):
+            status = (self._path or fleet_file()).stat()
+            return status.st_mtime_ns, status.st_size, status.st_ino
+        return ()
 
 
 def load_fleet_file(path: Path | None = None) -> FleetFile:

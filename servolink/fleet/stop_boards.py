@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection
 
 import msgspec
 from msgspec import Struct
@@ -35,8 +36,10 @@ class Stopped(Struct, frozen=True):
         return not (self.failed or self.silent)
 
 
-async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Stopped:
-    """Stop all boards at once. A board without an answer after `patience` seconds is silent.
+async def stop_all(
+    controller: Controller, boards: Collection[str] | None = None, *, patience: float = PATIENCE
+) -> Stopped:
+    """Stop all boards at once, or only `boards`. A board without an answer after `patience` seconds is silent.
 
     Raise ConnectionLost if the broker is gone for as long, and no board is known that could be named.
     """
@@ -44,8 +47,8 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
     begun, stop = loop.time(), Stop(new_id(), controller.who)
     with controller.pending_command(stop.id) as pending:
         # A connected board that is lost meanwhile may still move.
-        seen = dict.fromkeys(controller.roster.online)
-        sending = asyncio.create_task(_send(controller, pending, stop, begun + patience))
+        seen = dict.fromkeys(_online(controller, boards))
+        sending = asyncio.create_task(_send(controller, pending, stop, boards, begun + patience))
         try:
             try:
                 await controller.settle(patience)  # meanwhile the stop is under way
@@ -53,7 +56,7 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
                 if not pending.missing(seen):
                     raise
             while True:
-                seen |= dict.fromkeys(controller.roster.online)
+                seen |= dict.fromkeys(_online(controller, boards))
                 if not pending.missing(seen) or not await pending.wait(begun + patience):
                     break
         finally:
@@ -61,7 +64,8 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
             await asyncio.wait((sending,))
         missing = pending.missing(seen)  # a result may have come at the very end of the wait
         failures = {board: failure_of(result) for board, result in pending.results.items()}
-        offline = tuple(board.name for board in controller.roster if not board.is_online)
+        known = (board.name for board in controller.roster) if boards is None else boards
+        offline = tuple(board for board in known if board not in controller.roster.online)
         return Stopped(
             {board: pending.seconds[board] - begun for board, failure in failures.items() if failure is None},
             {board: str(failure) for board, failure in failures.items() if failure is not None},
@@ -70,15 +74,24 @@ async def stop_all(controller: Controller, *, patience: float = PATIENCE) -> Sto
         )
 
 
-async def _send(controller: Controller, pending: PendingCommand, stop: Stop, deadline: float) -> None:
-    """Send the stop to all, and again to each board without an answer."""
+def _online(controller: Controller, boards: Collection[str] | None) -> list[str]:
+    return [board for board in controller.roster.online if boards is None or board in boards]
+
+
+async def _send(
+    controller: Controller, pending: PendingCommand, stop: Stop, boards: Collection[str] | None, deadline: float
+) -> None:
+    """Send the stop to all or to `boards`, and again to each board without an answer."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
-    topic = controller.topics.fleet("stop")
-    topics = [topic]
+    topics = (
+        [controller.topics.fleet("stop")]
+        if boards is None
+        else [controller.topics.board(board, "stop") for board in boards]
+    )
     while loop.time() < deadline:
         left = deadline - loop.time()
         again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
         await asyncio.gather(*again, return_exceptions=True)  # a lost broker shows in the silent boards
         await asyncio.sleep(_AGAIN)
-        missing = pending.missing(controller.roster.online)
+        missing = pending.missing(_online(controller, boards))
         topics = [controller.topics.board(board, "stop") for board in missing]

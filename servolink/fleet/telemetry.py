@@ -103,6 +103,10 @@ class Telemetry:
         self._hears_buttons = False
         self._news.set()
 
+    def follow(self, policy: BoardPolicy) -> None:
+        """Publish what `policy` allows."""
+        self._change(allow=policy.allow)
+
     def hub_lost(self, text: str) -> None:
         """Publish the loss of the hub."""
         self._change(connection="lost", lease=None, hold=None, programs=0)

@@ -34,7 +34,9 @@ CONTENT_TYPE = "application/json"
 ONLINE, OFFLINE = "online", "offline"
 """Content of the topic `available`."""
 MOTION = frozenset({"move", "run", "release", "servo.set", "prepare"})
-"""The methods whose message must have an expiry: a robot must not move late."""
+"""The methods that move: their messages must have an expiry, as a robot must not move late."""
+TRANSFERS = frozenset({"project.apply", "project.rollback"})
+"""The methods whose messages must have an expiry and a pulse: corrections of servos turn them."""
 DEFAULT_EXPIRY = 10
 """Seconds until a command expires, unless the sender sets an expiry."""
 SESSION_METHODS = frozenset(

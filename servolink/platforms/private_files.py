@@ -21,6 +21,11 @@ def private_folder() -> Path:
     return folder
 
 
+def others_can_read(file: Path) -> bool:
+    """Return whether other users can read a file; on Windows, the folder of the user decides. Raise OSError."""
+    return sys.platform != "win32" and bool(file.stat().st_mode & 0o077)
+
+
 def refuse_foreign(folder: Path, status: os.stat_result) -> None:
     """Raise PermissionError unless `status` describes a private folder of the user."""
     if not is_own(status):

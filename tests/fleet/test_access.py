@@ -54,9 +54,20 @@ def test_an_address_is_shown_without_its_user() -> None:
 
 def test_a_password_comes_from_a_file(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("sesame\r\nmore", encoding="utf-8")
+    (tmp_path / "secret").chmod(0o600)
     access = broker_access("mqtt://rex@localhost", password_file=tmp_path / "secret")
     assert (access.user, access.password) == ("rex", "sesame")
     assert "sesame" not in repr(access)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o620])
+def test_a_file_that_others_can_read_gives_no_password(tmp_path: Path, mode: int) -> None:
+    file = tmp_path / "secret"
+    file.write_text(SESAME, encoding="utf-8")
+    file.chmod(mode)
+    with pytest.raises(ServolinkError, match="a password that other users can read: run `chmod 600"):
+        broker_access("mqtt://rex@localhost", password_file=file)
 
 
 def test_a_password_comes_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,8 @@ import itertools
 import json
 import socket
 from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -16,7 +18,7 @@ from servolink.errors import OpenError
 from servolink.fleet import join
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
-from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.policy import BoardPolicy, PolicyFile
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.serving import serve_board
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
@@ -71,6 +73,61 @@ def test_a_policy_says_what_may_be_done(broker: Broker) -> None:
             await far.call("stop")
             assert hub.lease is None
             assert (await far.failure("lease.take"))["data"]["kind"] == "method_not_found"
+
+    run(main())
+
+
+@pytest.mark.parametrize("payload", [b"offline", b"", b"\xff"])
+def test_a_board_that_is_there_corrects_what_others_say_of_it(broker: Broker, payload: bytes) -> None:
+    async def main() -> None:
+        topic = "servolink/rex/available"
+        async with bridged(broker, "watch") as (far, _):
+            await far.until(lambda: topic in far.heard)
+            far.heard.clear()
+            await far.publish(topic, payload, retain=True)
+            await far.until(lambda: [each.payload for each in far.heard.get(topic, [])] == [payload, b"online"])
+        async with far_away(broker, "later") as later:  # and not after it has left
+            await later.until(lambda: topic in later.heard)
+            assert [each.payload for each in later.heard[topic]] == [b"offline"]
+
+    run(main())
+
+
+def test_a_policy_file_that_changes_is_followed(broker: Broker, user: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(join, "_LOOK", 0.01)
+    path = user / "fleet.toml"
+    path.write_text('[default]\nallow = "watch"\n', encoding="utf-8")
+    move = {"targets": {"1": 40}, "duration": 0.01, "wait": True}
+
+    async def main() -> None:
+        file, said = PolicyFile(path), list[str]()
+        async with (
+            serve_board("virtual://?servos=2", name="rex"),
+            far_away(broker) as far,
+            joined(broker, file.policies.default) as fleet,
+            running(fleet.follow(file)),
+        ):
+            fleet.on_line = lambda level, text: said.append(text)
+
+            async def moved() -> Any:
+                """Return the answer to a move, when the session with the hub has begun again."""
+                while "reconnecting" in str(answer := await far.result(await far.send("move", params=move))):
+                    pass
+                return answer
+
+            assert "rex allows watch" in str(await moved())
+            path.write_text('[default]\nallow = "move"\nangles.all = [0, 30]\n', encoding="utf-8")
+            await far.state(lambda state: state["allow"] == "move")
+            answer = await moved()
+            assert answer["error"]["data"]["kind"] == "MotionRefused"
+            assert "fleet.toml" in answer["error"]["message"]
+            path.write_text("[default\n", encoding="utf-8")
+            while not any("the earlier policy applies" in each for each in said):
+                await far.call("status")
+            assert (await far.state())["allow"] == "move"
+            path.write_text('[default]\nallow = "edit"\n', encoding="utf-8")
+            await far.state(lambda state: state["allow"] == "edit")
+            assert (await moved())["ok"]
 
     run(main())
 

@@ -180,6 +180,32 @@ def test_what_moves_must_expire_and_come_in_time(broker: Broker, monkeypatch: py
     run(main())
 
 
+@pytest.mark.parametrize(
+    ("method", "params"), [("project.apply", {"project": {"version": 1}}), ("project.rollback", {})]
+)
+def test_what_turns_servos_by_their_corrections_must_expire_and_show_a_pulse(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, method: str, params: dict[str, Any]
+) -> None:
+    async def main() -> None:
+        async with serve_board("virtual://?servos=4", name="rex"), far_away(broker) as far:
+            calls = Calls(monkeypatch)
+            async with joined(broker, BoardPolicy("edit")):
+                await far.until(lambda: "servolink/rex/pulse" in far.heard)
+                word = far.heard["servolink/rex/pulse"][-1].payload.decode()
+                error = await far.failure(method, params=params, expiry=None, pulse=word)
+                assert error["message"] == f"{method} needs a message expiry: a robot must not move late"
+                error = await far.failure(method, params=params)
+                assert error["message"].startswith(f"{method} needs a pulse")
+                await far.result(await far.send(method, params=params, pulse=word))
+                assert calls.methods == [method]
+            queued = await far.send(method, params=params, expiry=60, pulse=word)  # the broker keeps it
+            async with joined(broker, BoardPolicy("edit")):
+                assert (await far.result(queued))["error"]["message"].startswith("the command has expired")
+                assert calls.methods == [method]
+
+    run(main())
+
+
 def test_a_command_that_waits_too_long_for_its_turn_expires(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(commands, "LONGEST_MOTION", 0)
 

@@ -139,11 +139,17 @@ def _leave(board: StandIn) -> None:
     asyncio.run_coroutine_threadsafe(leaving, board.loop).result(120)
 
 
-def test_a_stop_names_who_is_silent(broker: Broker, said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_names_who_is_silent(
+    broker: Broker, said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
         found = said("stop", "--within", f"{LIMIT}")
         assert found.code == OK
         assert "stopped 2 boards within" in found.out
+        before = rex.stops
+        (tmp_path / "fleet.toml").write_text('[groups]\nback = ["fido"]\n', encoding="utf-8")
+        found = said("stop", "--on", "back", "--groups", str(tmp_path / "fleet.toml"), "--json")
+        assert (list(found.json["stopped"]), rex.stops) == (["fido"], before)
         fido.is_silent = True
         patience_ends(monkeypatch, have_answered("rex"))
         found = said("stop", "--within", f"{LIMIT}", "--json")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import NotFound, ServolinkError
-from servolink.fleet.groups import chosen_boards, load_groups
+from servolink.fleet.groups import chosen_boards, load_groups, named_boards
 
 GROUPS = {"front": ("rex", "fido"), "back": ("bob",)}
 
@@ -70,6 +70,14 @@ def test_a_board_that_is_away_may_be_named_and_all_are_those_that_are_there() ->
 def test_what_is_neither_board_nor_group_is_refused() -> None:
     with pytest.raises(NotFound, match="'rax' is neither a board nor a group; boards: rex; groups: front, back"):
         chosen_boards("rax", ("rex",), GROUPS)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [("front", ("rex", "fido")), ("front, bob,rex", ("rex", "fido", "bob")), (["bob", "front,all"], None), ("", ())],
+)
+def test_boards_are_named_by_groups_whether_known_or_not(words: str | list[str], named: tuple[str, ...] | None) -> None:
+    assert named_boards(words, GROUPS) == named
 
 
 def test_nobody_at_all_is_refused() -> None:

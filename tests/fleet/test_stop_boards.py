@@ -76,6 +76,19 @@ async def test_it_ends_when_all_have_answered_who_are_there_and_names_who_was_aw
     assert stopped.is_complete
 
 
+async def test_a_stop_of_some_boards_reaches_these_alone_whether_known_or_not() -> None:
+    network = Network("rex", "fido", "bob")
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), ("rex", "fido", "new"), patience=5.0))
+    await asyncio.sleep(0.5)
+    assert network.sent == [f"servolink/{board}/stop" for board in ("rex", "fido", "new")]
+    network.answer("rex")
+    await asyncio.sleep(1.0)
+    assert network.sent[3:] == ["servolink/fido/stop"]
+    network.answer("fido")
+    stopped = await stopping
+    assert (list(stopped.stopped), stopped.silent, stopped.offline) == (["rex", "fido"], (), ("new",))
+
+
 async def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
     network = Network("rex", "fido")
     network.is_gone = True

@@ -85,11 +85,12 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     except ModuleNotFoundError as error:
         raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     from servolink.fleet import home_assistant
-    from servolink.fleet.policy import load_fleet_file
+    from servolink.fleet.policy import PolicyFile
     from servolink.fleet.topics import PREFIX, Topics
+    from servolink.tasks import Tasks
 
     names = [*args.boards, *filter(None, [named_board(args)])]
-    topics, policies = Topics(args.prefix or PREFIX), load_fleet_file(args.policy)
+    topics, policy_file = Topics(args.prefix or PREFIX), PolicyFile(args.policy)
     where = Topics(args.discovery_prefix or home_assistant.PREFIX).prefix
     found_by = home_assistant.HomeAssistant(where, args.numbers) if args.home_assistant else None
     access = await asyncio.to_thread(access_of, args, broker)
@@ -97,7 +98,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     async with AsyncExitStack() as stack:
         members = await stack.enter_async_context(local_boards(names, args.name, **options))
         interruption.state, interruption.code = "the boards were left unchanged", OK
-        fleet = LocalFleet(access, topics, policies, hz=args.hz, home_assistant=found_by)
+        fleet = LocalFleet(access, topics, policy_file.policies, hz=args.hz, home_assistant=found_by)
         if not args.json and can_draw():
             address = str(access.address)
             show = await stack.enter_async_context(staying_line(lambda width: _status_line(fleet, address, width)))
@@ -109,6 +110,9 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
             _print_joined(fleet, members, str(access.address), topics.prefix, as_json=args.json)
             gc.freeze()  # examining earlier objects takes longer than starting the boards
 
+        following = Tasks()
+        following.begin(fleet.follow(policy_file))
+        stack.push_async_callback(following.close)
         await fleet.join(members, joined)
     return OK
 

@@ -80,8 +80,8 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
 
 @Command(
     "fleet stop",
-    help="stop all servos of all boards",
-    examples=("fleet stop",),
+    help="stop all servos of all boards, or of some",
+    examples=("fleet stop", "fleet stop --on arms"),
     options=(
         option(
             "--within",
@@ -90,16 +90,17 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
             number(0.1, 3600, "seconds"),
             default=5.0,
         ),
+        *GROUPS,
         *BROKER,
     ),
     takes_board=False,
 )
 @interruptible("nothing was stopped")
 async def run_stop(args: argparse.Namespace, interruption: Interruption) -> int:
-    """Stop every board, again and again until each has answered or is silent."""
+    """Stop every chosen board, again and again until each has answered or is silent."""
     async with fleet_of(args) as fleet:
         interruption.state = "a stop was sent, and not every board has answered; send it again"
-        stopped = await fleet.stop(patience=args.within)
+        stopped = await fleet.stop(args.on or "all", patience=args.within)
     if args.json:
         print_json(
             {
