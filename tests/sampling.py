@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 
 import pytest
 
@@ -15,12 +15,14 @@ def every(step: int) -> pytest.MarkDecorator:
     )
 
 
-def sampled(cases: Iterable[object], count: int) -> list[object]:
-    """Return parameters for all of `cases`, of which all but `count` are slow: the same ones in each run."""
+def sampled(cases: Iterable[object], count: int, always: Container[object] = ()) -> list[object]:
+    """Return parameters for all of `cases`; all are slow but `always` and `count` others, the same in each run."""
     every_case = list(cases)
-    always = random.Random(count).sample(range(len(every_case)), count)
+    drawn = random.Random(count).sample(range(len(every_case)), count)
     return [
-        case if at in always else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+        case
+        if at in drawn or case in always
+        else pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
         for at, case in enumerate(every_case)
     ]
 
