@@ -103,7 +103,7 @@ class FakeBoard(VirtualBoard):
         self.url = f"virtual://{name}"
         """Address of the board in this program, for `connect` and `reconnecting`; faults of the line may be added."""
         self.requests: list[Packet] = []
-        """Received requests in order, including those of connecting and those that meet a fault."""
+        """Received requests in order, including requests of connecting and requests with a fault."""
         self._faults: list[tuple[tuple[type[Packet], ...], _Fault]] = []
 
     def connect(self, **options: Any) -> connect:
@@ -139,7 +139,7 @@ class FakeBoard(VirtualBoard):
         self._plan(requests, times, lambda context: (False, self.kind.turnaround))
 
     def lose_connection(self, *requests: type[Packet], times: int = 1) -> None:
-        """Lose all connections at the request, which has no effect; without `requests`, lose them now."""
+        """Lose all connections before the request takes effect; without `requests`, immediately."""
 
         def lose(context: RequestContext[Any]) -> tuple[Response, float]:
             self.unplug()
