@@ -139,7 +139,6 @@ def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> Non
     assert [path.suffix for path in folder.iterdir()] == [".board"]
 
 
-@pytest.mark.slow
 def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
     with serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
         (said,) = run_all(f"--board {url} servos --json")
