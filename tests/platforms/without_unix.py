@@ -100,6 +100,7 @@ def take_away() -> None:
         with contextlib.suppress(ImportError):
             importlib.import_module(library)
     platform.platform()  # which remembers what it has found
+    _keep_system_of("platformdirs")
     console: Any = Console()
     _restrict_files()
     _restrict_sockets()
@@ -118,6 +119,15 @@ def take_away() -> None:
     setattr(signal, "SIGBREAK", signal.SIGTTOU)  # noqa: B010 - which no type checker on Linux knows
     sys.modules["msvcrt"] = console
     sys.platform = "win32"
+
+
+def _keep_system_of(library: str) -> None:
+    """Leave a library that has chosen its branches for Linux the functions of `os` that they call."""
+    system = types.ModuleType("os")
+    vars(system).update(vars(os))
+    for name, module in [*sys.modules.items()]:
+        if name.startswith(f"{library}.") and hasattr(module, "os"):
+            setattr(module, "os", system)  # noqa: B010 - not of the same type
 
 
 def _only_for_asyncio(name: str, real: Callable[..., Any]) -> Callable[..., Any]:
