@@ -10,6 +10,7 @@ from typing import Any
 from servolink.__main__ import main
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubSession
+from servolink.fleet.mqtt_client import Received
 
 
 def die() -> None:
@@ -29,8 +30,15 @@ def install(point: str) -> None:
         return reply
 
     setattr(HubSession, "ask", ask_or_die)  # noqa: B010 - its type differs
+    acknowledge = BrokerConnection.acknowledge
+
+    def acknowledge_or_die(connection: BrokerConnection, message: Received) -> None:
+        if message.topic.endswith("/cmd"):
+            die()
+        acknowledge(connection, message)
+
     if point == "noted":  # the broker will deliver it again
-        setattr(BrokerConnection, "acknowledge", lambda connection, message: die())  # noqa: B010 - likewise
+        setattr(BrokerConnection, "acknowledge", acknowledge_or_die)  # noqa: B010 - likewise
 
 
 if __name__ == "__main__":

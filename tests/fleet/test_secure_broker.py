@@ -54,7 +54,9 @@ def folder(tmp_path: Path) -> Path:
     openssl(tmp_path, "req", "-x509", *KEY, *days, *usage, "-keyout", "ca.key", "-out", "ca.crt")
     certificate(tmp_path, "broker", "subjectAltName=DNS:localhost,IP:127.0.0.1")
     for user in ("teacher", "robot01"):
-        (tmp_path / f"{user}.password").write_text(f"secret of {user}\n", encoding="utf-8")
+        secret = tmp_path / f"{user}.password"
+        secret.touch(0o600)
+        secret.write_text(f"secret of {user}\n", encoding="utf-8")
     hashed = tmp_path / "passwords"
     hashed.write_text("teacher:secret of teacher\nrobot01:secret of robot01\n", encoding="utf-8")
     processes.run([str(PASSWD), "-U", str(hashed)], check=True)
