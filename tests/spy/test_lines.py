@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.cli.developers.spy import PacketPrinter, cut
+from servolink.cli.developers.spy import PacketPrinter, shortened
 from servolink.cli.screen.output import text_width
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import encode_frame
@@ -16,7 +16,7 @@ from servolink.spy.learning import Learner
 
 @given(st.text(st.characters(categories=("L", "N", "P", "Zs")), max_size=120), st.integers(10, 90))
 def test_a_line_is_cut_to_the_columns_that_there_are(text: str, columns: int) -> None:
-    line = cut(text, columns)
+    line = shortened(text, columns)
     assert text_width(line) <= columns
     assert line == text or (line.endswith("...") and text.startswith(line[:-3]) and text_width(line) > columns - 3)
 

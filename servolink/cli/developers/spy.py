@@ -16,6 +16,7 @@ from servolink.cli.command import DEVELOPERS, Command, flag, one_of, option
 from servolink.cli.developers.packets import lines_for
 from servolink.cli.screen.output import (
     Table,
+    cut,
     is_terminal,
     print_error,
     print_json,
@@ -30,7 +31,6 @@ from servolink.escaping import escape
 from servolink.platforms.signals import handled
 from servolink.protocol.json_form import packet_to_json
 from servolink.script import OK
-from servolink.spy.learning import Passed
 
 if TYPE_CHECKING:
     from servolink.recorder.channels import Direction
@@ -248,7 +248,7 @@ class PacketPrinter:
             print_json({"seconds": round(seconds, 6), "from": _WHO[passed.direction], **_described(passed)})
         else:
             line = f"{seconds:9.3f}  {_WHO[passed.direction]:7}  {_text(passed)}"
-            print_text(cut(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
+            print_text(shortened(escape(line), shutil.get_terminal_size().columns if is_terminal() else _LONGEST))
 
 
 def _described(passed: Passed) -> dict[str, Any]:
@@ -276,13 +276,6 @@ def _text(passed: Passed) -> str:
     return f"unknown packet {seen.packet_id} ({seen.byte_order}), {len(seen.content)} bytes: {shown}"
 
 
-def cut(line: str, columns: int) -> str:
-    """Return the beginning of a line that fits into so many columns."""
-    if text_width(line) <= columns:
-        return line
-    used, end = 3, 0  # the dots
-    for end, character in enumerate(line):  # noqa: B007 - where it ends
-        used += text_width(character)
-        if used > columns:
-            break
-    return line[:end] + "..."
+def shortened(line: str, columns: int) -> str:
+    """Return a line that fits into so many columns, with dots in place of its end."""
+    return line if text_width(line) <= columns else f"{cut(line, columns - 3)}..."

@@ -64,10 +64,8 @@ class Stage:
     @contextmanager
     def motion(self) -> Iterator[Draw]:
         """Show moving servos: bars on a terminal, elsewhere a line now and then."""
-        if self._as_json:
-            yield lambda elapsed, servos: None
-        elif is_terminal():
-            with live_bars() as bars:
+        if self._as_json or is_terminal():
+            with live_bars(shown=not self._as_json) as bars:
                 yield bars
         else:
             self.say("time, then the angle of each servo")

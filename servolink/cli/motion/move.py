@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +12,7 @@ from servolink.cli.arguments import SERVO_NAME, SPEED, number
 from servolink.cli.command import MOVE, Command, flag, group, one_of, option
 from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.motion.servo_output import are, listed, print_servos, reported
-from servolink.cli.screen.live import Draw, follow, live_bars
+from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import MotionRefused, ProfileError, RequestError, ServolinkError
@@ -119,7 +118,7 @@ def run_move(args: argparse.Namespace) -> int:
         interruption.state = f"the move was sent, {_FINISHING}"
         after: dict[int, Servo] = {}
         if args.wait:
-            with _bars(targets, shown=not args.json and is_terminal()) as draw:
+            with live_bars(targets, shown=not args.json and is_terminal()) as draw:
                 after = {servo.servo_id: servo for servo in await follow(board, targets, seconds, draw)}
             interruption.state = "all servos have arrived"
         moves = [
@@ -158,10 +157,6 @@ async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interr
     for servo_id in idle:
         interruption.state = "no movement was sent; servos may have been started and held"
         await board.set_servo(servo_id, start=True, hold=True)
-
-
-def _bars(targets: Mapping[int, int], *, shown: bool) -> AbstractContextManager[Draw]:
-    return live_bars(targets) if shown else nullcontext(lambda elapsed, servos: None)
 
 
 class _Move(NamedTuple):

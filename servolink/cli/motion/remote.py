@@ -6,7 +6,6 @@ import argparse
 import asyncio
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import MOVE, Command, option
@@ -21,9 +20,6 @@ from servolink.client.board import Board
 from servolink.errors import EncodeError, NotFound, Rejected, RequestError, ServolinkError
 from servolink.protocol.records import Button, JoystickTable
 from servolink.script import OK
-
-if TYPE_CHECKING:  # and imported late: --help needs none of it
-    from servolink.client.board import Board
 
 _HELP = "letter: tap; with Shift: hold until the next tap; space: stop; q or Esc: end"
 _PAGES = "Tab: keys for the next buttons"

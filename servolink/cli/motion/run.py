@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, nullcontext, suppress
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -170,7 +170,7 @@ async def _follow(board: Board, found: RecordRun, *, shown: bool) -> None:
     if not pose:
         await asyncio.sleep(seconds)
         return
-    with live_bars(pose, seconds) if shown else nullcontext(lambda elapsed, servos: None) as draw:
+    with live_bars(pose, seconds, shown=shown) as draw:
         await follow(board, pose, seconds, draw)
 
 

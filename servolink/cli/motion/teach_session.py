@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal
 
 from servolink.cli.screen.live import Draw, live_bars
@@ -85,7 +85,8 @@ class CaptureSession:
         """Record poses until somebody ends it or `stop` is set. Raise ConnectionLost if the board is gone."""
         listening = asyncio.create_task(self._listen())
         try:
-            with single_keys(self._typed) as keyboard, self._drawing() as draw:
+            bars = live_bars(self._servo_ids, shown=not self._json and is_terminal())
+            with single_keys(self._typed) as keyboard, bars as draw:
                 self._say_how(keyboard=keyboard)
                 await self._follow(stop, draw)
         finally:
@@ -136,14 +137,6 @@ class CaptureSession:
                     # A long press starts as a press, which recorded a pose: remove the pose.
                     wishes: dict[str, list[Wish]] = {"press": ["take"], "long_press": ["undo", "end"]}
                     self._wishes.extend(wishes.get(event.kind, []))
-
-    @contextmanager
-    def _drawing(self) -> Iterator[Draw]:
-        if self._json or not is_terminal():
-            yield lambda elapsed, servos: None
-        else:
-            with live_bars(self._servo_ids) as draw:
-                yield draw
 
     def _say_how(self, *, keyboard: bool) -> None:
         if not self._json:

@@ -8,7 +8,6 @@ import re
 from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from textwrap import wrap
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -28,10 +27,6 @@ from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, 
 from servolink.escaping import escape
 from servolink.protocol.records import ServoParameter
 from servolink.script import OK
-
-if TYPE_CHECKING:  # and imported late: --help needs none of it
-    from servolink.client.board import Board
-    from servolink.client.board_servos import Servo
 
 _NUDGE = re.compile(r"(.+)=([+-][0-9]{1,9})", re.DOTALL | re.ASCII)
 _COARSE = 5  # degrees

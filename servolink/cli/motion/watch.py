@@ -15,19 +15,18 @@ from servolink.cli.command import MOVE, Command, flag, option
 from servolink.cli.command_session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.motion.move import chosen_servos
 from servolink.cli.motion.servo_output import known_captions, reported, servo_object
-from servolink.cli.screen.live import pictures
+from servolink.cli.screen.live import can_draw, pictures
 from servolink.cli.screen.output import angle_text, print_error, print_json, print_text
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.cli.screen.terminal import confirm, until_quit
 from servolink.cli.usage import usage_error
-from servolink.client.alarms import RaisedAlarm
+from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.errors import ConnectionLost, NotFound, ServolinkError
 from servolink.files import open_file, reason
 from servolink.motion.angles import Angle
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
-    from servolink.cli.screen.servo_picture import Watched
     from servolink.client.board import Board
 
 _MOST_HZ = 50.0
@@ -77,8 +76,6 @@ def run(args: argparse.Namespace) -> int:
     if asks:
         refuse_unasked(args, f"{args.csv} exists; --yes replaces it")
 
-    from servolink.cli.screen.live import can_draw
-
     async def talk(board: Board, interruption: Interruption) -> int:
         if asks and not await confirm(f"{args.csv} exists. Replace it?"):
             print_error(f"servolink: {args.csv} was not replaced")
@@ -97,9 +94,6 @@ def run(args: argparse.Namespace) -> int:
 
 async def _begin(board: Board, args: argparse.Namespace) -> Watched:
     """Return what is known of a board before the first reading. Raise NotFound if a servo is missing."""
-    from servolink.cli.screen.servo_picture import Watched
-    from servolink.client.alarms import Alarm
-
     chosen = await chosen_servos(board, args.servos)
     there = {servo.servo_id for servo in await reported(board)}
     if missing := [servo_id for servo_id in chosen if servo_id not in there]:

@@ -4,46 +4,48 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-from servolink.cli.command import Command, flag, group, option
-from servolink.cli.command_session import Interruption, run_with_board
-from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
-from servolink.cli.motion.run import stopped_by_interruption
-from servolink.cli.motion.servo_output import are, listed
-from servolink.cli.projects.source import SOURCE
-from servolink.cli.screen.output import console, print_error, print_json, print_text
-from servolink.cli.screen.terminal import cleanup, single_keys
-from servolink.project.model import Project
-from servolink.project.record_lookup import name_of, servos_used
-from servolink.protocol.record_types import type_of
-from servolink.protocol.records import Action, Macro
-from servolink.script import OK
-
-if TYPE_CHECKING:
-    from servolink.client.board import Board
-    from servolink.client.playing import Playback
-
 import shutil
-from collections.abc import Mapping
+import sys
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.arguments import not_empty
-from servolink.cli.projects.source import is_address, with_project
-from servolink.cli.screen.output import Table, is_terminal, plain_lines, print_table, text_width
+from servolink.cli.command import Command, flag, group, option
+from servolink.cli.command_session import Interruption, run_interruptible, run_with_board
+from servolink.cli.motion.move import DEFAULT_SPEED, LIMITS, limits_of, make_ready
+from servolink.cli.motion.run import stopped_by_interruption
+from servolink.cli.motion.servo_output import are, listed
+from servolink.cli.projects.source import SOURCE, is_address, with_project
+from servolink.cli.screen.live import live_bars, redrawn
+from servolink.cli.screen.output import (
+    Table,
+    console,
+    is_terminal,
+    plain_lines,
+    print_error,
+    print_json,
+    print_table,
+    print_text,
+    text_width,
+)
+from servolink.cli.screen.terminal import cleanup, single_keys
 from servolink.cli.usage import named_board, usage_error
 from servolink.errors import ProjectError
-from servolink.project.record_lookup import by_servo, by_type, find
-from servolink.protocol.record_types import ACTION, MACRO
+from servolink.project.model import Project
+from servolink.project.record_lookup import by_servo, by_type, find, name_of, servos_used
+from servolink.protocol.record_types import ACTION, MACRO, type_of
+from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ServoState
+from servolink.script import OK
 from servolink.virtual.dry_run import DryMove, DryRun, Timeline
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # and imported late: `--help` needs none of it
+    from servolink.client.board import Board
     from servolink.client.board_servos import Servo
+    from servolink.client.playing import Playback
 
+_PLAYED = (ACTION, MACRO)
 _PAUSE = 0.04  # seconds between two drawings
 
 
@@ -78,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
     if is_address(args.source) and not args.source.startswith("virtual:"):
         usage_error(args, "play reads a file; export the project of the board first, and play the file")
     if board := _board(args):
-        return with_project(args, lambda project: _play_on(args, board, project))
+        args.url = board
+        return with_project(args, lambda project: play_on_board(args, project, find(project, args.record, _PLAYED)))
     if args.start or args.limit or args.speed_cap or args.soft_start:
         usage_error(args, "--start, --limit, --speed-cap and --soft-start are for a robot: name it with --board")
     with_bars = is_terminal() and not args.json and not args.fast
@@ -94,21 +97,13 @@ def _board(args: argparse.Namespace) -> str | None:
     return named_board(args) if named is None else named
 
 
-def _play_on(args: argparse.Namespace, board: str, project: Project) -> int:
-
-    args.url = board
-    return play_on_board(args, project, find(project, args.record, (ACTION, MACRO)))
-
-
 def _play(args: argparse.Namespace, project: Project, *, with_bars: bool) -> int:
-    record = find(project, args.record, (ACTION, MACRO))
+    record = find(project, args.record, _PLAYED)
     try:
         timeline = _dry_run(project).play(record)
     except ProjectError as error:
         raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
     if with_bars:
-        from servolink.cli.command_session import run_interruptible
-
         ended = run_interruptible(
             lambda interruption: _show(_dry_run(project), record, timeline), "only a virtual board was moved"
         )
@@ -130,10 +125,6 @@ def _dry_run(project: Project) -> DryRun:
 
 async def _show(dry_run: DryRun, record: Action | Macro, timeline: Timeline) -> int:
     """Draw the servos as they move, in real time."""
-    import asyncio
-
-    from servolink.cli.screen.live import live_bars
-
     loop = asyncio.get_running_loop()
     moved = {move.servo_id for move in timeline.moves}
     dry_run.begin(record)
@@ -245,7 +236,6 @@ def _axis(seconds: float, scale: float, columns: int) -> str:
 
 HELP = "space pauses and continues; q, Esc or Ctrl-C stops the servos"
 _END = ("q", "\x1b")
-_DRAWING_PAUSE = 0.05  # seconds between two drawings
 
 
 def play_on_board(args: argparse.Namespace, project: Project, record: Action | Macro) -> int:
@@ -265,8 +255,9 @@ def play_on_board(args: argparse.Namespace, project: Project, record: Action | M
         print_error(f"servolink: {name} takes {seconds:g} s and moves {moved}; it is not stored on the board")
         playback = Playback()
         interruption.state = f"{name} may have been begun; `servolink stop` stops the servos"
-        async with stopped_by_interruption(board, interruption, f"{name} was begun", f"{name} was ended"):
-            with _keys(playback), _drawn(playback):
+        stopping = stopped_by_interruption(board, interruption, f"{name} was begun", f"{name} was ended")
+        async with stopping, _drawn(playback):
+            with _keys(playback):
                 await board.play(project, chosen, playback=playback)
         interruption.state = f"{name} is over"
         if args.json:
@@ -306,8 +297,8 @@ def key_handler(playback: Playback, end: Callable[[], object]) -> Callable[[str]
     return typed
 
 
-@contextmanager
-def _drawn(playback: Playback) -> Iterator[None]:
+@asynccontextmanager
+async def _drawn(playback: Playback) -> AsyncIterator[None]:
     """Show the progress on standard error, if standard error is a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield
@@ -323,11 +314,10 @@ def _drawn(playback: Playback) -> Iterator[None]:
             seconds, total = playback.seconds, playback.total_seconds
             bar.update(shown, description=state_of(playback), completed=seconds, total=total, refresh=True)
 
-        drawing = asyncio.create_task(_repeated(draw))
         try:
-            yield
+            async with redrawn(draw, _PAUSE):
+                yield
         finally:
-            drawing.cancel()
             draw()
 
 
@@ -338,9 +328,3 @@ def state_of(playback: Playback) -> str:
     if playback.seconds >= playback.total_seconds:
         return "played"
     return "paused" if playback.is_paused else "playing"
-
-
-async def _repeated(draw: Callable[[], None]) -> None:
-    while True:
-        draw()
-        await asyncio.sleep(_PAUSE)

@@ -18,12 +18,12 @@ from servolink.cli.screen.output import (
     Table,
     console,
     counted,
-    cut,
     is_terminal,
     print_error,
     print_json,
     print_table,
     print_text,
+    sized,
     text_width,
 )
 from servolink.cli.usage import usage_error
@@ -178,7 +178,7 @@ def _head(recording: Recording) -> Iterator[tuple[str, str]]:
 
 def _print_line(line: StoryRow) -> None:
     """Print a line of the story, on a terminal in as many lines as its width needs."""
-    head = f"{line.seconds:10.3f}  {_sized(line.who)}  "
+    head = f"{line.seconds:10.3f}  {sized(escape(line.who), _WHO)}  "
     text, style = escape(line.text), "bold red" if line.is_problem else ""
     if not is_terminal():
         print_text(head + text)
@@ -189,11 +189,6 @@ def _print_line(line: StoryRow) -> None:
     for part in Text(text).wrap(terminal, max(20, terminal.width - text_width(head))):
         print_text(head + part.plain.rstrip(), style)
         head = " " * text_width(head)
-
-
-def _sized(who: str) -> str:
-    who = cut(escape(who), _WHO)
-    return who + " " * (_WHO - text_width(who))
 
 
 def _print_summary(summary: Summary) -> None:

@@ -58,29 +58,43 @@ async def staying_line(status: Callable[[int], tuple[bool, str]]) -> AsyncIterat
             latest = text
             displayed.print(Text(escape(text), style))
 
-    async def draw() -> None:
-        with suppress(OSError):  # closed terminal, with SIGHUP soon to arrive
-            while True:
-                is_fine, line = status(displayed.width)
-                live.update(Text(line, "bold" if is_fine else "bold red"), refresh=True)
-                await asyncio.sleep(_EVERY)
+    def draw() -> None:
+        is_fine, line = status(displayed.width)
+        live.update(Text(line, "bold" if is_fine else "bold red"), refresh=True)
 
     with cleanup(displayed.show_cursor), live:
-        drawing = asyncio.create_task(draw())
-        try:
+        async with redrawn(draw, _EVERY):
             yield show
-        finally:
-            drawing.cancel()
-            with suppress(asyncio.CancelledError):
-                await drawing
+
+
+@asynccontextmanager
+async def redrawn(draw: Callable[[], None], every: float) -> AsyncIterator[None]:
+    """Call `draw` in this context, again after `every` seconds each time."""
+
+    async def repeat() -> None:
+        with suppress(OSError):  # closed terminal, with SIGHUP soon to arrive
+            while True:
+                draw()
+                await asyncio.sleep(every)
+
+    drawing = asyncio.create_task(repeat())
+    try:
+        yield
+    finally:
+        drawing.cancel()
+        with suppress(asyncio.CancelledError):
+            await drawing
 
 
 @contextmanager
-def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0) -> Iterator[Draw]:
+def live_bars(servo_ids: Container[int] = range(256), seconds: float = 0.0, *, shown: bool = True) -> Iterator[Draw]:
     """Yield a function that draws the servos, or the servos in `servo_ids`, as bars; the last bars stay visible.
 
-    Below them is the time, as a bar too if it is known that it takes `seconds`.
+    Below them is the time, as a bar too if it is known that it takes `seconds`. Unless `shown`, nothing is drawn.
     """
+    if not shown:
+        yield lambda elapsed, servos: None
+        return
     from rich.live import Live
 
     displayed = console()

@@ -298,6 +298,15 @@ def text_width(text: str) -> int:
 
 def cut(text: str, width: int) -> str:
     """Return as much of `text` as fits into `width` columns."""
-    while text_width(text) > width:
-        text = text[:-1]
+    left = width
+    for at, character in enumerate(text):
+        left -= text_width(character)
+        if left < 0:
+            return text[:at]
     return text
+
+
+def sized(text: str, width: int) -> str:
+    """Return `text` in exactly `width` columns, cut or padded."""
+    text = cut(text, width)
+    return text + " " * (width - text_width(text))

@@ -9,7 +9,7 @@ from itertools import islice
 from textwrap import wrap
 
 from servolink.cli.screen.live import Line
-from servolink.cli.screen.output import angle_text
+from servolink.cli.screen.output import angle_text, cut, sized, text_width
 from servolink.client.alarms import Alarm, RaisedAlarm
 from servolink.client.board_servos import Servo
 from servolink.client.button_events import ButtonEvent
@@ -104,7 +104,7 @@ def picture_of_servos(
         foot.insert(0, (left, "dim"))
     table = _ServoTable(watched, width, blocks=blocks)
     lines = [*head, (table.header, "bold"), *map(table.line, servos[:room]), *foot]
-    return [(_cut(text, width), style) for text, style in lines[:height]]
+    return [(cut(text, width), style) for text, style in lines[:height]]
 
 
 LEGEND = f"bars: ±{SCALE[1]:g}° or the servo's limits; numbers are raw"
@@ -142,7 +142,7 @@ class _ServoTable:
         """Divide `width` columns."""
         self._watched = watched
         self._full, self._zero, self._empty = "█│·" if blocks else "#|."
-        label = max((_width(self._label(servo)) for servo in watched.servos), default=0)
+        label = max((text_width(self._label(servo)) for servo in watched.servos), default=0)
         room = width - _COLUMNS
         self._label_width = max(_LEAST_LABEL, min(label, _WIDEST_LABEL, room - _GOOD_BAR))
         bar = min(_WIDEST_BAR, (room - self._label_width - 1) // 2 * 2 + 1)  # odd: 0 is in the middle
@@ -174,7 +174,7 @@ class _ServoTable:
 
     def _row(self, label: str, angle: str, bar: str, current: str, temperature: str, state: str) -> str:
         drawn = f"{bar:{self._bar_width}}  " if self._bar_width else ""
-        named = f"{_sized(label, self._label_width)} {angle:>{self._angle_width}}"
+        named = f"{sized(label, self._label_width)} {angle:>{self._angle_width}}"
         return f"{named}  {drawn}{current:>7}  {temperature:>5}  {state:8}"
 
     def _label(self, servo: Servo) -> str:
@@ -202,20 +202,3 @@ class _ServoTable:
         elif angle > high:
             cells[last] = ">"
         return "".join(cells)
-
-
-def _width(text: str) -> int:
-    from rich.cells import cell_len
-
-    return cell_len(text)
-
-
-def _sized(text: str, width: int) -> str:
-    """Return `text` in exactly `width` columns."""
-    from rich.cells import set_cell_size
-
-    return set_cell_size(text, width)
-
-
-def _cut(text: str, width: int) -> str:
-    return text if _width(text) <= width else _sized(text, width)

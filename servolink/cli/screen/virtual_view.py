@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, suppress
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
 
-from servolink.cli.screen.live import Line, pictures
+from servolink.cli.screen.live import Line, pictures, redrawn
 from servolink.cli.screen.output import counted
 from servolink.cli.screen.servo_picture import LEGEND, Watched, picture_of_servos, wrapped
 from servolink.client.board_servos import Servo
@@ -24,23 +24,14 @@ _EVERY = 0.1  # seconds
 async def shown(board: VirtualBoard, urls: list[str]) -> AsyncIterator[None]:
     """Show `board`, which is served at `urls`, on the terminal."""
     with pictures(lambda width, height, blocks: picture(board, urls, (width, height), blocks=blocks)) as draw:
-        drawing = asyncio.create_task(_draw(board, draw))
-        try:
-            yield
-        finally:
-            drawing.cancel()
-            with suppress(asyncio.CancelledError):
-                await drawing
+        loop = asyncio.get_running_loop()
 
-
-async def _draw(board: VirtualBoard, draw: Callable[[], None]) -> None:
-    """Draw now and then."""
-    loop = asyncio.get_running_loop()
-    with suppress(OSError):  # closed terminal, with SIGHUP soon to arrive
-        while True:
+        def advance() -> None:
             board.advance(loop.time())
             draw()
-            await asyncio.sleep(_EVERY)
+
+        async with redrawn(advance, _EVERY):
+            yield
 
 
 def picture(board: VirtualBoard, urls: list[str], size: tuple[int, int], *, blocks: bool) -> list[Line]:
