@@ -14,7 +14,7 @@ from servolink.cli.command import Run
 from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
 from servolink.cli.screen.terminal import can_ask, confirm, end_process
 from servolink.cli.usage import usage_error
-from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RecordingError, RequestTimeout, ServolinkError
 from servolink.platforms.signals import handled
 from servolink.script import INTERRUPTED, NO_BOARD, OK
 
@@ -66,10 +66,13 @@ class Interruption:
         end_process(self.code)
 
 
-def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED) -> int:
+def run_interruptible(
+    main: Callable[[Interruption], Awaitable[int]], state: str = _UNMOVED, *, usage: argparse.Namespace | None = None
+) -> int:
     """Run `main` until `main` returns the exit code, or until Ctrl-C, SIGTERM or a closed terminal.
 
-    The first signal cancels `main`, a second one ends the process at once.
+    The first signal cancels `main`, a second one ends the process at once. With the arguments of the command in
+    `usage`, a ValueError is wrong usage.
     """
     interruption = Interruption(state)
 
@@ -88,6 +91,10 @@ def run_interruptible(main: Callable[[Interruption], Awaitable[int]], state: str
         if lost := lost_output(error):
             raise ServolinkError(f"{lost}; {interruption.state}") from error
         raise
+    except ValueError as error:
+        if usage is None or isinstance(error, RecordingError):
+            raise
+        usage_error(usage, str(error))
 
 
 def run_with_board(

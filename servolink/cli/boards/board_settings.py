@@ -22,7 +22,7 @@ from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+    from servolink.project.transfer.results import Plan
 
 _DUMMY = bytes(range(16))
 
@@ -125,17 +125,10 @@ def run_clear(args: argparse.Namespace) -> int:
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        async def plan(on_progress: ProgressCallback) -> Plan:
-            return await board.plan_project(Project(), replace=True, on_progress=on_progress)
-
-        async def work(on_progress: ProgressCallback) -> ApplyResult:
-            backup = not args.no_backup
-            return await board.apply_project(Project(), replace=True, backup=backup, on_progress=on_progress)
-
         way_out = "without a backup nothing can undo it" if args.no_backup else "`servolink rollback` undoes it"
         ways_out = f"the same command finishes it; {way_out}"
         clearing = BoardImport(args, board, interruption, ways_out, show=show_changes, ask=_question)
-        return await clearing.run(plan, work)
+        return await clearing.apply(Project(), replace=True, backup=not args.no_backup)
 
     return run_with_board(args, talk, state=UNTOUCHED)
 
@@ -160,10 +153,7 @@ def run_dummy(args: argparse.Namespace) -> int:
     async def talk(board: Board, interruption: Interruption) -> int:
         await board.send_dummy_data(data)
         await board.servo_ids()  # proves that the bytes have left and the board still answers
-        if args.json:
-            print_json({"bytes": len(data)})
-        else:
-            print_text(f"{counted(len(data), 'byte')} sent; the board ignored them")
+        print_result(args, {"bytes": len(data)}, f"{counted(len(data), 'byte')} sent; the board ignored them")
         return OK
 
     return run_with_board(args, talk, state=UNTOUCHED)

@@ -18,7 +18,7 @@ from servolink.cli.command_session import (
     refuse_unasked,
     run_interruptible,
 )
-from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text, table_of
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
@@ -99,7 +99,7 @@ def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[
 
 def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: Sequence[ProbeResult]) -> Table:
     """Return a row for each device, without empty columns."""
-    columns: dict[str, list[str]] = {
+    columns = {
         "address": [device.url for device in devices],
         "name": [names.get(device.url, "") for device in devices],
         "product": [": ".join(filter(None, (device.product, device.shares))) for device in devices],
@@ -109,8 +109,7 @@ def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: S
             device.problem if result is None else result.problem for device, result in zip_longest(devices, responses)
         ],
     }
-    shown = {name: cells for name, cells in columns.items() if any(cells)}
-    return Table(list(shown), list(zip(*shown.values(), strict=True)))
+    return table_of(columns)
 
 
 def _response(result: ProbeResult) -> str:

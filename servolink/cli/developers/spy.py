@@ -20,6 +20,7 @@ from servolink.cli.screen.output import (
     is_terminal,
     print_error,
     print_json,
+    print_result,
     print_table,
     print_text,
     text_width,
@@ -113,7 +114,7 @@ async def _spy(args: argparse.Namespace) -> int:
                 await relay.open()
                 is_open = True
                 url = await stack.enter_async_context(_program_side(args, relay, board))
-                _print_place(url, as_json=args.json)
+                _print_place(args, url)
                 error = await _until(stop, relay)
         finally:
             await asyncio.to_thread(watcher.end, _PATIENCE)
@@ -215,11 +216,8 @@ async def _report(
         print_text(summary(status, is_ring=False))
 
 
-def _print_place(url: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json({"listening": url})
-    else:
-        print_text(f"listening {url}")
+def _print_place(args: argparse.Namespace, url: str) -> None:
+    print_result(args, {"listening": url}, f"listening {url}")
     if url.startswith("tcp://"):
         from servolink.listeners.tcp import reached_by
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import os
 import signal
 import sys
@@ -16,7 +15,7 @@ from typing import Any
 from servolink.cli.arguments import listening, whole_number
 from servolink.cli.command import DEVELOPERS, Command, Option, flag, group, option
 from servolink.cli.screen.live import can_draw
-from servolink.cli.screen.output import print_error
+from servolink.cli.screen.output import print_error, print_result
 from servolink.cli.screen.terminal import single_keys
 from servolink.cli.usage import usage_error
 from servolink.discovery.announcements import announced
@@ -134,7 +133,7 @@ async def _serve(board: VirtualBoard, args: argparse.Namespace, file: StateFile 
     async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
         with _announced(urls, board), _playing(board, args.script), _keyboard(board):
             for url in urls:
-                print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
+                print_result(args, {"listening": url}, f"listening {url}")
             async with _shown(board, urls) if not args.json and can_draw() else nullcontext():
                 await stop.wait()
 

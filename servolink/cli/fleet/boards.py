@@ -10,7 +10,7 @@ from servolink.cli.arguments import not_empty
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, interruptible, refuse_without_answer, run_interruptible
 from servolink.cli.fleet.broker_options import BROKER, NOBODY, fleet_of
-from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text, table_of
 from servolink.errors import OpenError
 from servolink.script import FAILED, NO_BOARD, OK
 
@@ -33,7 +33,7 @@ async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     if args.json:
         print_json({"boards": [described(seen) for seen in boards]})
     elif boards:
-        print_table(table_of(boards))
+        print_table(boards_table(boards))
         for text in problems_of(boards):
             print_text(text, "yellow")
     if any(seen.is_online for seen in boards):
@@ -66,7 +66,7 @@ def battery_of(seen: BoardSeen) -> str:
     return "" if percent is None else f"{percent:g} %"
 
 
-def table_of(boards: Sequence[BoardSeen]) -> Table:
+def boards_table(boards: Sequence[BoardSeen]) -> Table:
     """Return a row for each board, without empty columns."""
     nows = [seen.now for seen in boards]
     columns: dict[str, list[object]] = {
@@ -79,8 +79,7 @@ def table_of(boards: Sequence[BoardSeen]) -> Table:
         "version": [now and now.version for now in nows],
         "machine": [now and now.host for now in nows],
     }
-    shown = {name: cells for name, cells in columns.items() if any(cells)}
-    return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
+    return table_of(columns)
 
 
 def problems_of(boards: Iterable[BoardSeen]) -> list[str]:

@@ -7,6 +7,7 @@ import asyncio
 import gc
 import os
 from contextlib import AsyncExitStack
+from functools import partial
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import board_name, file_path, not_empty, number, timeout
@@ -14,7 +15,7 @@ from servolink.cli.command import Command, flag, group, option
 from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, access_of
 from servolink.cli.screen.live import can_draw, staying_line
-from servolink.cli.screen.output import counted, cut, print_error, print_json, print_text
+from servolink.cli.screen.output import counted, cut, print_error, print_result
 from servolink.cli.usage import named_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
 from servolink.escaping import escape
@@ -65,17 +66,9 @@ def run(args: argparse.Namespace) -> int:
     broker = args.broker or os.environ.get(BROKER_VARIABLE)
     if not broker:
         usage_error(args, f"which broker? Name one, as in mqtt://teacher.local, or set {BROKER_VARIABLE}")
-
     if (args.numbers or args.discovery_prefix) and not args.home_assistant:
         usage_error(args, "--numbers and --discovery-prefix belong to --home-assistant")
-
-    async def main(interruption: Interruption) -> int:
-        return await _join(args, broker, interruption)
-
-    try:
-        return run_interruptible(main, "nothing was sent to the boards")
-    except ValueError as error:
-        usage_error(args, str(error))
+    return run_interruptible(partial(_join, args, broker), "nothing was sent to the boards", usage=args)
 
 
 async def _join(args: argparse.Namespace, broker: str, interruption: Interruption) -> int:
@@ -107,7 +100,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
             fleet.on_line = lambda level, text: None if level == "info" else print_error(f"servolink: {text}")
 
         def joined() -> None:
-            _print_joined(fleet, members, str(access.address), topics.prefix, as_json=args.json)
+            _print_joined(args, fleet, members, str(access.address), topics.prefix)
             gc.freeze()  # examining earlier objects takes longer than starting the boards
 
         following = Tasks()
@@ -117,15 +110,16 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     return OK
 
 
-def _print_joined(fleet: LocalFleet, members: list[LocalBoard], broker: str, prefix: str, *, as_json: bool) -> None:
+def _print_joined(
+    args: argparse.Namespace, fleet: LocalFleet, members: list[LocalBoard], broker: str, prefix: str
+) -> None:
     for (hub, name), bridge in zip(members, fleet.bridges, strict=True):
         allow = bridge.telemetry.now.allow
-        if as_json:
-            print_json(
-                {"joined": name, "hub": f"share://{hub}", "broker": broker, "topic": f"{prefix}/{name}", "allow": allow}
-            )
-        else:
-            print_text(f"joined {name} (share://{hub}) at {broker} as {prefix}/{name}: {_ALLOWED[allow]}")
+        print_result(
+            args,
+            {"joined": name, "hub": f"share://{hub}", "broker": broker, "topic": f"{prefix}/{name}", "allow": allow},
+            f"joined {name} (share://{hub}) at {broker} as {prefix}/{name}: {_ALLOWED[allow]}",
+        )
 
 
 _ALLOWED = {

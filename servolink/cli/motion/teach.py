@@ -23,7 +23,7 @@ from servolink.cli.motion.move import check_can_release, chosen_servos, may_rele
 from servolink.cli.motion.run import name_of_run, play, read_run, start_run
 from servolink.cli.motion.servo_output import are, listed, reported
 from servolink.cli.motion.teach_session import CaptureSession, ReleasedServos
-from servolink.cli.screen.output import counted, is_terminal, print_error, print_json, print_result, print_text
+from servolink.cli.screen.output import counted, is_terminal, print_error, print_result, print_text
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
@@ -108,10 +108,11 @@ def run(args: argparse.Namespace) -> int:
             print_text("no pose was recorded; nothing is written")
             return FAILED
         where = await _write(board, lesson, args.file)
-        if args.json:
-            print_json({"name": args.name, "poses": len(lesson.poses), "written": where})
-        else:
-            print_text(f"'{args.name}' with {counted(len(lesson.poses), 'pose')} is written: {where}")
+        print_result(
+            args,
+            {"name": args.name, "poses": len(lesson.poses), "written": where},
+            f"'{args.name}' with {counted(len(lesson.poses), 'pose')} is written: {where}",
+        )
         if args.file is None:
             await play_lesson(board, interruption, args, lesson)
         return OK

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, option
@@ -17,6 +17,7 @@ from servolink.cli.screen.terminal import confirm
 from servolink.client.board import Board
 from servolink.errors import ProjectError, ServolinkError
 from servolink.escaping import escape
+from servolink.project.model import Project
 from servolink.project.project_file import read_project_file
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.importing import backup_for
@@ -47,20 +48,13 @@ def _apply(args: argparse.Namespace) -> int:
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        async def plan(on_progress: ProgressCallback) -> Plan:
-            return await board.plan_project(project, replace=args.replace, unchecked=unchecked, on_progress=on_progress)
-
-        async def work(on_progress: ProgressCallback) -> ApplyResult:
-            return await board.apply_project(
-                project, replace=args.replace, backup=not args.no_backup, unchecked=unchecked, on_progress=on_progress
-            )
-
         ways_out = (
             "the same command finishes it; without a backup nothing can undo it"
             if args.no_backup
             else "nothing is lost: the same command finishes it, `servolink rollback` undoes it"
         )
-        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
+        importing = BoardImport(args, board, interruption, ways_out)
+        return await importing.apply(project, replace=args.replace, unchecked=unchecked, backup=not args.no_backup)
 
     return run_with_board(args, talk, state=UNTOUCHED)
 
@@ -89,14 +83,11 @@ def _roll_back(args: argparse.Namespace) -> int:
         if not args.json:
             print_text(f"from {path}")
 
-        async def plan(on_progress: ProgressCallback) -> Plan:
-            return await board.plan_project(project, unchecked=True, on_progress=on_progress)
-
-        async def work(on_progress: ProgressCallback) -> ApplyResult:
-            return await board.rollback_project(path, on_progress=on_progress)
-
-        ways_out = "nothing is lost: the same command finishes it"
-        return await BoardImport(args, board, interruption, ways_out).run(plan, work)
+        importing = BoardImport(args, board, interruption, "nothing is lost: the same command finishes it")
+        return await importing.run(
+            lambda show: board.plan_project(project, unchecked=True, on_progress=show),
+            lambda show: board.rollback_project(path, on_progress=show),
+        )
 
     return run_with_board(args, talk, state=UNTOUCHED)
 
@@ -124,6 +115,14 @@ class BoardImport:
         self._ways_out = ways_out
         self._show = show
         self._ask = ask or question
+
+    async def apply(self, project: Project, *, replace: bool, unchecked: bool = False, backup: bool = True) -> int:
+        """Make the board hold `project`, after a yes (see `run`)."""
+        options: dict[str, Any] = {"replace": replace, "unchecked": unchecked}
+        return await self.run(
+            lambda show: self._board.plan_project(project, **options, on_progress=show),
+            lambda show: self._board.apply_project(project, **options, backup=backup, on_progress=show),
+        )
 
     async def run(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+from functools import partial
 from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
@@ -11,8 +12,7 @@ from servolink.cli.command import RECORDINGS, Command, flag, option
 from servolink.cli.command_session import ENDLESS, Interruption, choose_board, run_interruptible
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
-from servolink.cli.usage import usage_error
-from servolink.errors import RecordingError, ServolinkError
+from servolink.errors import ServolinkError
 from servolink.platforms.signals import SAVING, handled
 from servolink.script import OK
 
@@ -73,16 +73,7 @@ def run(args: argparse.Namespace) -> int:
     """Record until the time is over, until `q` is pressed or until Ctrl-C; or mend a file."""
     if args.repair:
         return _repair(args)
-
-    async def main(interruption: Interruption) -> int:
-        return await _record(args, interruption)
-
-    try:
-        return run_interruptible(main, "nothing was recorded")
-    except RecordingError:
-        raise
-    except ValueError as error:
-        usage_error(args, str(error))
+    return run_interruptible(partial(_record, args), "nothing was recorded", usage=args)
 
 
 def _repair(args: argparse.Namespace) -> int:

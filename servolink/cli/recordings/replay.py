@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AsyncExitStack, contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from servolink.cli.arguments import listening, not_empty, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.live import Line, can_draw, pictures
-from servolink.cli.screen.output import Table, counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
 from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.usage import usage_error
@@ -93,7 +92,7 @@ def _serve(args: argparse.Namespace) -> int:
                 served = serve_network(connect, *host_and_port(tcp), begins_with=MAGIC)
                 urls.append(await stack.enter_async_context(served))
             for url in urls:
-                print(json.dumps({"listening": url}) if args.json else f"listening {url}", flush=True)
+                print_result(args, {"listening": url}, f"listening {url}")
             await asyncio.Event().wait()
         return OK
 

@@ -11,7 +11,7 @@ import json
 import os
 import sys
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -142,6 +142,12 @@ class Table:
     """Their names; empty for facts, with a name and a value in each row."""
     rows: Sequence[Sequence[object]]
     title: str = ""
+
+
+def table_of(columns: Mapping[str, Sequence[object]], always: Collection[str] = ()) -> Table:
+    """Return a table of columns by name, without columns that are empty, unless in `always`."""
+    shown = {name: cells for name, cells in columns.items() if name in always or any(cells)}
+    return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
 
 
 def print_json(described: dict[str, Any]) -> None:

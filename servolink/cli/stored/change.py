@@ -27,7 +27,7 @@ from servolink.project.model import Project
 from servolink.project.naming import Named, id_or_caption, listed
 from servolink.project.record_lookup import by_servo
 from servolink.project.transfer.import_plan import compare
-from servolink.project.transfer.results import ApplyResult, Change, Plan, ProgressCallback
+from servolink.project.transfer.results import Change, Plan, ProgressCallback
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
 from servolink.protocol.records import ServoParameter
 
@@ -76,10 +76,9 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
             raise ProjectError(f"{board.url}: another program is changing the board; {UNTOUCHED}; try again")
         return found
 
-    async def work(on_progress: ProgressCallback) -> ApplyResult:
-        return await board.apply_project(after, unchecked=True, on_progress=on_progress)
-
-    return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(plan, work)
+    return await BoardImport(args, board, interruption, _WAY_OUT, show=show_changes).run(
+        plan, lambda show: board.apply_project(after, unchecked=True, on_progress=show)
+    )
 
 
 def _hidden_captions(before: Project, after: Project) -> Iterator[str]:

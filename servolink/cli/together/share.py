@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 from contextlib import AsyncExitStack
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -12,7 +13,7 @@ import msgspec
 from servolink.cli.arguments import board_name, listening, number
 from servolink.cli.command import TOGETHER, Command, flag, group, one_of, option
 from servolink.cli.command_session import Interruption, choose_board, interruptible, run_interruptible
-from servolink.cli.screen.output import counted, print_error, print_json, print_table, print_text
+from servolink.cli.screen.output import counted, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.together.share_view import facts, in_the_log, on_terminal, programs
 from servolink.cli.usage import usage_error
 from servolink.control.channel import RpcChannel, open_channel
@@ -68,14 +69,7 @@ def run(args: argparse.Namespace) -> int:
         return talk_to_hub(args)
 
     args.url = choose_board(args)
-
-    async def main(interruption: Interruption) -> int:
-        return await _share(args, interruption)
-
-    try:
-        return run_interruptible(main, "nothing was sent to the board")
-    except ValueError as error:
-        usage_error(args, str(error))
+    return run_interruptible(partial(_share, args), "nothing was sent to the board", usage=args)
 
 
 async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
@@ -100,7 +94,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         hub, urls = await stack.enter_async_context(served)
         interruption.state, interruption.code = "the board was left unchanged", OK
         watch_url = urls[1 + (args.tcp is not None)] if args.watch_tcp is not None else ""
-        _print_doors(urls, watch_url, as_json=args.json)
+        _print_doors(args, urls, watch_url)
         if not args.json and can_draw():
             show = await stack.enter_async_context(on_terminal(hub.status))
         else:
@@ -114,15 +108,12 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
     return OK
 
 
-def _print_doors(urls: list[str], watch_url: str, *, as_json: bool) -> None:
+def _print_doors(args: argparse.Namespace, urls: list[str], watch_url: str) -> None:
     """Print the addresses, and the machines that can reach TCP addresses; programs at `watch_url` may only read."""
     from servolink.listeners.tcp import reached_by
 
     for url in urls:
-        if as_json:
-            print_json({"listening": url})
-        else:
-            print_text(f"listening {url}")
+        print_result(args, {"listening": url}, f"listening {url}")
     for url in urls:
         if url.startswith("tcp://"):
             what = ", but only for reading" if url == watch_url else ""
@@ -143,11 +134,11 @@ async def talk_to_hub(args: argparse.Namespace, interruption: Interruption) -> i
     channel, welcome = await open_channel(name, Greeting(wants="rpc", who=this_program(), role=role))
     try:
         if args.take:
-            await _take(channel, name, as_json=args.json)
+            await _take(args, channel, name)
         elif args.give:
-            await _give(channel, name, as_json=args.json)
+            await _give(args, channel, name)
         else:
-            await _show(channel, welcome.session, as_json=args.json)
+            await _show(args, channel, welcome.session)
     finally:
         await channel.close()
     return OK
@@ -177,11 +168,11 @@ async def _call(channel: RpcChannel, method: str, kind: type[Any], **params: Any
     return msgspec.json.decode(await channel.call(method, timeout=_LIMIT, **params), type=kind)
 
 
-async def _show(channel: RpcChannel, session: str, *, as_json: bool) -> None:
+async def _show(args: argparse.Namespace, channel: RpcChannel, session: str) -> None:
     status: HubStatus = await _call(channel, "status", HubStatus)
     others = tuple(program for program in status.programs if program.session != session)
     status = msgspec.structs.replace(status, programs=others)
-    if as_json:
+    if args.json:
         print_json(msgspec.to_builtins(status))
         return
     print_table(facts(status))
@@ -192,28 +183,24 @@ async def _show(channel: RpcChannel, session: str, *, as_json: bool) -> None:
         print_text("no program is connected")
 
 
-async def _take(channel: RpcChannel, name: str, *, as_json: bool) -> None:
+async def _take(args: argparse.Namespace, channel: RpcChannel, name: str) -> None:
     """Take the lease over and end the lease at once, so that the next command can have the lease."""
     before = (await _call(channel, "status", HubStatus)).lease
     if before is not None:
         await _call(channel, "lease.take", LeaseNow, force=True)
-    if as_json:
-        print_json({"taken_from": before and before.who})
-    elif before is None:
-        print_text("nobody has the lease: any program may move the servos")
-    else:
-        print_text(
+    text = "nobody has the lease: any program may move the servos"
+    if before is not None:
+        text = (
             f"{before.who} may not move the servos any more; what moves now moves on. "
             f"To let it move again: servolink share --give {name}"
         )
+    print_result(args, {"taken_from": before and before.who}, text)
 
 
-async def _give(channel: RpcChannel, name: str, *, as_json: bool) -> None:
+async def _give(args: argparse.Namespace, channel: RpcChannel, name: str) -> None:
     """Allow programs whose lease was taken to move the servos again."""
     lease = (await _call(channel, "lease.give", LeaseNow)).lease
-    if as_json:
-        print_json({"moved_by": lease and lease.who})
-    elif lease is None:
-        print_text(f"any program may move the servos of {name}")
-    else:
-        print_text(f"{lease.who} moves the servos of {name}; the others may when it is done")
+    text = f"any program may move the servos of {name}"
+    if lease is not None:
+        text = f"{lease.who} moves the servos of {name}; the others may when it is done"
+    print_result(args, {"moved_by": lease and lease.who}, text)

@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager, contextmanager
 from msgspec import Struct
 
 from servolink.cli.screen.live import staying_line
-from servolink.cli.screen.output import Table, counted, cut, print_error
+from servolink.cli.screen.output import Table, counted, cut, print_error, table_of
 from servolink.control.notifications import (
     ConnectionNow,
     HoldNotice,
@@ -125,9 +125,7 @@ def programs(status: HubStatus) -> Table:
         "refused": [each.refused for each in there],
         "garbage": [each.garbage for each in there],
     }
-    always = ("requests", "responses")
-    shown = {name: cells for name, cells in columns.items() if name in always or any(cells)}
-    return Table(tuple(shown), list(zip(*shown.values(), strict=True)))
+    return table_of(columns, always=("requests", "responses"))
 
 
 def _duration(seconds: float) -> str:

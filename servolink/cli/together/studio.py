@@ -6,11 +6,12 @@ import argparse
 import asyncio
 import re
 from contextlib import AsyncExitStack
+from functools import partial
 from ipaddress import ip_address
 
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import print_error, print_json, print_text
+from servolink.cli.screen.output import print_error, print_result
 from servolink.cli.usage import refuse_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
 from servolink.script import OK
@@ -88,14 +89,7 @@ def run(args: argparse.Namespace) -> int:
             f"--host {args.host} opens the studio to the network: say under which names it is reached, as in "
             "--allow-host robot.local, or leave --host out",
         )
-
-    async def main(interruption: Interruption) -> int:
-        return await _serve(args, interruption)
-
-    try:
-        return run_interruptible(main, "nothing was sent to the board")
-    except ValueError as error:
-        usage_error(args, str(error))
+    return run_interruptible(partial(_serve, args), "nothing was sent to the board", usage=args)
 
 
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
@@ -113,20 +107,14 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
         interruption.state, interruption.code = "the board was left unchanged", OK
         address = f"{gate.address}/#token={gate.new_token('edit')}"
-        _print("studio", address, as_json=args.json)
+        print_result(args, {"studio": address}, f"studio {address}")
         if args.allow_host:
             print_error(f"servolink: {_NOT_ENCRYPTED}")
             studio.links = Links(gate, port, tuple(args.allow_host))
             for link in studio.links.addresses():
-                _print("drive" if link.role == "edit" else "watch", link.address, as_json=args.json)
+                what = "drive" if link.role == "edit" else "watch"
+                print_result(args, {what: link.address}, f"{what} {link.address}")
         if not args.no_browser:
             stack.enter_context(opened_in_browser(address))
         await asyncio.Event().wait()
     return OK
-
-
-def _print(name: str, address: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json({name: address})
-    else:
-        print_text(f"{name} {address}")
