@@ -115,7 +115,6 @@ class RequestError(ServolinkError):
     """A request failed; `request` is the packet."""
 
     def __init__(self, text: str, request: Any = None) -> None:
-        """Store `request`, the packet."""
         super().__init__(text)
         self.request = request
 

@@ -13,7 +13,6 @@ class Tasks:
     """Set of background tasks. References are kept here: the event loop keeps weak references only."""
 
     def __init__(self) -> None:
-        """Start with no tasks, in the running event loop."""
         self._loop = asyncio.get_running_loop()
         self._under_way = set[asyncio.Task[Any]]()
 

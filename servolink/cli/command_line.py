@@ -70,7 +70,6 @@ class Parser(argparse.ArgumentParser):
     """Parser of a command; the command without a name is the whole command line."""
 
     def __init__(self, command: Command) -> None:
-        """Take the declaration."""
         self.declaration = command
         self.subcommands = below(command.name)
         super().__init__(

@@ -21,7 +21,6 @@ class WrongUsage(SystemExit):
     """End of the process for wrong usage; `servolink.cli.main` prints the cause."""
 
     def __init__(self, parser: argparse.ArgumentParser, text: str) -> None:
-        """Store the parser of the command, for its usage, and the cause as text."""
         super().__init__(USAGE)
         self._parser = parser
         self._text = text

@@ -109,7 +109,6 @@ class AlarmWatch:
     """Compares readings with alarms, and keeps since when values are bad."""
 
     def __init__(self, alarms: Iterable[Alarm]) -> None:
-        """Start without a reading."""
         self._alarms = checked_alarms(alarms)
         self._bad_since: dict[tuple[Alarm, int], float] = {}
         self._raised: set[tuple[Alarm, int]] = set()

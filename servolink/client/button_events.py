@@ -25,7 +25,6 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
     """Subscription on the board while there are readers; each reader gets every event."""
 
     def __init__(self, session: Session) -> None:
-        """Start without readers, not subscribed."""
         super().__init__(session.loop)
         self._readers: set[Reader[ButtonEvent]] = set()
         self._subscribed: bool | None = False

@@ -34,7 +34,6 @@ class HubLink:
     """Takes the lease before a motion, for a refusal with a reason, and waits during exclusive use by others."""
 
     def __init__(self, connection: Connection, welcome: Welcome) -> None:
-        """Use `open_link`."""
         self._connection = connection
         self._welcome = welcome
         self._has_lease = False

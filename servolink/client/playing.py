@@ -34,7 +34,6 @@ class Playback:
     """Pause, continuation and progress of `Board.play`. Safe for use from any thread."""
 
     def __init__(self) -> None:
-        """Start unpaused."""
         self.is_paused = False
         """Whether no further step begins; servos still finish a begun step."""
         self.seconds = 0.0

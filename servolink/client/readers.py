@@ -55,7 +55,6 @@ class Source(ABC, Generic[ReaderT]):
     """Source of items for readers."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Give items in `loop`."""
         self._loop = loop
 
     @abstractmethod
@@ -80,7 +79,6 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
     """Iterator over a source; `async with`, or simply `async for`, joins and leaves."""
 
     def __init__(self, source: Source[ReaderT]) -> None:
-        """Join `source` when the first item is asked for."""
         self._joined = False
         self._source = source
         self._reader = self._new_reader()

@@ -79,7 +79,6 @@ class ServoWatch(Source[_RatedReader]):
     """
 
     def __init__(self, session: Session, servos: ServoController) -> None:
-        """Start without readers."""
         super().__init__(session.loop)
         self._session = session
         self._servos = servos

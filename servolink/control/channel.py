@@ -51,7 +51,6 @@ class PendingCalls(Generic[K, T]):
     """Pending calls by id, until response, cancellation or the end of the connection."""
 
     def __init__(self) -> None:
-        """Start without any."""
         self._futures: dict[K, asyncio.Future[T]] = {}
 
     @contextmanager
@@ -81,7 +80,6 @@ class RpcChannel(asyncio.Protocol):
     """Calls methods of a hub and hears its notifications."""
 
     def __init__(self, name: str) -> None:
-        """Use `open_channel`."""
         self.ended: ConnectionLost | None = None
         """Reason for the end of the connection; None while it lives."""
         self.on_notification: Callable[[str, Raw], None] | None = None

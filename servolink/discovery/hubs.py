@@ -33,7 +33,6 @@ class HubClaim:
     """Claim to the name of a hub, released at the end of its context."""
 
     def __init__(self, name: str, folder: Path, file: BinaryIO) -> None:
-        """Use `claim_hub`."""
         self.name = name
         self.folder = folder
         """Folder where only the user can create files."""

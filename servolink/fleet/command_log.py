@@ -51,7 +51,6 @@ class CommandLog:
     """Log file with the commands of a board."""
 
     def __init__(self, path: Path) -> None:
-        """Use `opened_command_log`."""
         self._path = path
         self._entries: dict[str, LogEntry] = {}
         self._buffer: list[tuple[str, bytes]] = []

@@ -18,7 +18,6 @@ class Outcomes(Generic[T]):
     """Outcomes of the work on each board."""
 
     def __init__(self) -> None:
-        """Start without outcomes."""
         self.done: dict[str, T] = {}
         """Results by board, in the order in which the work ended."""
         self.failed: dict[str, ServolinkError] = {}

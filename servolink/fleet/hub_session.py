@@ -100,7 +100,6 @@ class HubError(ServolinkError):
     """Error of the hub, passed on unchanged."""
 
     def __init__(self, told: ErrorObject) -> None:
-        """Keep what it tells."""
         super().__init__(told.message)
         self.told = told
 

@@ -72,7 +72,6 @@ class PulseLink:
     """Connection on which the words of a pulse come back."""
 
     def __init__(self, pulse: Pulse) -> None:
-        """Listen to `pulse`."""
         self._pulse = pulse
         self._newest = float("-inf")
 
@@ -102,7 +101,6 @@ class StopBarrier:
     """
 
     def __init__(self, pulse: Pulse) -> None:
-        """Take words of `pulse`."""
         self.word = ""
         """Word of the latest stop: commands with this word or a later word were made after the stop."""
         self.is_up = False

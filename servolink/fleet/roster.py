@@ -89,7 +89,6 @@ class Roster:
     """All boards reported by the broker, by name."""
 
     def __init__(self) -> None:
-        """Start without boards."""
         self._boards: dict[str, BoardSeen] = {}
         self.refused = 0
         """Number of messages of boards beyond the first 5,000, and of messages beyond the size limit."""

@@ -35,7 +35,6 @@ class Urgent:
     """The connection for stops, starts and echoes."""
 
     def __init__(self, access: BrokerAccess, topics: Topics, bridges: Sequence[Bridge]) -> None:
-        """Serve the boards of `bridges`, at least one."""
         self._topics = topics
         name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
         self.broker = BrokerConnection(access, MqttOptions(name, sees_retained=False))

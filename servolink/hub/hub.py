@@ -40,7 +40,6 @@ class Hub:
     """Board shared by many programs; each program uses the board like a board of its own."""
 
     def __init__(self, board: Board, *, name: str, lease_seconds: float = SECONDS_AFTER) -> None:
-        """Use `share`, which opens and closes the hub."""
         self.board = board
         self.name = name
         self.programs: dict[str, Program] = {}

@@ -86,7 +86,6 @@ class RareWarning:
     """Warning that is logged at most once a minute, however often the cause recurs."""
 
     def __init__(self) -> None:
-        """Start with no warning logged yet."""
         self._now = asyncio.get_running_loop().time
         self._logged_at = -_WARNING_PAUSE
 

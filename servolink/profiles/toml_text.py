@@ -29,7 +29,6 @@ class TextError(ValueError):
     """Error in a text, with the line number."""
 
     def __init__(self, text: str, line: int) -> None:
-        """Store `text` and the number of the line."""
         super().__init__(text)
         self.text = text
         self.line = line

@@ -100,7 +100,6 @@ class RecordRun:
     """
 
     def __init__(self, stored: Project, record: Action | Macro, interval_unit: float = INTERVAL_UNIT) -> None:
-        """Start with the run of `record`."""
         self.stored = stored
         self.record = record
         self._interval_unit = interval_unit

@@ -24,7 +24,6 @@ class WireTap(Tap):
     """Tap that turns the passing bytes into messages."""
 
     def __init__(self, take: Take) -> None:
-        """Pass messages on to `take`."""
         self._take = take
         self._now = asyncio.get_running_loop().time
 

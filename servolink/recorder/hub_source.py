@@ -41,7 +41,6 @@ class HubSource:
     """Tap of a hub, as received by the recorder."""
 
     def __init__(self, channel: RpcChannel, welcome: Welcome, tapped: Tapping) -> None:
-        """Use `tapping` to create a source."""
         self.welcome = welcome
         self.tapped = tapped
         self.ended = asyncio.Event()

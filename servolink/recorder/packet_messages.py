@@ -24,7 +24,6 @@ class PacketStream:
     """Decoder for the bytes of both directions."""
 
     def __init__(self, codec: Codec) -> None:
-        """Start between two frames."""
         self._codec = codec
         self._parsers: dict[Direction, FrameParser] = {}
         self._heard_at: dict[Direction, float] = {}

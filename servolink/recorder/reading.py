@@ -194,7 +194,6 @@ class SelectedMessages(Generic[M]):
     """Messages of one kind in a recording, read from the file for each `for` loop and each table."""
 
     def __init__(self, recording: Recording, kind: type[M], selection: Selection) -> None:
-        """Made by `Recording.messages` only."""
         self._recording = recording
         self._kind = kind
         self._selection = selection

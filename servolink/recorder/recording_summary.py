@@ -33,7 +33,6 @@ class Requests:
     """Figures of all requests with the same packet."""
 
     def __init__(self) -> None:
-        """Start without any requests."""
         self.sent = 0
         self.unanswered = 0
         self.times = Times()
@@ -43,7 +42,6 @@ class ServoRange:
     """Ranges of the values reported by a servo."""
 
     def __init__(self, state: ServoState) -> None:
-        """Start with the first report."""
         self.caption = state.caption
         self.angles = [state.angle, state.angle]
         self.most_current = state.current_raw
@@ -61,7 +59,6 @@ class Summary:
     """Figures of all entries passed through `over`."""
 
     def __init__(self) -> None:
-        """Start without any entries."""
         self.seconds = 0.0
         self.messages: Counter[str] = Counter()
         self.requests: dict[str, Requests] = {}

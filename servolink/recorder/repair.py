@@ -80,7 +80,6 @@ class Mending:
     """Writes the readable messages of a damaged file to a sound file."""
 
     def __init__(self, reader: McapReader) -> None:
-        """Read messages with `reader`."""
         self.messages = 0
         """Number of recovered messages; complete after the last block."""
         self.is_ours = False

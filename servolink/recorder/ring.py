@@ -39,7 +39,6 @@ class Segments:
     """Latest messages, limited in time and in bytes."""
 
     def __init__(self, seconds: float, most_bytes: int = MOST_BYTES) -> None:
-        """Start without any messages."""
         self._seconds = seconds
         self._most_bytes = most_bytes
         self._closed: deque[_Segment] = deque()

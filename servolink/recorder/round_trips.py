@@ -35,7 +35,6 @@ class RoundTrips:
     """Matches packets in order. Boards answer in order, so a response belongs to the oldest request."""
 
     def __init__(self) -> None:
-        """Start without requests under way."""
         self._waiting: dict[str, deque[tuple[float, PacketSeen]]] = {}  # by the name of the response
 
     def take(self, seconds: float, message: PacketSeen) -> Iterator[RoundTrip]:
@@ -82,7 +81,6 @@ class Times:
     """Durations counted in bounded memory, with percentiles to 1 %."""
 
     def __init__(self) -> None:
-        """Start without any durations."""
         self.count = 0
         self.longest = 0.0
         self._counts: Counter[int] = Counter()

@@ -80,7 +80,6 @@ class Runs:
     """Sequence of requests, with equal neighbours as a single step: `AddAction` 12 times."""
 
     def __init__(self) -> None:
-        """Start without any recorded step."""
         self.runs: list[list[Any]] = []
         self.is_cut = False
 

@@ -41,7 +41,6 @@ class Scanner:
     """Finder of frames in one direction of a conversation."""
 
     def __init__(self) -> None:
-        """Start between two frames."""
         self._held = b""
         self._heard_at = 0.0
 

@@ -25,7 +25,6 @@ class Watcher:
     """Thread that passes bytes to a learner, and packets to `show`."""
 
     def __init__(self, learner: Learner, show: Callable[[Passed], object]) -> None:
-        """Begin."""
         self._learner = learner
         self._show = show
         self._waiting: deque[tuple[float, Direction, bytes]] = deque()

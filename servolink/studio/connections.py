@@ -42,7 +42,6 @@ class Connections:
     """Connections to the server. Any program that reaches the port can open them, and the hub needs descriptors too."""
 
     def __init__(self) -> None:
-        """Start without any open connection."""
         self._strangers: _Timers = {}  # the oldest first
         self._most = min(MOST_STRANGERS, most_connections())
 

@@ -45,7 +45,6 @@ class Studio:
     """State shared by all pages of a studio."""
 
     def __init__(self, hub: str) -> None:
-        """Serve the board shared as `hub`."""
         self.hub = hub
         self.drafts = Drafts(hub)
         self.pages: set[OpenPage] = set()

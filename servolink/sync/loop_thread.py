@@ -27,7 +27,6 @@ class _Call(Generic[T]):
     """Call of an async function, made in one thread and run on the loop of another thread."""
 
     def __init__(self, function: Callable[[], Awaitable[T]]) -> None:
-        """Prepare to call `function`."""
         self._function = function
         self._task: asyncio.Task[None] | None = None
         self._ended: SimpleQueue[None] = SimpleQueue()
@@ -69,7 +68,6 @@ class LoopThread:
     """Daemon thread with an event loop, running until the program ends."""
 
     def __init__(self) -> None:
-        """Start the thread."""
         self._process = os.getpid()
         self._loop: asyncio.AbstractEventLoop
         self._end: asyncio.Event

@@ -22,7 +22,6 @@ class Recorder:
     """Recording in progress, made by `servolink.sync.record`, for use by any thread."""
 
     def __init__(self, thread: LoopThread, recorder: recorder.Recorder) -> None:
-        """Use `record` instead."""
         self._thread = thread
         self._recorder = recorder
 

@@ -78,7 +78,6 @@ class PortTracker:
     """Tracker of the board at an address: a serial port with a USB serial number may get another name."""
 
     def __init__(self, url: str) -> None:
-        """Track the board at `url`."""
         self._url = url
         self._identity: PortIdentity | None = None
 

@@ -233,7 +233,6 @@ class PacketPrinter:
     """Printer of relayed packets, in order."""
 
     def __init__(self, *, as_json: bool) -> None:
-        """Start; times count from the first."""
         self._as_json = as_json
         self._start: float | None = None
 

@@ -41,7 +41,6 @@ class Stage:
     """Shows the steps as text, or as JSON, which has only their outcomes; `fast` leaves no time to read."""
 
     def __init__(self, *, as_json: bool, fast: bool) -> None:
-        """Start before the first step."""
         self._as_json = as_json
         self._fast = fast
         self._number = 0
@@ -129,7 +128,6 @@ class FaultyLine(WrappedTransport):
     """A line without faults until it is told to damage or to hold back the next response, or is pulled out."""
 
     def __init__(self, inner: Transport) -> None:
-        """Wrap `inner`."""
         super().__init__(inner)
         self.damaged = 0
         """The number of responses of which a bit was changed."""

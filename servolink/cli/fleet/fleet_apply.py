@@ -73,7 +73,6 @@ class _Apply:
     def __init__(
         self, args: argparse.Namespace, fleet: Fleet, interruption: Interruption, project: Project, *, unchecked: bool
     ) -> None:
-        """Keep the interruption's state up to date."""
         self._args = args
         self._fleet = fleet
         self._interruption = interruption

@@ -114,7 +114,6 @@ class _Watch:
     def __init__(
         self, board: Board, watched: Watched, args: argparse.Namespace, output: Output, interruption: Interruption
     ) -> None:
-        """Keep `watched` up to date."""
         self._board = board
         self._watched = watched
         self._args = args
@@ -204,7 +203,6 @@ class ReadingPrinter:
     """
 
     def __init__(self, watched: Watched, *, as_json: bool) -> None:
-        """Print the names of the columns."""
         self._watched = watched
         self._as_json = as_json
         if not as_json:
@@ -258,7 +256,6 @@ class Screen:
     """Pictures on a terminal."""
 
     def __init__(self, watched: Watched, draw: Callable[[], None]) -> None:
-        """Show `watched` with `draw`."""
         self._watched = watched
         self._draw = draw
         self._due = 0.0

@@ -139,7 +139,6 @@ class _ServoTable:
     """The lines of the servos; a narrow terminal has shorter bars, then none, then no captions."""
 
     def __init__(self, watched: Watched, width: int, *, blocks: bool) -> None:
-        """Divide `width` columns."""
         self._watched = watched
         self._full, self._zero, self._empty = "█│·" if blocks else "#|."
         label = max((text_width(self._label(servo)) for servo in watched.servos), default=0)

@@ -59,7 +59,6 @@ class Rate:
     """Responses per second, from one look to the next."""
 
     def __init__(self) -> None:
-        """Start with the first look."""
         self._before: tuple[float, int] | None = None
 
     def of(self, status: HubStatus, now: float) -> float:

@@ -53,7 +53,6 @@ class DirectProgram(Program):
     """Program that gets packets instead of frames."""
 
     def __init__(self, hub: Hub, events: _Events, **options: Any) -> None:
-        """Use `DirectConnection`."""
         super().__init__(hub, hub.board.codec, **options)
         self._events = events
         self.heard_at = 0.0

@@ -66,7 +66,6 @@ class ButtonRelay:
     """Relay: subscribes for the first program, ends the subscription with the last, and passes events on."""
 
     def __init__(self, board: Board, deliver: Callable[[ButtonEvent], None]) -> None:
-        """Call `deliver` with each event of `board`."""
         self.subscribers = Subscribers()
         self._board = board
         self._deliver = deliver

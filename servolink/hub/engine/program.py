@@ -73,7 +73,6 @@ class Program(ABC):
         unit: AngleUnit,
         session_id: str | None = None,
     ) -> None:
-        """Use `Hub.join`."""
         self.session_id = session_id or secrets.token_hex(16)
         """Identifier that ties the connections of the program together; shown in the status."""
         self.who = who
@@ -163,7 +162,6 @@ class FrameProgram(Program):
         unit: AngleUnit,
         session_id: str | None = None,
     ) -> None:
-        """Use `Hub.join` to get a program."""
         super().__init__(hub, codec, who=who, door=door, role=role, unit=unit, session_id=session_id)
         self.mode = 1
         """Transmission mode (3.1.1); a program in mode 0 gets only the response that sets mode 1."""

@@ -23,7 +23,6 @@ class HubTap(WireTap):
     """Tap of a hub: bytes of the line, outcomes of requests, and notices, until closed."""
 
     def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
-        """Pass the messages of `hub` to `take`."""
         super().__init__(take)
         self._hub = hub
         ends: list[Callable[[], None]] = [hub.board.connection.taps.add(self)]

@@ -17,7 +17,6 @@ class UnitsKept(RequestError):
     """The angle units of the board must not be changed while another program runs what is stored."""
 
     def __init__(self, packet: Packet) -> None:
-        """Store `packet`, which was not sent."""
         super().__init__("another program runs what is stored, and its angles are in other units than yours", packet)
 
 
@@ -28,7 +27,6 @@ class UnitSwitch:
     """
 
     def __init__(self, board: Board) -> None:
-        """Set units on `board`. Nothing else may set units."""
         self._board = board
         self._reservation = UnitReservation()
         self._setting = asyncio.Lock()

@@ -53,7 +53,6 @@ class Readings:
     """Board read by the hub for all programs, so that all watchers share a poll."""
 
     def __init__(self, hub: Hub) -> None:
-        """Connect when first needed."""
         self._hub = hub
         self._board: Board | None = None
 

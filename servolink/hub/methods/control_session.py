@@ -24,7 +24,6 @@ class ControlInterface:
     """Control interface of a hub, for any door."""
 
     def __init__(self, hub: Hub) -> None:
-        """Connect to the board when first needed."""
         self._readings = Readings(hub)
         self.recorder = HubRecorder(hub, self._readings.board)
         """Recording started and stopped by programs."""

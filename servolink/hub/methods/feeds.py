@@ -93,7 +93,6 @@ class ServosFeed(Feed):
     """Feed of the latest reading after each acknowledgement, so that no program is flooded."""
 
     def __init__(self, open_board: OpenBoard, notify: Notify, is_paused: Callable[[], bool]) -> None:
-        """Send nothing while `is_paused()`."""
         super().__init__(open_board, notify)
         self._is_paused = is_paused
         self._hz = 0.0

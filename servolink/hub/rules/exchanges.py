@@ -97,7 +97,6 @@ class ProgramQueue:
     __slots__ = ("blocked_by", "exchanges", "is_listed", "is_unread")
 
     def __init__(self) -> None:
-        """Start without unsent requests of the program."""
         self.exchanges: deque[Exchange] = deque()
         self.blocked_by: Exchange | None = None
         """Request being sent, which later requests must not overtake; None without one."""
@@ -114,7 +113,6 @@ class RoundRobin:
     """
 
     def __init__(self) -> None:
-        """Start without requests of any program."""
         self.ring: deque[ProgramQueue] = deque()
         """Queues with unsent requests; the next first."""
         self.holder: ProgramQueue | None = None

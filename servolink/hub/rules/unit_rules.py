@@ -12,7 +12,6 @@ class UnitReservation:
     """Units that nobody may change, because the macro of a program depends on the units."""
 
     def __init__(self) -> None:
-        """Start without the macro of any program."""
         self._units: ServoUnits | None = None
         self._until = 0.0
 

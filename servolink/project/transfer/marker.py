@@ -29,7 +29,6 @@ class Marker:
     """Writes the marker, determines the number of bits kept by the board, and watches over the marker."""
 
     def __init__(self, board: BoardConnection, marker: int, on_progress: ProgressCallback) -> None:
-        """Use the number `marker`, unused by any other import."""
         self.bits: ProjectIDBits = 32
         """Number of marker bits kept by the board; known after `put`."""
         self.found = marker

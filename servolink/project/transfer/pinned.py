@@ -81,7 +81,6 @@ class PinnedConnection:
     def __init__(
         self, board: BoardConnection, memory_unit: int | None = None, project_id_bits: ProjectIDBits | None = None
     ) -> None:
-        """Speak to `board` through the present connection."""
         self.memory_unit = memory_unit
         """Bytes per unit in the board's memory figures; None if unknown."""
         self.project_id_bits: ProjectIDBits | None = project_id_bits
