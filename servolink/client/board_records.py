@@ -30,6 +30,7 @@ class RecordStore:
     """Reads and changes the records of a board, of all types, and reads changes back."""
 
     def __init__(self, session: Session) -> None:
+        """Ask through `session`."""
         self._session = session
         self._adding = asyncio.Lock()
 

@@ -32,6 +32,7 @@ class IdentityGuard:
     """Gate against motions and changes of another board than the profile's."""
 
     def __init__(self, connection: Connection, profile: ProfileInUse) -> None:
+        """Guard `connection`, whose board must fit `profile`."""
         self._connection = connection
         self._profile = profile
         self._expected = profile.profile.identity or BoardIdentityRecord()

@@ -20,6 +20,7 @@ class ProjectTransfers:
     """Reads and writes everything stored on a board, each time over one connection, with the facts of the profile."""
 
     def __init__(self, session: Session) -> None:
+        """Transfer through `session`."""
         self._session = session
         self._reported_unfinished = False
 

@@ -24,6 +24,7 @@ class BlockSums:
     """
 
     def __init__(self) -> None:
+        """Start at the beginning of a stream."""
         self._origin = 0  # stream offset of the buffer's first byte
         self._first = 0  # block where the running sums begin
         self._running = [0]

@@ -42,6 +42,7 @@ class Layout:
     """Content of a packet class in a byte order."""
 
     def __init__(self, declared: type[Packet], byte_order: ByteOrder) -> None:
+        """Compile the declaration of `declared`."""
         self._packet: Callable[..., Packet] = declared
         self._name = declared.__name__
         self._from_us = not issubclass(declared, Response)  # captions of requests are composed here, so checked
