@@ -14,8 +14,7 @@ from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import resolve_board
 from servolink.errors import OpenError
 from servolink.files import is_name
-from servolink.hub.doors.network import tcp_door
-from servolink.hub.doors.pseudo_terminal import pty_door
+from servolink.hub.doors.frame_doors import pty_door, tcp_door
 from servolink.hub.doors.socket_door import socket_door
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface

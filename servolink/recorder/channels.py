@@ -1,4 +1,4 @@
-"""Channels of a recording: the types of messages, with their JSON Schemas.
+"""Channels of a recording: the types of messages, with their JSON Schemas and the columns of their tables.
 
 Foxglove and PlotJuggler read these schemas. Neither `null` nor references between types are known to both, so a
 missing value is left out, and each schema is written out in full.
@@ -7,8 +7,9 @@ missing value is left out, and each schema is written out in full.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from functools import cache
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias, get_type_hints
 
 import msgspec
 from msgspec import Meta, Struct
@@ -184,3 +185,25 @@ def _written_out(found: Any, definitions: dict[str, Any]) -> Any:
     if "enum" in found:  # of texts, everywhere here
         found = {"type": "string", **found}
     return {key: _written_out(value, definitions) for key, value in found.items()}
+
+
+_FIRST = {"seconds": float, "time_ns": int}
+
+
+def columns(kind: type) -> dict[str, Any]:
+    """Return the columns of a table with messages of one kind: names, with the types of the values."""
+    if kind is ServosRead:  # without captions, as in the file of `servolink watch`
+        servo = {name: hint for name, hint in get_type_hints(ServoState).items() if name != "caption"}
+        return _FIRST | servo | {"missed": int}
+    hints = get_type_hints(kind)
+    return _FIRST | {"took_seconds" if name in _FIRST else name: hint for name, hint in hints.items()}
+
+
+def rows(seconds: float, time: int, message: Message) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of a message, with a value for each column."""
+    if isinstance(message, ServosRead):
+        for servo in message.servos:
+            values = (getattr(servo, name) for name in servo.__struct_fields__ if name != "caption")
+            yield seconds, time, *values, message.missed
+    else:
+        yield seconds, time, *msgspec.structs.astuple(message)

@@ -26,9 +26,10 @@ from servolink.recorder.channels import (
     ProblemFound,
     Recorded,
     ServosRead,
+    columns,
     decode,
+    rows,
 )
-from servolink.recorder.columns import columns, rows
 from servolink.recorder.mcap_reader import McapReader, Metadata
 from servolink.recorder.round_trips import RoundTrips
 

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from servolink.escaping import escape
-from servolink.recorder.channels import CHANNELS, Message
-from servolink.recorder.columns import columns, rows
+from servolink.recorder.channels import CHANNELS, Message, columns, rows
 from servolink.recorder.new_file import naming, new_file
 from servolink.recorder.reading import Entry
 

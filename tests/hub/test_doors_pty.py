@@ -13,7 +13,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import OpenError
-from servolink.hub.doors.pseudo_terminal import pty_door
+from servolink.hub.doors.frame_doors import pty_door
 from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.hub import Hub
 from servolink.listeners import pty

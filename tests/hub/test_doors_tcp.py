@@ -10,8 +10,8 @@ import pytest
 from servolink.client.connect import connect
 from servolink.control.roles import Role
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.hub.doors import network
-from servolink.hub.doors.network import tcp_door
+from servolink.hub.doors import frame_doors
+from servolink.hub.doors.frame_doors import tcp_door
 from servolink.hub.hub import Hub
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC
@@ -111,7 +111,7 @@ def test_who_only_connects_is_not_a_program_and_harms_nobody() -> None:
 def test_the_silent_make_room_and_programs_do_not(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(network, "most_connections", lambda: 5)
+    monkeypatch.setattr(frame_doors, "most_connections", lambda: 5)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with tcp_door(hub, ANYWHERE) as url:

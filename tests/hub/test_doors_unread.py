@@ -10,7 +10,7 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost
-from servolink.hub.doors.network import tcp_door
+from servolink.hub.doors.frame_doors import tcp_door
 from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.listeners import accept, accepted

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.hub.doors.network import tcp_door
+from servolink.hub.doors.frame_doors import tcp_door
 from servolink.hub.hub import Hub
 from servolink.listeners.forwarding import listen
 from servolink.protocol.codec import Codec

@@ -1,4 +1,4 @@
-"""`servolink.open_recording`: typed messages and tables of a recording. Tests `recorder/columns.py` too."""
+"""`servolink.open_recording`: typed messages and tables of a recording."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 
 import servolink
 from servolink import Recording, RecordingError
-from servolink.recorder.channels import CHANNELS, CommandDone, Event, PacketSeen, ServosRead, ServoState, Wire
-from servolink.recorder.columns import columns
+from servolink.recorder.channels import CHANNELS, CommandDone, Event, PacketSeen, ServosRead, ServoState, Wire, columns
 from servolink.recorder.reading import Selection
 from servolink.testing import FakeBoard, run
 from tests import processes

@@ -17,8 +17,7 @@ from typing import Any
 import pytest
 
 from servolink.recorder.channels import Direction
-from servolink.spy.program_side import on_network, on_terminal
-from servolink.spy.relay import Relay
+from servolink.spy.relay import Relay, on_network, on_terminal
 from servolink.transports.serial import SerialTransport
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")

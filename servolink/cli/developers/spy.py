@@ -148,7 +148,7 @@ async def _board(args: argparse.Namespace) -> StreamTransport:
 async def _program_side(args: argparse.Namespace, relay: Relay, board: StreamTransport) -> AsyncIterator[str]:
     """Make the place where the program connects; yield its URL."""
     from servolink.listeners.tcp import host_and_port
-    from servolink.spy.program_side import on_network, on_terminal
+    from servolink.spy.relay import on_network, on_terminal
 
     if args.tcp:
         async with on_network(relay, *host_and_port(args.tcp)) as url:

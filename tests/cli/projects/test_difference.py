@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from servolink.cli.projects.plan import plan_to_json, print_plan
+from servolink.cli.projects.apply import plan_to_json, print_plan
 from servolink.cli.stored import record_tables as difference
 from servolink.cli.stored.record_tables import lines_of
 from servolink.project.model import UNFINISHED, Project

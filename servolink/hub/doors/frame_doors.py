@@ -1,11 +1,15 @@
-"""The door for programs in any language: the board's own protocol over TCP."""
+"""Doors for programs that speak the board's own protocol: over TCP, and over a pseudo-terminal with a lasting link.
+
+A session over TCP begins with the first frame. One on a pseudo-terminal lasts while the terminal is open.
+"""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from functools import partial
+from pathlib import Path
 
 from servolink.control.roles import Role
 from servolink.escaping import quote
@@ -13,6 +17,7 @@ from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
 from servolink.listeners.accept import RareWarning, most_connections
 from servolink.listeners.accepted import AcceptedConnection, serve_connections
+from servolink.listeners.pty import ServedTerminal, address_of
 from servolink.listeners.tcp import host_and_port, joined, listening_sockets, place_of
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.codec import Codec
@@ -66,3 +71,20 @@ class TcpConnection(AcceptedConnection):
             program.on_end = self.end
             self._join(program)
             self._receive(self._first)
+
+
+@asynccontextmanager
+async def pty_door(
+    hub: Hub, *, link: str | Path | None = None, codec: Codec | None = None, unit: AngleUnit = "degree"
+) -> AsyncIterator[str]:
+    """Serve programs, in turn, on a new pseudo-terminal within this context; yield the URL.
+
+    `link` is the path of a symbolic link to the terminal, whose name differs each time; a link that a killed hub left
+    is replaced. Raise OpenError if the link cannot be made, TransportUnavailable on Windows.
+    """
+
+    def begin(terminal: ServedTerminal) -> FrameProgram:
+        return hub.join(terminal.send, who=f"serial port {terminal.name}", door="pty", codec=codec, unit=unit)
+
+    with closing(ServedTerminal(begin)) as terminal, address_of(terminal, link) as url:
+        yield url
