@@ -17,7 +17,7 @@ from benchmarks.reliability.conversation import STOP, drawn
 from benchmarks.reliability.history import DirectTransport
 from benchmarks.reliability.line import Line
 from benchmarks.reliability.stage import Scene, Stage
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Packet, Request

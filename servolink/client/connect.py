@@ -228,7 +228,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
             patience=options.patience,
             depth=options.depth,
             write_depth=options.write_depth,
-            wake=options.transmission_mode != "keep",
+            transmission_mode=options.transmission_mode,
             unsupported=(profile and profile.settings.unsupported) or (),
             repeats=hub is None,
             stats=stats,
@@ -241,7 +241,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
                 connection.hub = await _link_to(hub, connection)
             if self._handshake:
                 await connection.shake_hands()
-            if options.transmission_mode == 1:
+            if options.transmission_mode == 1 and connection.mode_answered != 1:
                 await set_mode(connection, 1)
             if guard is not None and self._handshake:
                 await guard.warn()

@@ -15,8 +15,8 @@ from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
-from servolink.connection.opening import FENCES, Opening
-from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE
+from servolink.connection.opening import Opening
+from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE, TransmissionMode
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
 from servolink.connection.sharing import BoardSharing
@@ -34,7 +34,6 @@ from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 
-_FENCE_IDS = {query.packet_id for query in FENCES}
 _READY = State.READY  # a global is faster than a member of an enum
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 
@@ -51,7 +50,7 @@ class Connection:
         depth: int = 1,
         write_depth: int = 1,
         learn: bool = True,
-        wake: bool = True,
+        transmission_mode: TransmissionMode = "auto",
         unsupported: Collection[str] = (),
         repeats: bool = True,
         stats: Stats | None = None,
@@ -60,8 +59,8 @@ class Connection:
     ) -> None:
         """Give a request up after `patience` seconds. Have at most `depth` under way, or `write_depth`.
 
-        `wake` sets transmission mode 1 during the handshake if the board is silent, and `unsupported` names queries
-        that are not used for it, such as `QueryMemorySize`. `random` draws the handshake.
+        `transmission_mode` says when the handshake sets mode 1, and `unsupported` names queries that are not used for
+        it, such as `QueryMemorySize`. `random` draws the handshake.
         `write_depth` holds while one of them is a change. How many pay is learnt, unless `learn` is False: then as many
         as allowed are sent from the beginning. Without `repeats` each request is sent once, and given up a second
         later: a hub repeats by itself.
@@ -81,8 +80,16 @@ class Connection:
         """Link to the hub of a shared board; None for a board without a hub."""
         self.on_another: Callable[[str], None] = lambda text: None
         """Called with a description if another board answers in place of a lost one; empty when that board is gone."""
-        self._wake = wake
-        self._unsupported = unsupported
+        self._mode: TransmissionMode = transmission_mode
+        self.unsupported = frozenset(unsupported)
+        """Names of queries that the board is known not to answer, such as `QueryMemorySize`; openings add to them."""
+        self.woke = False
+        """Whether an opening set mode 1 because the board was silent, and the board answered after that only."""
+        self.mode_answered: int | None = None
+        """Mode that the board has answered to the mode setting of the latest opening; None without an answer."""
+        self.is_proved = True
+        """Whether responses of the board prove that nothing is owed; otherwise only a silence before the opening."""
+        self._opened_by: frozenset[int] = frozenset()  # packet ids of the queries of the latest opening
         # A recorded session can be replayed only with the same handshake.
         seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
@@ -230,14 +237,14 @@ class Connection:
     def _begin_opening(self, event: ConnectionEvent) -> None:
         opening = Opening(
             self.transport.url,
+            self.codec,
             self._sender.send_packet,
             lambda: self.stats.bytes_received,
             self.patience,
             self.answers.times,
-            wake=self._wake,
+            transmission_mode=self._mode,
             random=self._random,
-            byte_order=self.codec.byte_order,
-            unsupported=self._unsupported,
+            unsupported=self.unsupported,
         )
         self.lifecycle.begin_opening(event, opening)
         self._scheduler.pause()
@@ -255,7 +262,12 @@ class Connection:
             self._change(ConnectionEvent.HANDSHAKE_CANCELLED)
             raise
         self.answers.close_all()
-        self._sender.fences = opening.fences
+        self._sender.use_fences(opening.fences)
+        self.unsupported |= opening.unanswered
+        self.woke |= opening.woke
+        self.mode_answered = opening.mode_answered
+        self.is_proved = opening.is_proved
+        self._opened_by = opening.kinds
         for query in leftover:
             self._slots.open(Slot(query, self._slots.lanes[query.packet_id + 1], None, is_fence=True, overdue=True))
         self._change(ConnectionEvent.HANDSHAKE_DONE)
@@ -263,7 +275,7 @@ class Connection:
     def _open_again(self, packet_id: int) -> None:
         """Open the connection again after a stray response to a fence: the handshake has taken a wrong response."""
         now = self._loop.time()
-        if packet_id - 1 not in _FENCE_IDS or self.lifecycle.state is not State.READY:
+        if packet_id - 1 not in self._opened_by or self.lifecycle.state is not State.READY:
             return
         if now - self._reopened_at >= _REOPEN_PAUSE:
             self._reopened_at = now

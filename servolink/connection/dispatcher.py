@@ -133,6 +133,8 @@ class ResponseDispatcher:
             self.taps.received(chunk)
         self._heard_at = self._now()
         self._load = None
+        if self._lifecycle.opening is not None:
+            self._lifecycle.opening.seen(chunk)
         for frame in self._parser.feed(chunk):
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
                 self.stats.hidden += 1
@@ -225,7 +227,7 @@ class ResponseDispatcher:
             self.stats.unsolicited += 1
             self.on_stranger(packet_id)
         elif lane is not None:
-            opening.heard(packet_id)
+            opening.heard(packet_id, content)
 
     def _settle(self, packet_id: int, content: bytes) -> None:
         decoded: Content

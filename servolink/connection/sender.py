@@ -10,7 +10,7 @@ from typing import Any
 from servolink.connection.call import Call, Slot
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, same, timed_out
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES, SERVO_LIST
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
 from servolink.connection.state import Lifecycle
@@ -18,10 +18,9 @@ from servolink.connection.taps import frame_logger
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Request, Response
-from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
+from servolink.protocol.servos import SetAngleUnitRequest
 from servolink.transports.base import Transport
 
-_RESERVE = QueryServoListRequest()  # a fence for every board, but with a long response
 _AT_ONCE = 3  # repeats of a lost query without a pause
 _FENCE_AFTER = 3  # sendings without a response
 _SAME_FENCE = 3  # sendings in a silence: perhaps the board does not support the query
@@ -70,6 +69,12 @@ class RequestSender:
     def end(self) -> None:
         """Stop: the connection is closed."""
         self._drain.end()
+
+    def use_fences(self, fences: tuple[Query[Any], ...]) -> None:
+        """Use `fences`, of which there is at least one, from now on."""
+        self.fences = fences
+        if self._latest_fence not in fences:
+            self._latest_fence = fences[0]
 
     # --- one call -----------------------------------------------------------------------------------------------
 
@@ -294,7 +299,7 @@ class RequestSender:
         """
         self.fences = (*self.fences[1:], self.fences[0])
         others = {packet.packet_id, self._latest_fence.packet_id}
-        fences = [fence for fence in (*self.fences, _RESERVE) if fence.packet_id not in others]
+        fences = [fence for fence in (*self.fences, SERVO_LIST) if fence.packet_id not in others]
         return max(fences or [self._latest_fence], key=self._settled_until)
 
     def _settled_until(self, fence: Query[Any]) -> float:

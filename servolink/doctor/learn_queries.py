@@ -9,7 +9,7 @@ from itertools import count, cycle, islice
 from math import sqrt
 from typing import Any
 
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.connection.probe import BYTE_ORDERS
 from servolink.doctor.learn_line import TRIES, Quality, SharedTransport, TrialLine
 from servolink.errors import OpenError

@@ -240,7 +240,7 @@ async def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
     async with connect(fake, transmission_mode=1) as board:
         assert fake.virtual.mode == 1
         assert len(await board.servo_ids()) == 4
-    assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)] * 2
+    assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)]
 
 
 @pytest.mark.parametrize("fate", [LOST, lie(TransmissionModeSettingResponse(0))])

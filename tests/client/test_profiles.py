@@ -208,13 +208,21 @@ def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
     run(main())
 
 
-@pytest.mark.parametrize("unsupported", [("QueryMemorySize",), ("QueryMemorySize", "QueryRemainPower")])
-async def test_the_handshake_does_without_what_the_board_does_not_answer(unsupported: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("unsupported", "sendings"),
+    [
+        (("QueryMemorySize",), 16),  # fewer kinds need a longer word
+        (("QueryMemorySize", "QueryRemainPower"), 7),  # the list of servos brings others
+    ],
+)
+async def test_the_handshake_does_without_what_the_board_does_not_answer(
+    unsupported: tuple[str, ...], sendings: int
+) -> None:
     fake = FakeBoard()
     for kind in (QueryMemorySizeRequest, QueryRemainPowerRequest)[: len(unsupported)]:
         fake.usual_of[kind] = LOST
     async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=unsupported))) as board:
-        assert len(fake.sent) == 16  # fewer kinds need a longer word
+        assert len(fake.sent) == sendings
         assert {type(packet).__name__.removesuffix("Request") for _, packet in fake.sent}.isdisjoint(unsupported)
         assert board.stats.retries == 0
 

@@ -9,7 +9,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
 from servolink.protocol.editing import (
     AddMacroRequest,

@@ -8,7 +8,7 @@ from random import Random
 from typing import Any
 
 from servolink.connection.connection import Connection
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES, LISTS
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -16,12 +16,14 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 from tests.client.fake_board import (
+    LOST,
     FakeBoard,
     Fate,
     connected,
 )
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
+LIST_KINDS = tuple(type(query) for query in LISTS)
 LIST = QueryServoListRequest()
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
@@ -39,6 +41,12 @@ async def owe(board: FakeBoard, *requests: tuple[Request[Any], Fate]) -> None:
         board.plan(type(request), fate)
         await board.send(board.codec.encode(request))
     board.sent.clear()
+
+
+def without(board: FakeBoard, *missing: type[Packet]) -> FakeBoard:
+    """Let `board` leave requests of these kinds unanswered."""
+    board.usual_of |= dict.fromkeys(missing, LOST)
+    return board
 
 
 def kinds(board: FakeBoard) -> list[type[Packet]]:

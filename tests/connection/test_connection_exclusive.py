@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink.connection.connection import Connection
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.connection.options import SLOW_PATIENCE
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import AddActionRequest, ExecuteMacroRequest, QueryProjectIDRequest

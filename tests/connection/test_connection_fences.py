@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from servolink.connection.connection import Connection
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import OutcomeUnknown, RequestTimeout
 from servolink.protocol.editing import (
     AddActionRequest,

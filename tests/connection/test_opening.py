@@ -7,7 +7,7 @@ from random import Random
 
 import pytest
 
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import OpenError, RequestTimeout
 from servolink.protocol.editing import (
     QueryProjectIDRequest,

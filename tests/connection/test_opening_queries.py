@@ -3,25 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+from itertools import pairwise
+from typing import Any
 
 import pytest
 
-from servolink.connection.opening import FENCES
 from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown
 from servolink.protocol.editing import (
     AddActionRequest,
+    QueryActionListRequest,
+    QueryActionRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
     WriteProjectIDRequest,
 )
+from servolink.protocol.frame import encode_frame
 from servolink.protocol.joystick import ButtonEventResponse, QueryActiveJoystickTableRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoListResponse,
+    QueryServoRequest,
 )
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
+    TransmissionModeSettingRequest,
 )
 from tests.client.fake_board import (
     LOST,
@@ -31,9 +37,12 @@ from tests.client.fake_board import (
     late,
     lie,
     now,
+    opened,
 )
-from tests.connection.openings import FENCE_KINDS, LIST, STOP, kinds, opening, owe
+from tests.connection.openings import FENCE_KINDS, LIST, LIST_KINDS, STOP, kinds, opening, owe, without
 from tests.virtual_time import run
+
+WRITE = WriteProjectIDRequest(4)
 
 # --- queries that a board does not support ------------------------------------------------------------------------
 
@@ -56,9 +65,17 @@ async def test_a_kind_that_is_never_answered_is_left_out_and_used_for_no_fence(
         begun = now()
         await connection.shake_hands()
         assert now() < begun + 4.5
-        dropped = {type(fence) for fence in FENCES} - {type(fence) for fence in connection._sender.fences}
-        assert dropped <= set(missing)
-        assert {kind for kind in missing if kinds(board).count(kind) >= 4} <= dropped
+        used = {type(fence) for fence in connection._sender.fences}
+        assert not used & {kind for kind in missing if kinds(board).count(kind) >= 4}
+        assert len(used) >= 2
+
+
+ONLY_ID = (*FENCE_KINDS[1:], *LIST_KINDS)
+"""All that a board leaves unanswered that can only be opened by its project id."""
+KNOWN_ONLY_ID: dict[str, Any] = {
+    "unsupported": tuple(kind.__name__.removesuffix("Request") for kind in ONLY_ID),
+    "patience": 10,
+}
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -66,18 +83,71 @@ def test_a_board_with_one_kind_only_is_opened_when_the_line_was_quiet_and_that_i
     seed: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def main() -> None:
-        board = FakeBoard()
-        for kind in FENCE_KINDS[:-1]:
-            board.usual_of[kind] = LOST
+        board = without(FakeBoard(), *ONLY_ID)
         async with opening(board, seed=seed, patience=10) as connection:
-            await owe(board, (LIST, Fate(after=8, says=QueryServoListResponse((99,)))))
+            await owe(board, (WRITE, Fate(after=8)))
             board.speak(ButtonEventResponse(1, 1))
-            assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
-            quiet, asked = board.answered_at[-3:-1]
-            assert asked - quiet >= 10
+            await connection.shake_hands()
+            assert any(after - before >= 10 for before, after in pairwise(board.answered_at))
+            assert not connection.is_proved
+            assert connection.unsupported >= {"QueryMemorySize", "QueryServoList", "QueryMacroList"}
+            assert (await connection.request(WRITE)).result == 1
 
     run(main())
-    assert [message.startswith("fake://board answers only one kind") for message in caplog.messages] == [True]
+    assert ["fake://board answers only" in message for message in caplog.messages] == [True]
+
+
+@pytest.mark.parametrize("seed", range(6))
+async def test_old_firmware_is_opened_by_what_it_lists_and_works(seed: int) -> None:
+    board = without(FakeBoard(), *FENCE_KINDS)
+    async with opening(board, seed=seed) as connection:
+        begun = now()
+        await connection.shake_hands()
+        assert now() < begun + 6
+        assert connection.is_proved
+        word = kinds(board)[-6:]
+        assert set(word) <= {QueryServoListRequest, QueryServoRequest}
+        board.plan(QueryServoListRequest, LOST, LOST)
+        assert [(await connection.request(LIST)).servo_id_list for _ in range(3)] == [(1, 2, 3, 4)] * 3
+        board.plan(QueryServoRequest, SWALLOWED, LOST, LOST)
+        assert len((await connection.request(QueryServoRequest(255))).servos) == 4
+        sent = kinds(board)
+    board.gone = None
+    async with opening(board, unsupported=connection.unsupported, seed=seed) as connection:
+        board.sent.clear()
+        await connection.shake_hands()
+        assert len(board.sent) == 7
+        assert not set(kinds(board)) & set(FENCE_KINDS)
+    assert set(FENCE_KINDS) & set(sent)
+
+
+async def test_a_board_with_one_servo_is_opened_by_its_records_if_it_has_any() -> None:
+    board = without(FakeBoard(servos=1), *FENCE_KINDS)
+    async with opened(board) as client:
+        await client.request(AddActionRequest(7, "wave"))
+        await client.request(AddActionRequest(8, "bow"))
+    board = without(board, *FENCE_KINDS)
+    board.gone = None
+    async with opening(board, unsupported=[kind.__name__.removesuffix("Request") for kind in FENCE_KINDS]) as link:
+        board.sent.clear()
+        await link.shake_hands()
+        assert link.is_proved
+        assert {type(packet) for _, packet in board.sent} >= {QueryActionRequest, QueryActionListRequest}
+
+
+async def test_a_list_in_old_mode_is_asked_for_again_behind_the_mode_setting() -> None:
+    class Asleep(FakeBoard):
+        """It answers nothing until mode 1 is set, and lacks the fences."""
+
+        def _take(self, packet: Packet, frame: bytes) -> None:
+            if isinstance(packet, TransmissionModeSettingRequest):
+                self.usual = Fate()
+            super()._take(packet, frame)
+
+    board = without(Asleep(usual=LOST), *FENCE_KINDS)
+    async with opening(board, unsupported=[kind.__name__.removesuffix("Request") for kind in FENCE_KINDS]) as link:
+        await link.shake_hands()
+        assert link.woke
 
 
 async def test_a_board_that_falls_silent_is_not_taken_for_one_with_one_kind_only() -> None:
@@ -89,45 +159,74 @@ async def test_a_board_that_falls_silent_is_not_taken_for_one_with_one_kind_only
 
 
 async def test_a_second_response_of_the_only_kind_is_not_taken_for_one_to_a_request() -> None:
-    board = FakeBoard()
-    for kind in FENCE_KINDS[1:]:
-        board.usual_of[kind] = LOST
-    async with opening(board, patience=10) as connection:
-        opened = asyncio.create_task(connection.shake_hands())
-        await asyncio.sleep(13)
+    board = without(FakeBoard(), *ONLY_ID)
+    async with opening(board, **KNOWN_ONLY_ID) as connection:
         board.plan(QueryProjectIDRequest, late(0.3), Fate(after=0.5, says=QueryProjectIDResponse(99)))
-        await opened
+        await connection.shake_hands()
+        assert len(board.sent) == 2
         board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(7)))
         assert (await connection.request(QueryProjectIDRequest())).project_id == 7
 
 
-@pytest.mark.parametrize("lost", [1, 3, 4])
-async def test_the_only_kind_has_to_be_answered_once_more_when_the_line_was_quiet(lost: int) -> None:
-    board = FakeBoard()
-    for kind in FENCE_KINDS[1:]:
-        board.usual_of[kind] = LOST
-    async with opening(board, patience=10) as connection:
-        opened = asyncio.create_task(connection.shake_hands())
-        await asyncio.sleep(13)
-        assert connection.lifecycle.opening is not None
-        assert not opened.done()
+@pytest.mark.parametrize("lost", [1, 3, 40])
+async def test_the_only_kind_has_to_be_answered_when_the_line_was_quiet(lost: int) -> None:
+    board = without(FakeBoard(), *ONLY_ID)
+    async with opening(board, **KNOWN_ONLY_ID) as connection:
+        begun = now()
         board.plan(FENCE_KINDS[0], *[LOST] * lost)
-        if lost == 4:
-            with pytest.raises(OpenError, match="answers, but too little"):
-                await opened
+        if lost == 40:
+            with pytest.raises(OpenError, match="answers none of the short queries"):
+                await connection.shake_hands()
         else:
-            await opened
+            await connection.shake_hands()
             board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(7)))
             assert (await connection.request(QueryProjectIDRequest())).project_id == 7
+        assert now() > begun + 10
+
+
+async def test_a_list_that_cannot_be_read_names_no_servos() -> None:
+    board = without(FakeBoard(), *FENCE_KINDS, *LIST_KINDS[1:])
+    board.usual_of[QueryServoListRequest] = Fate(mangle=lambda frame: encode_frame(20011, b"\x05\x01", "little"))
+    async with opening(board, unsupported=[kind.__name__.removesuffix("Request") for kind in FENCE_KINDS]) as link:
+        with pytest.raises(OpenError, match="answers"):
+            await link.shake_hands()
+
+
+async def test_a_board_that_answers_each_query_twice_is_named_before_it_is_flooded() -> None:
+    board = FakeBoard(usual=Fate(copies=2))
+    async with opening(board) as connection:
+        with pytest.raises(OpenError, match=r"more than once \(\d+ responses to \d+ queries .*answers_twice=yes"):
+            await connection.shake_hands()
+        assert len(board.sent) < 150
+
+
+async def test_a_line_that_is_never_quiet_is_given_up() -> None:
+    board = without(FakeBoard(), *ONLY_ID)
+    async with opening(board, **KNOWN_ONLY_ID) as connection:
+        for seconds in range(1, 60, 5):
+            asyncio.get_running_loop().call_later(seconds, board.speak, QueryServoListResponse((1,)))
+        begun = now()
+        with pytest.raises(OpenError, match="answers, but too little"):
+            await connection.shake_hands()
+        assert begun + 40 <= now() < begun + 52
+
+
+async def test_a_stop_begins_the_wait_for_quiet_again() -> None:
+    board = without(FakeBoard(), *ONLY_ID)
+    async with opening(board, **KNOWN_ONLY_ID) as connection:
+        opened = asyncio.create_task(connection.shake_hands())
+        board.plan(FENCE_KINDS[0], LOST)
+        await asyncio.sleep(10.1)
+        await connection.send_stop(STOP)
+        await opened
+        assert board.sent[-1][0] >= 20
 
 
 async def test_a_connection_that_is_lost_while_it_waits_for_quiet_is_lost() -> None:
-    board = FakeBoard()
-    for kind in FENCE_KINDS[:-1]:
-        board.usual_of[kind] = LOST
-    async with opening(board, patience=20) as connection:
+    board = without(FakeBoard(), *ONLY_ID)
+    async with opening(board, **KNOWN_ONLY_ID) as connection:
         opened = asyncio.create_task(connection.shake_hands())
-        await asyncio.sleep(15)
+        await asyncio.sleep(5)
         assert not opened.done()
         begun = now()
         board.vanish()

@@ -7,6 +7,7 @@ import asyncio
 import pytest
 
 from servolink.connection.connection import Connection
+from servolink.connection.evidence import HandshakeFailed
 from servolink.errors import ConnectionLost, OpenError
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -63,7 +64,7 @@ async def test_bytes_without_a_frame_are_explained_by_order_and_baud_rate(used: 
         begun = now()
         with pytest.raises(OpenError, match=rf"sends bytes, but no frame .*byte_order={other}.* baud rate.*doctor"):
             await connection.shake_hands()
-        assert now() == pytest.approx(begun + 3)
+        assert begun + 3 < now() <= begun + 5.2  # the board may still be starting
 
 
 @pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 12)])
@@ -89,7 +90,7 @@ async def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> No
     board = FakeBoard(usual=LOST)
     async with opening(board) as connection:
         asyncio.get_running_loop().call_later(0.1, board.speak, ButtonEventResponse(1, 1))
-        with pytest.raises(OpenError, match="answers, but too little"):
+        with pytest.raises(OpenError, match="sends button events, but answers none of the short queries"):
             await connection.shake_hands()
         assert board.sent_of(TransmissionModeSettingRequest) == []
 
@@ -103,7 +104,7 @@ async def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_faile
             connection.request(AddActionRequest(1)),
             return_exceptions=True,
         )
-        assert [type(error) for error in errors] == [ConnectionLost, OpenError, ConnectionLost]
+        assert [type(error) for error in errors] == [ConnectionLost, HandshakeFailed, ConnectionLost]
         assert "no board answers" in str(errors[0])
         assert str(errors[0]).count("fake://board") == 1
         with pytest.raises(ConnectionLost, match="no board answers"):
@@ -148,7 +149,7 @@ async def test_a_board_that_answers_keeps_its_mode() -> None:
 
 async def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
     board = FakeBoard(usual=LOST)
-    async with opening(board, wake=False) as connection:
+    async with opening(board, transmission_mode="keep") as connection:
         with pytest.raises(OpenError):
             await connection.shake_hands()
         assert TransmissionModeSettingRequest not in kinds(board)

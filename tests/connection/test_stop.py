@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from servolink.connection.connection import Connection
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError
 from servolink.protocol.editing import AddActionRequest, ExecuteMacroRequest, QueryProjectIDRequest
 from servolink.protocol.records import Step

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from servolink.connection.connection import Connection
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.protocol.editing import (
     QueryProjectIDRequest,
 )
