@@ -8,10 +8,10 @@ from typing import Any
 
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
-from servolink.files import ALL, read_file, reason, user_folder
+from servolink.files import ALL, MIB, read_file, reason, user_folder
 from servolink.profiles.toml_text import TextError, line_of, read_toml
 
-_MOST_BYTES = 0x40000
+_MOST_BYTES = MIB
 
 Groups = Mapping[str, tuple[str, ...]]
 """Names of boards by the name of their group."""
@@ -25,26 +25,34 @@ def fleet_file() -> Path:
         raise ServolinkError(f"cannot find a folder for fleet.toml: {reason(error)}") from error
 
 
-def load_groups(path: Path | None = None) -> Groups:
-    """Return the groups in `path`, by default the user's `fleet.toml`; empty if the file does not exist.
+def read_fleet_file(path: Path | None = None) -> str:
+    """Return the text of `path`, by default of the user's `fleet.toml`, which may be missing: then the text is empty.
 
-    Raise ServolinkError, which names file and line, if the file cannot be used.
+    Raise ServolinkError, which names the file, if it cannot be read.
     """
     file = fleet_file() if path is None else path
     try:
-        text = read_file(file, _MOST_BYTES).decode("utf-8-sig")
+        return read_file(file, _MOST_BYTES).decode("utf-8-sig")
     except FileNotFoundError as error:
         if path is None:
-            return {}
+            return ""
         raise ServolinkError(f"{file} does not exist; create it, or choose another file") from error
     except UnicodeDecodeError as error:
         raise ServolinkError(f"{file} is not text in UTF-8; save it as UTF-8") from error
     except OSError as error:
         raise ServolinkError(f"{file} cannot be read: {reason(error)}; correct or remove the file") from error
+
+
+def load_groups(path: Path | None = None) -> Groups:
+    """Return the groups in `path`, by default the user's `fleet.toml`; empty if the file does not exist.
+
+    Raise ServolinkError, which names file and line, if the file cannot be used.
+    """
+    text = read_fleet_file(path)
     try:
         return _groups(text, read_toml(text))
     except TextError as error:
-        raise ServolinkError(f"{file}, line {error.line}: {error.text}") from None
+        raise ServolinkError(f"{path or fleet_file()}, line {error.line}: {error.text}") from None
 
 
 def _groups(text: str, values: Mapping[str, Any]) -> Groups:

@@ -13,8 +13,8 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from servolink.control.roles import RoleName
 from servolink.errors import ServolinkError
 from servolink.escaping import quote
-from servolink.files import MIB, is_name, read_file, reason
-from servolink.fleet.groups import fleet_file
+from servolink.files import is_name
+from servolink.fleet.groups import fleet_file, read_fleet_file
 from servolink.motion.limits import MotionLimits
 
 FILE = "fleet.toml"
@@ -92,19 +92,11 @@ def load_fleet_file(path: Path | None = None) -> FleetFile:
 
     Raise ServolinkError, which names the file and the place in it, if it cannot be used.
     """
-    chosen = path or fleet_file()
-    try:
-        text = read_file(chosen, MIB).decode("utf-8-sig")
-    except FileNotFoundError as error:
-        if path is None:
-            return FleetFile()
-        raise ServolinkError(f"{chosen} does not exist") from error
-    except (OSError, ValueError) as error:
-        raise ServolinkError(f"{chosen} cannot be read: {reason(error)}") from error
+    text = read_fleet_file(path)
     try:
         return _checked(msgspec.convert(tomllib.loads(text), _File))
     except (ValueError, RecursionError, OverflowError) as error:  # errors of TOML and of types are ValueErrors
-        raise ServolinkError(f"{chosen} cannot be used: {error}; correct it") from error
+        raise ServolinkError(f"{path or fleet_file()} cannot be used: {error}; correct it") from error
 
 
 def _checked(file: _File) -> FleetFile:

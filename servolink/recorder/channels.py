@@ -21,6 +21,8 @@ MESSAGE_ENCODING: Final = "json"
 SCHEMA_ENCODING: Final = "jsonschema"
 METADATA: Final = "servolink"
 """Name of the metadata record with the fields of `Recorded` as texts."""
+WIRE_ONLY: Final = "wire"
+"""Channels of a recording that has only the bytes, without the packets in them."""
 
 Direction: TypeAlias = Literal["sent", "received"]
 """Direction as seen by the program connected to the board: `sent` goes to the board."""
@@ -146,6 +148,7 @@ class Recorded(Struct, frozen=True):
     hz: str = "0"
     """Readings of the servos per second, requested by the recorder itself."""
     channels: str = "all"
+    """`all`, or `wire` for bytes without the packets in them."""
 
 
 def encode(message: Message) -> bytes:

@@ -48,7 +48,6 @@ class Order(Struct):
     """Start of the recording, on the clock of the messages."""
     wall: int
     """Start of the recording, in nanoseconds since 1970."""
-    with_packets: bool
 
 
 class ChildReport(Struct):
@@ -71,7 +70,7 @@ def main() -> None:
     order = msgspec.msgpack.decode(first, type=Order)
     clock = Clock(time.monotonic, wall=order.wall, monotonic=order.monotonic)
     try:
-        writer = RecordingWriter(Path(order.path), order.about, clock, with_packets=order.with_packets)
+        writer = RecordingWriter(Path(order.path), order.about, clock)
     except RecordingError as error:
         _report(ChildReport(RecorderStatus(order.path, 0.0, 0, 0, 0, ""), str(error)))
         return
@@ -128,9 +127,7 @@ def _report(report: ChildReport) -> None:
 class ChildWriter:
     """Passes a recording to a separate process; two threads wait for the pipes."""
 
-    def __init__(
-        self, path: Path, about: Recorded, clock: Clock, *, with_packets: bool = True, backlog: Backlog | None = None
-    ) -> None:
+    def __init__(self, path: Path, about: Recorded, clock: Clock, *, backlog: Backlog | None = None) -> None:
         """Start the process, and wait for the new file. Raise RecordingError naming the remedy."""
         self._path = path
         self._clock = clock
@@ -148,7 +145,7 @@ class ChildWriter:
         self._process, self._sink, self._source = process, process.stdin, process.stdout
         self._closing = threading.Event()
         self._is_broken = False
-        order = Order(str(path.absolute()), about, clock.monotonic, clock.wall(clock.monotonic), with_packets)
+        order = Order(str(path.absolute()), about, clock.monotonic, clock.wall(clock.monotonic))
         self._send(self._sink, msgspec.msgpack.encode(order))
         self._report = self._next_report() or ChildReport(RecorderStatus(str(path), 0.0, 0, 0, 0, ""), _GONE)
         if self._report.error:

@@ -24,7 +24,7 @@ from servolink.escaping import quote
 from servolink.numeric import as_number, is_number
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
-from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, Wire
+from servolink.recorder.channels import WIRE_ONLY, Event, Message, ProblemFound, Recorded, Wire
 from servolink.recorder.child import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
@@ -95,14 +95,12 @@ class Recorder:
 
         The writer is a thread, or a process: the process takes 0.2 s to start, but no time from the program.
         """
-        wanted, with_packets = self.wanted, not self.wanted.wire_only
+        wanted = self.wanted
         if wanted.ring is None:
             write_with = ChildWriter if by_child else RecordingWriter
-            self._writer = write_with(wanted.path, about, self.clock, with_packets=with_packets, backlog=self.backlog)
+            self._writer = write_with(wanted.path, about, self.clock, backlog=self.backlog)
         else:
-            self._writer = RingWriter(
-                wanted.path, about, self.clock, wanted.ring, with_packets=with_packets, backlog=self.backlog
-            )
+            self._writer = RingWriter(wanted.path, about, self.clock, wanted.ring, backlog=self.backlog)
 
     def save(self, reason: str) -> None:
         """Write the messages kept by a ring soon; no effect for a recording without a ring."""
@@ -130,7 +128,7 @@ class Recorder:
             byte_order=byte_order,
             caption_encoding=caption_encoding,
             hz=f"{self.wanted.rate:g}",
-            channels="wire" if self.wanted.wire_only else "all",
+            channels=WIRE_ONLY if self.wanted.wire_only else "all",
         )
 
 

@@ -127,7 +127,6 @@ class RingWriter:
         clock: Clock,
         seconds: float,
         *,
-        with_packets: bool = True,
         backlog: Backlog | None = None,
         disk: Disk = os,
     ) -> None:
@@ -138,7 +137,6 @@ class RingWriter:
         self._path = path
         self._about = about
         self._clock = clock
-        self._with_packets = with_packets
         self._backlog = backlog or Backlog()
         self._disk = disk
         self._segments = Segments(seconds)
@@ -222,7 +220,7 @@ class RingWriter:
         first = self._segments.first
         start = self._clock.now() if first is None else first
         about = msgspec.structs.replace(self._about, started=self._clock.iso(start))
-        encoder = MessageEncoder(about, self._clock, with_packets=self._with_packets)
+        encoder = MessageEncoder(about, self._clock)
         file = RecordingFile(path, disk=self._disk)
         try:
             file.put(encoder.stream.head())

@@ -11,7 +11,7 @@ from msgspec import Struct
 from servolink.errors import RecordingError
 from servolink.protocol.codec import Codec
 from servolink.recorder.backlog import Backlog, Timed
-from servolink.recorder.channels import TOPICS, Message, ProblemFound, Recorded, Wire, decode, encode
+from servolink.recorder.channels import TOPICS, WIRE_ONLY, Message, ProblemFound, Recorded, Wire, decode, encode
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.packet_messages import PacketStream
@@ -55,12 +55,12 @@ class RecorderStatus(Struct, frozen=True):
 class MessageEncoder:
     """Turns messages into the bytes of an MCAP file; packets are derived from the wire bytes here."""
 
-    def __init__(self, about: Recorded, clock: Clock, *, with_packets: bool = True) -> None:
+    def __init__(self, about: Recorded, clock: Clock) -> None:
         """Begin a file. Raise RecordingError, with the remedy, if a library is missing."""
         self.stream = McapStream(about)
         self._clock = clock
         codec = Codec(about.byte_order, about.caption_encoding)  # type: ignore[arg-type]  # Codec checks it
-        self._packets = PacketStream(codec) if with_packets else None
+        self._packets = None if about.channels == WIRE_ONLY else PacketStream(codec)
 
     def add(self, timed: Timed) -> None:
         """Add a message, and the packets inside."""
@@ -94,14 +94,13 @@ class RecordingWriter:
         about: Recorded,
         clock: Clock,
         *,
-        with_packets: bool = True,
         backlog: Backlog | None = None,
         disk: Disk = os,
     ) -> None:
         """Create the file and begin. Raise RecordingError, with the remedy."""
         self._clock = clock
         self._backlog = backlog or Backlog()
-        self._encoder = MessageEncoder(about, clock, with_packets=with_packets)
+        self._encoder = MessageEncoder(about, clock)
         self._file = RecordingFile(path, disk=disk)
         self._file.put(self._encoder.stream.head())
         self._chunk_began = clock.now()

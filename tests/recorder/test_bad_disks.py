@@ -9,14 +9,14 @@ import pytest
 
 from servolink.errors import RecordingError
 from servolink.recorder.backlog import Backlog
-from servolink.recorder.channels import Event, Message, ProblemFound, Recorded, ServosRead, ServoState, Wire
+from servolink.recorder.channels import WIRE_ONLY, Event, Message, ProblemFound, Recorded, ServosRead, ServoState, Wire
 from servolink.recorder.clock import Clock
 from servolink.recorder.reading import Recording
 from servolink.recorder.recording_file import RecordingFile
 from servolink.recorder.writer import RecordingWriter
 from tests.recorder.bad_disk import BadDisk
 
-ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board")
+ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board", channels=WIRE_ONLY)
 SERVOS = ServosRead((ServoState(1, 90, "degree", 3, 40, 1, is_start=True, is_hold=True),) * 16)
 
 
@@ -48,7 +48,7 @@ def test_a_file_has_only_whole_blocks(tmp_path: Path) -> None:
 def test_a_slow_disk_costs_readings_first_and_the_file_says_so(tmp_path: Path) -> None:
     path, disk, backlog = tmp_path / "out.mcap", BadDisk(), Backlog(20_000, 200_000)
     clock = Clock()
-    writer = RecordingWriter(path, ABOUT, clock, backlog=backlog, disk=disk, with_packets=False)
+    writer = RecordingWriter(path, ABOUT, clock, backlog=backlog, disk=disk)
     disk.may_write.clear()
     # The writer stands still with a full chunk, as long as a test needs.
     writer.take(clock.now(), Wire("sent", bytes(300_000), 0.0))

@@ -11,19 +11,19 @@ import msgspec
 import pytest
 
 from servolink.errors import RecordingError
-from servolink.recorder.channels import Event, Recorded, Wire
+from servolink.recorder.channels import WIRE_ONLY, Event, Recorded, Wire
 from servolink.recorder.child import LENGTH, ChildWriter, Order
 from servolink.recorder.clock import Clock
 from servolink.recorder.mcap_stream import MAGIC
 from servolink.recorder.reading import Recording
 from tests import processes
 
-ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board")
+ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board", channels=WIRE_ONLY)
 
 
 def test_it_writes_all_and_says_how_much(tmp_path: Path) -> None:
     path, clock = tmp_path / "out.mcap", Clock()
-    writer = ChildWriter(path, ABOUT, clock, with_packets=False)
+    writer = ChildWriter(path, ABOUT, clock)
     for number in range(2500):
         writer.take(clock.now(), Wire("sent", bytes([number % 256]), clock.now()))
     writer.take(clock.now(), Event("mark", "last"))
@@ -55,7 +55,7 @@ def test_a_file_that_cannot_be_made(tmp_path: Path) -> None:
 
 def test_a_program_that_has_crashed_is_told_nothing(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
-    order = msgspec.msgpack.encode(Order(str(path), ABOUT, 0.0, 0, with_packets=False))
+    order = msgspec.msgpack.encode(Order(str(path), ABOUT, 0.0, 0))
     (tmp_path / "order").write_bytes(LENGTH.pack(len(order)) + order)
     gone, stdout = os.pipe()
     os.close(gone)

@@ -155,12 +155,12 @@ def print_json(described: dict[str, Any]) -> None:
     print(json.dumps(described), flush=True)
 
 
-def print_result(args: argparse.Namespace, described: dict[str, Any], text: str, style: str = "") -> None:
+def print_result(args: argparse.Namespace, described: dict[str, Any], text: str) -> None:
     """Print `described` for programs, with --json, or `text` for people."""
     if args.json:
         print_json(described)
     else:
-        print_text(text, style)
+        print_text(text)
 
 
 def print_table(table: Table) -> None:
