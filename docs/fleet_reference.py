@@ -65,7 +65,7 @@ id of its own:
   `servolink/_fleet/reply/WORD` or the `result` of a board. Correlation data comes back. Like every message with QoS
   1, a result may be delivered twice.
 - {motion} need a message expiry (MQTT 5), and 60 seconds count at most. What has not begun by then is refused, also
-  if it waits because another program has the board alone. Put the latest word of `pulse` into
+  if it waits because another program has exclusive use of the board. Put the latest word of `pulse` into
   `pulse`: then the board knows how old the command is, even if the network stood still, and refuses a late one.
 - {transfers} need both, an expiry and a `pulse`: servos turn when their corrections change.
 - Retained commands are refused. So are those with more than 1 MiB, and those beyond 64 that wait.

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from servolink.errors import DecodeError as DecodeError
     from servolink.errors import EncodeError as EncodeError
     from servolink.errors import InvalidAddress as InvalidAddress
+    from servolink.errors import LocalError as LocalError
     from servolink.errors import MotionRefused as MotionRefused
     from servolink.errors import NotFound as NotFound
     from servolink.errors import OpenError as OpenError
@@ -39,9 +40,12 @@ if TYPE_CHECKING:
     from servolink.errors import PacketError as PacketError
     from servolink.errors import ProfileError as ProfileError
     from servolink.errors import ProjectError as ProjectError
+    from servolink.errors import Reason as Reason
     from servolink.errors import RecordingError as RecordingError
     from servolink.errors import Rejected as Rejected
+    from servolink.errors import RemoteError as RemoteError
     from servolink.errors import RequestError as RequestError
+    from servolink.errors import RequestRefused as RequestRefused
     from servolink.errors import RequestTimeout as RequestTimeout
     from servolink.errors import ServolinkError as ServolinkError
     from servolink.errors import SeveralBoards as SeveralBoards
@@ -104,6 +108,10 @@ else:
         "BaseTransport": "servolink.transports.lifecycle",
         "Board": "servolink.client.board",
         "BoardProfile": "servolink.profiles.profile",
+        "LocalError": "servolink.errors",
+        "Reason": "servolink.errors",
+        "RemoteError": "servolink.errors",
+        "RequestRefused": "servolink.errors",
         "build_project": "servolink.project.build",
         "Button": "servolink.protocol.records",
         "ButtonEvent": "servolink.client.button_events",

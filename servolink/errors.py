@@ -3,33 +3,39 @@
 ServolinkError
 ├─ TransportError (ConnectionError)   the byte pipe could not be opened, or was lost
 │  ├─ TransportUnavailable            unknown scheme or missing library; the text names the package to install
-│  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text shows the correct form
+│  │  ├─ InvalidAddress (ValueError)  the address is written wrongly; the text shows the correct form      local
 │  │  └─ ProfileError (ValueError)    the profile of the board is damaged; the text names file and line
 │  ├─ OpenError                       not found, busy, not permitted; the text says what to do
-│  │  └─ SeveralBoards                no board was named, and several were found; the text lists them
+│  │  └─ SeveralBoards                no board was named, and several were found; the text lists them      local
 │  └─ ConnectionLost                  the open connection was lost; every waiting call gets the first cause
 ├─ PacketError (ValueError)
-│  ├─ EncodeError                     a value does not fit its field; nothing was sent
-│  │  └─ MotionRefused                a movement beyond its limits, or impossible to check; nothing moved
-│  └─ DecodeError                     the bytes are not a packet; `data` keeps them
+│  ├─ EncodeError                     a value does not fit its field; nothing was sent                     local
+│  │  └─ MotionRefused                a movement beyond its limits, or impossible to check; nothing moved  local
+│  └─ DecodeError                     the bytes are not a packet; `data` keeps them                        remote
 ├─ RequestError                       a request failed; `request` keeps it
-│  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board
-│  ├─ Rejected                        the board refused
-│  ├─ NotFound                        the board has no such servo, action, macro or table
-│  ├─ AmbiguousName                   several things on the board have this caption; the text lists them
-│  ├─ WrongBoard                      a different board answers under this name; nothing was moved or written
-│  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not
-├─ TargetNotReached                   servos have not arrived in time; the motion was sent, and may still continue
+│  ├─ RequestRefused                  not sent, or cancelled: by a stop, a role, a stopped servo           local
+│  ├─ NotFound                        the board has no such servo, action, macro or table                  local
+│  ├─ AmbiguousName                   several things on the board have this caption; the text lists them   local
+│  ├─ RequestTimeout (TimeoutError)   no response in time; the request changed nothing on the board        remote
+│  ├─ Rejected                        the board refused                                                    remote
+│  ├─ WrongBoard                      a different board answers under this name; nothing was written       remote
+│  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not            remote
+├─ TargetNotReached                   servos have not arrived in time; the motion may still continue       remote
 ├─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
 └─ RecordingError (ValueError)        a recording cannot be written or read; the text says what to do
+
+Errors marked local are a LocalError as well, whose cause is on this side, and those marked remote a RemoteError, whose
+cause is the board. The others come from between, or from files: the port, the network, a library.
 
 Each is also the built-in error in brackets, so `except TimeoutError` and `except ConnectionError` work as usual.
 """
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Mapping
-from typing import Any
+from enum import StrEnum
+from typing import Any, Self
 
 from servolink.escaping import escape
 
@@ -39,8 +45,72 @@ def install_extra(name: str) -> str:
     return f"in a copy of servolink's repository: pip install '.[{name}]'"
 
 
+class Reason(StrEnum):
+    """Reason of an error, for programs; texts are for people and may change."""
+
+    OTHER = "other"
+    """None of the reasons below; the text says more."""
+    LIMIT = "limit"
+    """An angle is outside the limits of a servo, or a movement is too fast."""
+    ANGLE_UNIT = "angle unit"
+    """A servo is set to another angle unit, or a unit was set meanwhile."""
+    SERVO_STATE = "servo state"
+    """A servo is stopped or released, and would ignore the movement."""
+    LEASE = "lease"
+    """Another program moves the board."""
+    EXCLUSIVE_USE = "exclusive use"
+    """Another program has exclusive use of the board."""
+    ROLE = "role"
+    """The role of the program does not allow the request."""
+    STOP = "stop"
+    """A stop came first, or ended the motion."""
+    DEADLINE = "deadline"
+    """The time by which the motion was to begin has passed."""
+    NOT_FOUND = "not found"
+    """No such device, port or host."""
+    IN_USE = "in use"
+    """Another program has the device, port or name."""
+    NO_PERMISSION = "no permission"
+    """The user may not open the device."""
+    NO_RESPONSE = "no response"
+    """The device is open, but no board answers."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> Self:
+        """Return `OTHER` for a reason of a newer hub."""
+        return cls("other")
+
+
+_REASONS: dict[object, Reason] = {
+    **dict.fromkeys(
+        (errno.ENOENT, errno.ENODEV, errno.ENXIO, errno.ECONNREFUSED, errno.EHOSTUNREACH), Reason.NOT_FOUND
+    ),
+    **dict.fromkeys((errno.EBUSY, errno.EAGAIN, errno.EADDRINUSE, errno.EEXIST), Reason.IN_USE),
+    **dict.fromkeys((errno.EACCES, errno.EPERM), Reason.NO_PERMISSION),
+    errno.ETIMEDOUT: Reason.NO_RESPONSE,
+}
+"""Reasons by the number of the system's error."""
+
+
 class ServolinkError(Exception):
     """Base class: `except ServolinkError` catches every error raised by servolink on purpose."""
+
+    _reason = Reason.OTHER
+
+    def __init__(self, *args: object, reason: Reason = Reason.OTHER) -> None:
+        super().__init__(*args)
+        if reason is not Reason.OTHER:
+            self._reason = reason
+
+    @property
+    def reason(self) -> Reason:
+        """Reason of the error, for programs: the reason given, or that of the cause."""
+        cause = self.__cause__
+        if self._reason is not Reason.OTHER or cause is None:
+            return self._reason
+        if isinstance(cause, ServolinkError):
+            return cause.reason
+        return _REASONS.get(getattr(cause, "errno", None), Reason.OTHER)
 
     def __str__(self) -> str:
         """Return the text with control and bidi characters escaped; `args` keeps the original text.
@@ -54,6 +124,14 @@ class ServolinkError(Exception):
         return escape(super().__repr__())
 
 
+class LocalError(ServolinkError):
+    """Cause on this side: a wrong call, a limit, a stop, another program. The board is not to blame."""
+
+
+class RemoteError(ServolinkError):
+    """Cause on the side of the board: no response, a refusal, damaged bytes, a servo that does not arrive."""
+
+
 class TransportError(ServolinkError, ConnectionError):
     """The byte pipe to the board failed."""
 
@@ -62,7 +140,7 @@ class TransportUnavailable(TransportError):
     """The address cannot be used here: a library is missing or a plug-in is broken."""
 
 
-class InvalidAddress(TransportUnavailable, ValueError):
+class InvalidAddress(TransportUnavailable, LocalError, ValueError):
     """The address is written wrongly: unknown scheme, option or name; the text shows the correct form."""
 
 
@@ -74,7 +152,7 @@ class OpenError(TransportError):
     """The address could not be opened; the text gives the remedy."""
 
 
-class SeveralBoards(OpenError):
+class SeveralBoards(OpenError, LocalError):
     """No board was named, and several were found; the text lists their addresses."""
 
 
@@ -86,13 +164,13 @@ class PacketError(ServolinkError, ValueError):
     """A packet cannot be encoded or decoded."""
 
 
-class EncodeError(PacketError):
+class EncodeError(PacketError, LocalError):
     """A value does not fit its field; the text names packet, field, value and range."""
 
-    def __init__(self, text: str, path: str = "", packet: str = "") -> None:
+    def __init__(self, text: str, path: str = "", packet: str = "", *, reason: Reason = Reason.OTHER) -> None:
         """Store `text`, escaped, and where the value is: `path` inside the packet, such as `steps[7].degree`."""
         where = ".".join(filter(None, (packet, path)))
-        super().__init__(f"{where}: {text}" if where else text)
+        super().__init__(f"{where}: {text}" if where else text, reason=reason)
         self.text = escape(text)
         self.path = escape(path)
         self.packet = packet
@@ -102,56 +180,62 @@ class MotionRefused(EncodeError):
     """The movement exceeds angle limits or speed caps, or cannot be compared with the limits; nothing was sent."""
 
 
-class DecodeError(PacketError):
+class DecodeError(PacketError, RemoteError):
     """The bytes are not a packet; `data` keeps them."""
 
-    def __init__(self, text: str, data: bytes = b"") -> None:
+    def __init__(self, text: str, data: bytes = b"", *, reason: Reason = Reason.OTHER) -> None:
         """Store `data`, the undecodable frame or content."""
-        super().__init__(text)
+        super().__init__(text, reason=reason)
         self.data = data
 
 
 class RequestError(ServolinkError):
     """A request failed; `request` is the packet."""
 
-    def __init__(self, text: str, request: Any = None) -> None:
-        super().__init__(text)
+    def __init__(self, text: str, request: Any = None, *, reason: Reason = Reason.OTHER) -> None:
+        super().__init__(text, reason=reason)
         self.request = request
 
 
-class RequestTimeout(RequestError, TimeoutError):
+class RequestRefused(RequestError, LocalError):
+    """The request was not sent, or was cancelled; `reason` says why, such as a stop or the role of the program."""
+
+
+class RequestTimeout(RequestError, RemoteError, TimeoutError):
     """No response in time; the request changed nothing on the board."""
 
 
-class Rejected(RequestError):
+class Rejected(RequestError, RemoteError):
     """The board refused the request."""
 
 
-class NotFound(RequestError):
+class NotFound(RequestError, LocalError):
     """The board has no servo, action, macro or table with the given id or caption."""
 
 
-class AmbiguousName(RequestError):
+class AmbiguousName(RequestError, LocalError):
     """Several things on the board have the caption given in place of an id; the text lists their ids."""
 
 
-class WrongBoard(RequestError):
+class WrongBoard(RequestError, RemoteError):
     """A different board was learnt under the name of this board: nothing was moved or written."""
 
 
-class OutcomeUnknown(RequestError):
+class OutcomeUnknown(RequestError, RemoteError):
     """The command was sent and no response came: read the state back before sending the command again."""
 
 
-class TargetNotReached(ServolinkError):
+class TargetNotReached(RemoteError):
     """Servos have not arrived in time. The motion was sent and may still continue: check the robot before the next.
 
     Not a TimeoutError: programs that retry after a TimeoutError would repeat the motion.
     """
 
-    def __init__(self, text: str, late: Mapping[int, tuple[int, int]] | None = None) -> None:
+    def __init__(
+        self, text: str, late: Mapping[int, tuple[int, int]] | None = None, *, reason: Reason = Reason.OTHER
+    ) -> None:
         """Store `late`: actual and target position of each late servo, by id; empty if a hub did the waiting."""
-        super().__init__(text)
+        super().__init__(text, reason=reason)
         self.late = dict(late or {})
 
 

@@ -1,27 +1,54 @@
-"""Errors quote what boards and files contain, and are safe to print."""
+"""Errors: safe to print whatever boards and files contain, on one side or the other, with a reason for programs."""
 
 from __future__ import annotations
 
+import ast
+import errno
+import inspect
 import pickle
 import traceback
+from pathlib import Path
 
 import pytest
 
+from servolink import errors
+from servolink.control.channel import error_of
+from servolink.control.error_codes import KINDS, error_object
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
     EncodeError,
+    LocalError,
+    MotionRefused,
     OpenError,
     OutcomeUnknown,
     ProjectError,
+    Reason,
+    RemoteError,
+    RequestRefused,
     RequestTimeout,
     ServolinkError,
+    SeveralBoards,
     TargetNotReached,
 )
 from servolink.escaping import escape, quote
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest
 from servolink.protocol.records import ServoParameter, Step
+from tests.syntax import tree_of
+
+PACKAGE = Path(errors.__file__).parent
+CLASSES = [kind for _, kind in inspect.getmembers(errors, inspect.isclass) if issubclass(kind, ServolinkError)]
+BASES = {"ServolinkError", "TransportError", "PacketError", "RequestError"}
+ON_NEITHER_SIDE = {
+    "TransportUnavailable": "a library or a plug-in is missing",
+    "ProfileError": "a file",
+    "OpenError": "a port, or the network; `reason` says more",
+    "ConnectionLost": "a cable, or the network",
+    "ProjectError": "a file, or the content of a board",
+    "RecordingError": "a file",
+}
+"""Errors whose cause is neither the program nor the board alone."""
 
 HOSTILE = "a\x1b[2J\n\u202eb\udcff"
 ESCAPED = r"a\x1b[2J\x0a\u202eb\xff"
@@ -72,3 +99,60 @@ def test_the_parts_of_an_encode_error_are_escaped_as_well() -> None:
 def test_errors_survive_pickling() -> None:
     error = pickle.loads(pickle.dumps(EncodeError("\x1b", "steps[1]", "Packet")))  # noqa: S301 - made here
     assert (error.path, error.packet, str(error)) == ("steps[1]", "Packet", r"Packet.steps[1]: \x1b")
+
+
+def test_each_error_is_on_one_side_at_most() -> None:
+    sides = {kind.__name__: (issubclass(kind, LocalError), issubclass(kind, RemoteError)) for kind in CLASSES}
+    assert not [name for name, both in sides.items() if all(both)]
+    assert {name for name, either in sides.items() if not any(either)} == BASES | ON_NEITHER_SIDE.keys()
+
+
+def test_each_error_has_a_code_in_the_control_interface() -> None:
+    never_sent = {LocalError, RemoteError, SeveralBoards}
+    assert {kind.error for kind in KINDS} == set(CLASSES) - never_sent
+
+
+def test_no_error_says_only_that_a_request_failed() -> None:
+    vague = {"TransportError", "PacketError", "RequestError", "LocalError", "RemoteError"}
+    found = [
+        f"{module.relative_to(PACKAGE)}:{node.lineno}"
+        for module in PACKAGE.rglob("*.py")
+        for node in ast.walk(tree_of(module))
+        if isinstance(node, ast.Raise)
+        and isinstance(node.exc, ast.Call)
+        and isinstance(node.exc.func, ast.Name)
+        and node.exc.func.id in vague
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_a_reason_reaches_programs_through_a_hub_and_survives_pickling(kind: type[ServolinkError]) -> None:
+    error = kind("text", reason=Reason.STOP)
+    told = error_object(pickle.loads(pickle.dumps(error)))  # noqa: S301 - made here
+    assert (told.message, told.data.reason) == ("text", "stop")
+    assert error_of(kind.__name__, "text", told.data.reason).reason is Reason.STOP
+    assert kind("text").reason is Reason.OTHER
+
+
+def test_a_reason_of_a_newer_hub_is_another_one() -> None:
+    assert error_of("MotionRefused", "text", "full moon").reason is Reason.OTHER
+
+
+@pytest.mark.parametrize(
+    ("cause", "reason"),
+    [
+        (FileNotFoundError(errno.ENOENT, "none"), Reason.NOT_FOUND),
+        (OSError(errno.EBUSY, "busy"), Reason.IN_USE),
+        (PermissionError(errno.EACCES, "denied"), Reason.NO_PERMISSION),
+        (ValueError("no number"), Reason.OTHER),
+        (RequestRefused("a stop came first", reason=Reason.STOP), Reason.STOP),
+    ],
+)
+def test_the_reason_is_that_of_the_cause_unless_one_is_given(cause: Exception, reason: Reason) -> None:
+    with pytest.raises(OpenError) as found:
+        raise OpenError("not opened") from cause
+    assert found.value.reason is reason
+    with pytest.raises(MotionRefused) as found_other:
+        raise MotionRefused("refused", reason=Reason.LEASE) from cause
+    assert found_other.value.reason is Reason.LEASE

@@ -14,7 +14,15 @@ from servolink.cli.command import Run
 from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
 from servolink.cli.screen.terminal import can_ask, confirm, end_process
 from servolink.cli.usage import usage_error
-from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RecordingError, RequestTimeout, ServolinkError
+from servolink.errors import (
+    ConnectionLost,
+    OpenError,
+    OutcomeUnknown,
+    Reason,
+    RecordingError,
+    RequestTimeout,
+    ServolinkError,
+)
 from servolink.platforms.signals import handled
 from servolink.script import INTERRUPTED, NO_BOARD, OK
 
@@ -198,7 +206,7 @@ def choose_board(args: argparse.Namespace) -> str:
     found = boards(candidates)
     usable = [board for board in found if not board.problem]
     if not found:
-        raise OpenError(NO_BOARD_FOUND)
+        raise OpenError(NO_BOARD_FOUND, reason=Reason.NOT_FOUND)
     if len(found) == 1 or len(usable) == 1:
         return only(candidates)
     if args.json or not can_ask():

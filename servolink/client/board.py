@@ -86,7 +86,7 @@ class Board:
     that moves servos. What a run uses is read first, and each step is checked from where those before it end, the first
     from where the servos are. A step beyond a limit raises MotionRefused, with nothing moved. With `soft_start`, servos
     whose first movement this would be (see `move`) then go to their first angles in the run, no faster than that. When
-    they have arrived, everything is checked again, and the run begins. A stop in between raises RequestError, a servo
+    they have arrived, everything is checked again, and the run begins. A stop in between raises RequestRefused, a servo
     that does not arrive TargetNotReached. With `dry_run`, everything is checked and nothing moves.
     """
 
@@ -375,7 +375,7 @@ class Board:
 
         Returns when the command is sent: the board does not answer it. With `wait`, returns when the duration is over
         and the servos rest at their last angles. Raise TargetNotReached that names the servos that are not within 2
-        degrees of them a second later, and RequestError if `stop` ends the run. A cancelled wait stops nothing.
+        degrees of them a second later, and RequestRefused if `stop` ends the run. A cancelled wait stops nothing.
         Raise MotionRefused, with nothing moved, for a step beyond a limit (see `Board`).
         """
         return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
@@ -390,11 +390,11 @@ class Board:
 
         Everything is checked before anything moves. Raise ProjectError for a name that is not in the project,
         MotionRefused for a step beyond a limit, NotFound for a record or a servo that is missing, EncodeError for
-        values that do not fit, RequestError for a servo that is stopped or released, set to ADC, or for a macro that
+        values that do not fit, RequestRefused for a servo that is stopped or released, set to ADC, or for a macro that
         never ends.
 
         `playback.pause()` lets the servos finish the steps that have begun, and `playback.resume()` goes on. A stop, a
-        change of an angle unit (RequestError) and a lost connection (ConnectionLost) end it: no step is sent twice.
+        change of an angle unit (RequestRefused) and a lost connection (ConnectionLost) end it: no step is sent twice.
         After a cancellation no further step is sent; the servos finish the one that has begun, unless `stop` is called.
         """
         return await self._playing.play(project, name, playback=playback, dry_run=dry_run)

@@ -20,6 +20,7 @@ from servolink.errors import (
     MotionRefused,
     NotFound,
     OutcomeUnknown,
+    Reason,
     Rejected,
     RequestTimeout,
     TargetNotReached,
@@ -195,7 +196,7 @@ class ServoController:
             await asyncio.sleep(longest)
             async for _ in self.until_arrived(goals, 0.0):
                 if refusal := connection.gates.lease(request, ticket):
-                    raise MotionRefused(f"the motion was sent, and then interrupted: {refusal}")
+                    raise MotionRefused(f"the motion was sent, and then interrupted: {refusal}") from refusal
         return longest
 
     async def follow(
@@ -369,7 +370,8 @@ class ServoController:
         if exceeded:
             speed = degrees_per_second(degrees, seconds)
             raise MotionRefused(
-                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}"
+                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}",
+                reason=Reason.LIMIT,
             )
 
 

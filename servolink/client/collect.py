@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from servolink.client.board_servos import Servo
-from servolink.errors import MotionRefused, NotFound, RequestError
+from servolink.errors import MotionRefused, NotFound, RequestRefused
 from servolink.project.model import Project
 from servolink.project.record_lookup import name_of
 from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
@@ -53,12 +53,12 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
 
 
 def check_can_wait(run: RecordRun, servos: Iterable[Servo]) -> None:
-    """Raise RequestError for an endless run, NotFound for a run of missing servos."""
+    """Raise RequestRefused for an endless run, NotFound for a run of missing servos."""
     from servolink.project.preflight import uncheckable  # late: most runs are not waited for
 
     name = name_of(run.record)
     if why := next(uncheckable(run.stored), ""):
-        raise RequestError(f"{name} was not run, because its end could not be known: {why}")
+        raise RequestRefused(f"{name} was not run, because its end could not be known: {why}")
     present = {servo.servo_id for servo in servos}
     if missing := sorted(servo_id for servo_id in run.last_pose() if servo_id not in present):
         raise NotFound(f"{name} was not run: it moves servo {missing[0]}, which the board does not have")

@@ -15,7 +15,15 @@ from servolink.connection.options import ConnectionOptions, TransmissionMode, op
 from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
-from servolink.errors import ConnectionLost, OpenError, ProfileError, RequestError, RequestTimeout, TransportUnavailable
+from servolink.errors import (
+    ConnectionLost,
+    OpenError,
+    ProfileError,
+    Reason,
+    RequestError,
+    RequestTimeout,
+    TransportUnavailable,
+)
 from servolink.escaping import escape, quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
@@ -170,7 +178,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         except BaseException as error:
             await board.close()
             if isinstance(error, RequestTimeout):
-                raise OpenError(str(error)) from None
+                raise OpenError(str(error), reason=Reason.NO_RESPONSE) from None
             raise
         return board
 
@@ -248,7 +256,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
         except BaseException as error:
             await connection.close()
             if isinstance(error, RequestError):
-                raise OpenError(str(error)) from None
+                reason = Reason.NO_RESPONSE if isinstance(error, RequestTimeout) else error.reason
+                raise OpenError(str(error), reason=reason) from None
             if isinstance(error, ConnectionLost):
                 raise OpenError(str(error)) from error
             if isinstance(error, OpenError):

@@ -18,7 +18,7 @@ from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNoti
 from servolink.control.roles import Role, needed_role
 from servolink.control.share_address import ShareTransport
 from servolink.control.status import BoardState, HoldStatus, LeaseStatus
-from servolink.errors import ConnectionLost, MotionRefused, OpenError, Rejected
+from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused
 from servolink.escaping import escape
 from servolink.motion.ticket import Ticket
 from servolink.profiles.profile import BoardProfile, ProfileInUse
@@ -96,7 +96,7 @@ class HubLink:
     async def moving(self) -> AsyncIterator[None]:
         """Hold the lease while stored records turn servos.
 
-        Raise MotionRefused, which names the holder, if another program has it, and Rejected without the role.
+        Raise MotionRefused, which names the holder, if another program has it, and RequestRefused without the role.
         """
         if lacking := self._lacking(Role.EDIT, "changing what is stored"):
             raise lacking
@@ -114,7 +114,7 @@ class HubLink:
         if not self._has_lease and is_motion(packet):
             await self.take_lease()
 
-    def _refuse_role(self, packet: Packet, ticket: Ticket) -> Rejected | None:
+    def _refuse_role(self, packet: Packet, ticket: Ticket) -> RequestRefused | None:
         """Refuse packets for higher roles: the hub would not send them, and could not always report the refusal."""
         return self._lacking(needed_role(packet), type(packet).__name__)
 
@@ -125,17 +125,19 @@ class HubLink:
         name = escape(self._welcome.name)
         return MotionRefused(
             f"the servos of {name} are moved by {escape(self._mover)}: wait until it is free, or take it over with "
-            f"`servolink share --take {name}`"
+            f"`servolink share --take {name}`",
+            reason=Reason.LEASE,
         )
 
-    def _lacking(self, needed: Role, what: str) -> Rejected | None:
+    def _lacking(self, needed: Role, what: str) -> RequestRefused | None:
         """Return the error if `what` needs a higher role than the program's."""
         name, role = escape(self._welcome.name), self._welcome.role
         if Role.parse(role) >= needed:
             return None
-        return Rejected(
+        return RequestRefused(
             f"nothing was sent: {what} needs the role {needed}, and this program has the role {role}; "
-            f"connect to share://{name}?role={needed}"
+            f"connect to share://{name}?role={needed}",
+            reason=Reason.ROLE,
         )
 
     def _hear(self, method: str, params: Raw) -> None:
@@ -169,7 +171,7 @@ class HubLink:
         if hold is None or hold.session == self._welcome.session:
             self._connection.resume()
             return
-        reason = f"{hold.who} has the board alone{f' ({hold.reason})' if hold.reason else ''}"
+        reason = f"{hold.who} has exclusive use of the board{f' ({hold.reason})' if hold.reason else ''}"
         _logger.warning("waiting: %s", escape(reason))
         self._connection.suspend(reason)
 

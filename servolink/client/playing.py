@@ -14,7 +14,7 @@ from servolink.client.projects import check_project
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
 from servolink.connection.gates import UnitsChanged
-from servolink.errors import ConnectionLost, EncodeError, NotFound, RequestError
+from servolink.errors import ConnectionLost, EncodeError, NotFound, Reason, RequestRefused
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import Ticket
 from servolink.project.model import Project
@@ -91,7 +91,7 @@ class Playing:
         return run.seconds()
 
     async def _playable(self, stored: Project, record: Any) -> RecordRun:
-        """Return the run of a record. Raise EncodeError or RequestError for an unplayable or endless run."""
+        """Return the run of a record. Raise EncodeError or RequestRefused for an unplayable or endless run."""
         from servolink.client.collect import check_can_wait
         from servolink.project.record_lookup import name_of
         from servolink.project.speed import RecordRun
@@ -110,9 +110,11 @@ class Playing:
         used = [servo for servo in servos if servo.servo_id in run.servo_ids()]
         for servo in used:
             if not (servo.is_start and servo.is_hold):
-                raise RequestError(f"{why} servo {servo.servo_id} is {servo.state}; start and hold it first")
+                text = f"{why} servo {servo.servo_id} is {servo.state}; start and hold it first"
+                raise RequestRefused(text, reason=Reason.SERVO_STATE)
             if self._servos.units.of(servo.servo_id) == "adc":
-                raise RequestError(f"{why} servo {servo.servo_id} is set to raw ADC; set its angle unit to degrees")
+                text = f"{why} servo {servo.servo_id} is set to raw ADC; set its angle unit to degrees"
+                raise RequestRefused(text, reason=Reason.ANGLE_UNIT)
         return run
 
     def _check_values(self, record: Any) -> None:
@@ -189,7 +191,7 @@ class _Player:
             self._waiting.append(_movement(steps, speed))
 
     async def _send(self, movement: ExecuteActionRequest) -> None:
-        """Send a movement, once. Raise RequestError after a stop or a change of a unit, ConnectionLost after a loss."""
+        """Send a movement, once. Raise RequestRefused after a stop or a new unit, ConnectionLost after a loss."""
         self._check()
         self._has_begun, self.latest = True, movement
         try:
@@ -197,9 +199,8 @@ class _Player:
         except UnitsChanged:
             from servolink.project.record_lookup import name_of
 
-            raise RequestError(
-                f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played", movement
-            ) from None
+            text = f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played"
+            raise RequestRefused(text, movement, reason=Reason.ANGLE_UNIT) from None
         # A late step is not cut short: the next would turn faster than checked.
         self._due = max(self._due, asyncio.get_running_loop().time())
 

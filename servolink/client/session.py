@@ -12,7 +12,7 @@ from servolink.connection.explain import described, lost, same
 from servolink.connection.packet_connection import PacketConnection
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
-from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, ServolinkError
+from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, ServolinkError
 from servolink.escaping import escape, quote
 from servolink.motion.ticket import Ticket
 from servolink.numeric import check_seconds
@@ -107,9 +107,9 @@ class Session:
         if not stops.issued(ticket) or self.state != "connected":
             raise ConnectionLost(f"{name} was started, and the connection was lost before it was over")
         if not stops.holds(ticket):
-            raise RequestError(f"{name} was started, and then ended by a stop", packet)
+            raise RequestRefused(f"{name} was started, and then ended by a stop", packet, reason=Reason.STOP)
         if refusal := self.connection.gates.lease(packet, ticket):
-            raise MotionRefused(f"{name} was started, and then interrupted: {refusal}")
+            raise MotionRefused(f"{name} was started, and then interrupted: {refusal}") from refusal
 
     # --- requests -----------------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from servolink.client.board_servos import Servo, ServoController
 from servolink.client.collect import check_can_wait, collect
 from servolink.client.session import Session
 from servolink.connection.explain import described
-from servolink.errors import ConnectionLost, MotionRefused, Rejected, RequestError, TargetNotReached
+from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, TargetNotReached
 from servolink.motion.angles import Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
@@ -109,7 +109,7 @@ class StoredRuns:
         return await connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> RecordRun:
-        """Read the run of a record. Raise RequestError if the caller wants to wait for an unknown end."""
+        """Read the run of a record. Raise RequestRefused if the caller wants to wait for an unknown end."""
         from servolink.project.speed import RecordRun
 
         stored = await collect(self._records.get, kind, record_id)
@@ -146,7 +146,7 @@ class StoredRuns:
             first = self._servos.soft_start.first_moves(active)
             start = {servo_id: int(servo.angle) for servo_id, servo in servos.items()}
             start |= {servo_id: pose[servo_id] for servo_id in first}
-            _refuse(record, next(preflight_run(run, stored, self._limits, start), ""))
+            _refuse(record, next(preflight_run(run, stored, self._limits, start), ""), Reason.LIMIT)
             if wait:
                 check_can_wait(run, servos.values())
             self._check_is_current(name_of(record), ticket)
@@ -190,9 +190,9 @@ class StoredRuns:
         if not connection.stops.issued(ticket):
             raise ConnectionLost(f"{name} was not run: the connection was lost while it was checked")
         if not connection.stops.holds(ticket):
-            raise RequestError(f"{name} was not run: a stop came first")
+            raise RequestRefused(f"{name} was not run: a stop came first", reason=Reason.STOP)
         if refusal := connection.gates.lease(ExecuteActionRequest(), ticket):
-            raise MotionRefused(f"{name} was not run: {refusal}")
+            raise MotionRefused(f"{name} was not run: {refusal}") from refusal
 
     def _check_servos(self, record: Action | Macro, stored: Project, servos: Mapping[int, Servo]) -> None:
         """Raise MotionRefused for a servo whose limits cannot be applied."""
@@ -202,7 +202,8 @@ class StoredRuns:
                     continue
                 where = f"{name_of(action)}, step {number} moves servo {step.servo_id}"
                 if self._servos.units.of(step.servo_id) != "degree":
-                    _refuse(record, f"{where}, which is not set to degrees; limits and speeds are in degrees")
+                    why = f"{where}, which is not set to degrees; limits and speeds are in degrees"
+                    _refuse(record, why, Reason.ANGLE_UNIT)
                 if step.servo_id not in servos and self._limits.limit_speed_of(step.servo_id):
                     _refuse(record, f"{where}, which the board does not report, so its speed is unknown")
 
@@ -212,8 +213,8 @@ def _is_active(servo: Servo) -> bool:
     return servo.is_start and servo.is_hold
 
 
-def _refuse(record: Action | Macro, why: str) -> None:
+def _refuse(record: Action | Macro, why: str, reason: Reason = Reason.OTHER) -> None:
     """Raise MotionRefused if there is a reason."""
     if why:
         name = name_of(record)
-        raise MotionRefused(f"{name} was not run: {why.removeprefix(f'{name}, ')}")
+        raise MotionRefused(f"{name} was not run: {why.removeprefix(f'{name}, ')}", reason=reason)

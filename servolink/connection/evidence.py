@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from msgspec import Struct
 
-from servolink.errors import OpenError
+from servolink.errors import OpenError, Reason
 from servolink.escaping import quote
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import HEADER, MAGIC, OVERHEAD, ByteOrder, checksum
@@ -108,7 +108,7 @@ class HandshakeFailed(OpenError):
 
     def __init__(self, text: str, evidence: LineEvidence) -> None:
         """Keep the evidence beside the text."""
-        super().__init__(text)
+        super().__init__(text, reason=Reason.NO_RESPONSE)
         self.evidence = evidence
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple, TypeAlias
 
-from servolink.errors import ConnectionLost, RequestError, ServolinkError
+from servolink.errors import ConnectionLost, Reason, RequestRefused, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.packet import Effect, Packet, Query, is_motion
 
@@ -50,8 +50,10 @@ def passes_gates(packet: Packet) -> bool:
     return not (isinstance(packet, Query) or packet.effect is Effect.STOPS)
 
 
-class UnitsChanged(RequestError):
+class UnitsChanged(RequestRefused):
     """A motion was not sent, because an angle unit was set after its angles were checked."""
+
+    _reason = Reason.ANGLE_UNIT
 
 
 def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
@@ -68,9 +70,10 @@ def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
             if not stops.issued(ticket):
                 return ConnectionLost(f"{name} was not sent: the connection was lost after it was asked for")
             if not stops.holds(ticket):
-                return RequestError(f"{name} was not sent: a stop came first", packet)
+                return RequestRefused(f"{name} was not sent: a stop came first", packet, reason=Reason.STOP)
         if now() > ticket.until:
-            return RequestError(f"{name} was not sent: the time by which it was to begin has passed", packet)
+            text = f"{name} was not sent: the time by which it was to begin has passed"
+            return RequestRefused(text, packet, reason=Reason.DEADLINE)
         return None
 
     return refusal

@@ -16,7 +16,15 @@ from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ProgressNotice
 from servolink.control.share_address import greet
-from servolink.errors import ConnectionLost, OpenError, Rejected, RequestError, RequestTimeout, ServolinkError
+from servolink.errors import (
+    ConnectionLost,
+    OpenError,
+    Reason,
+    RequestError,
+    RequestRefused,
+    RequestTimeout,
+    ServolinkError,
+)
 from servolink.escaping import escape
 
 _MOST_BYTES = 64 * 1024 * 1024  # of one message: four times the largest project
@@ -114,7 +122,7 @@ class RpcChannel(asyncio.Protocol):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
         if (fault := reply.fault) is not None:
-            raise error_of(fault.data.kind, fault.message)
+            raise error_of(fault.data.kind, fault.message, fault.data.reason)
         return reply.result
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
@@ -208,13 +216,13 @@ class RpcChannel(asyncio.Protocol):
             self.on_notification(method, params)
 
 
-def error_of(kind: str, text: str) -> ServolinkError:
+def error_of(kind: str, text: str, reason: str = Reason.OTHER) -> ServolinkError:
     """Return the error of the library for an error of a hub."""
     if kind == "forbidden":
-        return Rejected(text)
+        return RequestRefused(text, reason=Reason.ROLE)
     declared = getattr(errors, kind, None)
     if isinstance(declared, type) and issubclass(declared, ServolinkError):
-        return declared(text)
+        return declared(text, reason=Reason(reason))
     return RequestError(text)
 
 

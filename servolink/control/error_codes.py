@@ -63,6 +63,7 @@ KINDS = (
     Kind(304, errors.AmbiguousName, "give the id instead of the caption"),
     Kind(305, errors.WrongBoard, "connect the right board"),
     Kind(306, errors.OutcomeUnknown, "read back before sending it again: it may have been done"),
+    Kind(307, errors.RequestRefused, "read `reason` and the message: it was not sent, or a stop ended it"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
     Kind(401, errors.RecordingError, "do what the message says; `recorder.status` says what goes on"),
     Kind(500, errors.TargetNotReached, "the motion was sent: look at the robot, and do not simply repeat it"),
@@ -78,6 +79,7 @@ class ErrorData(Struct, frozen=True):
     kind: Annotated[str, Meta(description="name of the error, such as MotionRefused")]
     remedy: Annotated[str, Meta(description="what to do next")]
     path: Annotated[str, Meta(description="where in the params the wrong value is, such as targets.hip")] = ""
+    reason: Annotated[str, Meta(description="for programs, such as `limit`, `lease` or `stop`; else `other`")] = "other"
 
 
 class ErrorObject(Struct, frozen=True):
@@ -111,7 +113,7 @@ def error_object(error: Exception) -> ErrorObject:
         kind = next(_KINDS[each] for each in type(error).__mro__ if each in _KINDS)
         remedy = getattr(error, "remedy", "") or kind.remedy
         path = error.path if isinstance(error, EncodeError) else ""
-        return ErrorObject(kind.code, text, ErrorData(kind.error.__name__, remedy, path))
+        return ErrorObject(kind.code, text, ErrorData(kind.error.__name__, remedy, path, error.reason))
     if isinstance(error, (TypeError, ValueError)):  # what the library says of an impossible argument
         return error_object(RpcError(Code.INVALID_PARAMS, text))
     return error_object(RpcError(Code.INTERNAL_ERROR, f"internal error: {type(error).__name__}"))

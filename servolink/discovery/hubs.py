@@ -14,7 +14,7 @@ from typing import BinaryIO, Self
 
 from servolink.discovery.announcements import read_all, write
 from servolink.discovery.search import identity_of, is_same_place
-from servolink.errors import OpenError
+from servolink.errors import OpenError, Reason
 from servolink.escaping import quote
 from servolink.files import is_name, reason
 from servolink.platforms.locks import open_locked, remove_locked
@@ -67,7 +67,9 @@ class HubClaim:
             raise OpenError(f"{self.url}: the hub cannot be announced to programs: {where}: {reason(error)}") from error
         # Checked after the file was written: of two hubs starting together, at least one finds the other.
         if (other := hub_of(url, but=self.url)) is not None:
-            raise OpenError(f"{url} is {other.product} already: use {other.url}, or end the other hub first")
+            raise OpenError(
+                f"{url} is {other.product} already: use {other.url}, or end the other hub first", reason=Reason.IN_USE
+            )
 
 
 async def claim_hub(name: str) -> HubClaim:
@@ -83,7 +85,8 @@ async def claim_hub(name: str) -> HubClaim:
         raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
     if file is None:
         server = await asyncio.to_thread(_described, name)
-        raise OpenError(f"share://{name} is {server} already: use that hub, or choose another name with --name")
+        text = f"share://{name} is {server} already: use that hub, or choose another name with --name"
+        raise OpenError(text, reason=Reason.IN_USE)
     return HubClaim(name, folder, file)
 
 

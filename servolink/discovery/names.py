@@ -12,7 +12,7 @@ import msgspec
 from msgspec.structs import asdict
 
 from servolink.discovery.search import is_same_place, only, search
-from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
+from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportUnavailable
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
 from servolink.platforms.locks import lock
 from servolink.profiles.store import profile_names
@@ -100,7 +100,8 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     meaning = f"{name} is the board with serial number {alias.serial_number}"
     if not found:
         raise OpenError(
-            f"{meaning}, but was not found; plug the board in and switch it on; `servolink list` shows all boards found"
+            f"{meaning}, and was not found; plug the board in and switch it on; `servolink list` shows all boards",
+            reason=Reason.NOT_FOUND,
         )
     if len(found) > 1:
         named = ", ".join(device.url for device in found)
@@ -146,7 +147,8 @@ def _resolve_exclusive(board: str | None) -> Resolved:
 
     found = _resolve(board)
     if (hub := _at(found.url) or hubs.hub_of(found.url)) is not None:
-        raise OpenError(f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub for exclusive use of the board")
+        text = f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub for exclusive use of the board"
+        raise OpenError(text, reason=Reason.IN_USE)
     return found
 
 

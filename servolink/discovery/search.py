@@ -9,7 +9,7 @@ from dataclasses import replace
 from importlib import import_module
 from typing import NamedTuple
 
-from servolink.errors import InvalidAddress, OpenError, SeveralBoards, TransportError
+from servolink.errors import InvalidAddress, OpenError, Reason, SeveralBoards, TransportError
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
@@ -158,7 +158,7 @@ def only(candidates: Sequence[DeviceInfo]) -> str:
     if len(usable) == 1:
         return usable[0].url
     if not found:
-        raise OpenError(NO_BOARD_FOUND)
+        raise OpenError(NO_BOARD_FOUND, reason=Reason.NOT_FOUND)
     if len(found) == 1:
         raise OpenError(f"{found[0].url}: {found[0].problem}")
     raise SeveralBoards(f"{len(found)} boards are here; name one of {', '.join(board.url for board in found)}")

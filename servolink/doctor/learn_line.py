@@ -10,7 +10,7 @@ from statistics import median
 from types import TracebackType
 from typing import Self
 
-from servolink.errors import ConnectionLost, DecodeError, OpenError
+from servolink.errors import ConnectionLost, DecodeError, OpenError, Reason
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
 from servolink.protocol.packet import Packet, Request, Response
@@ -45,7 +45,7 @@ class SharedTransport:
     async def open(self, receiver: Receiver) -> None:
         """Pass everything to `receiver` until `close`. Raise OpenError for a failed opening or a lost transport."""
         if self._receiver is not None:
-            raise OpenError(f"{self.url}: in use by another part of servolink")
+            raise OpenError(f"{self.url}: in use by another part of servolink", reason=Reason.IN_USE)
         if self._lost is not None:
             raise OpenError(f"{self.url}: lost before: {self._lost}") from self._lost
         self._receiver = receiver

@@ -81,7 +81,7 @@ def failure_of(result: Result) -> ServolinkError | None:
         return None
     if result.error is UNSET:
         return error_of("", f"{result.board} refused, and did not say why")
-    return error_of(result.error.data.kind, f"{result.board}: {result.error.message}")
+    return error_of(result.error.data.kind, f"{result.board}: {result.error.message}", result.error.data.reason)
 
 
 def result_as(board: str, found: Any, kind: type[T]) -> T:

@@ -7,7 +7,7 @@ import asyncio
 import msgspec
 
 from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
-from servolink.errors import MotionRefused, NotFound
+from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
 from servolink.motion.ticket import StopCounter, Ticket
@@ -38,7 +38,7 @@ class ReadyRun:
         checked = result_of(await self._hub.ask("run.prepare", run))
         if not self._stops.holds(ticket):
             self._hub.tell("lease.give")
-            raise MotionRefused("the board was stopped while this was prepared; nothing was moved")
+            raise MotionRefused("the board was stopped while this was prepared; nothing was moved", reason=Reason.STOP)
         loop = asyncio.get_running_loop()
         self.is_none.clear()
         self._prepared, self._ticket = asked, ticket._replace(until=loop.time() + asked.expires)
@@ -58,7 +58,7 @@ class ReadyRun:
         self._drop()
         if prepared is None or not self._stops.holds(ticket) or asyncio.get_running_loop().time() > ticket.until:
             self.is_none.set()
-            raise MotionRefused("the prepared run has expired; nothing was moved")
+            raise MotionRefused("the prepared run has expired; nothing was moved", reason=Reason.DEADLINE)
         try:
             return msgspec.json.decode(result_of(await self._hub.ask("run.start", RunStart(at))), type=RunStarted)
         finally:

@@ -143,7 +143,7 @@ class BoardNow(Struct, frozen=True, kw_only=True):
     noise: Annotated[int, about("bytes from the board that belong to no frame")] = 0
     programs: Annotated[int, about("that use the board on its machine")] = 0
     lease: Annotated[str | None, about("the program that moves the board; null if none does")] = None
-    hold: Annotated[str | None, about("the program that has the board alone; null if none has")] = None
+    hold: Annotated[str | None, about("the program that has exclusive use of the board; null if none has")] = None
     servos: int = 0
     actions: tuple[Stored, ...] = ()
     macros: tuple[Stored, ...] = ()

@@ -13,7 +13,7 @@ from servolink.client.button_events import ButtonEvent
 from servolink.control.notifications import ConnectionNow, HoldNotice, ProgramNotice, RefusedNotice
 from servolink.control.roles import Role
 from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus
-from servolink.errors import ConnectionLost, MotionRefused, Rejected, ServolinkError
+from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, ServolinkError
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
@@ -199,7 +199,7 @@ class Hub:
         exchange = Exchange(program, packet, ticket, asked_at=self._now(), seconds=seconds)
         response = await self._upstream.begin(exchange)
         if exchange.refused:
-            raise MotionRefused(f"nothing was moved: {exchange.refused}")
+            raise MotionRefused(f"nothing was moved: {exchange.refused}") from exchange.error
         if response == ExecuteMacroResponse(0):
             raise Rejected(f"{self.url} refused to run what was prepared", packet)
 
@@ -226,7 +226,7 @@ class Hub:
         if program is None:
             raise ConnectionLost("the session has ended; connect again")
         if self.lease is not None and self.lease.session != session_id:
-            raise MotionRefused(f"nothing was stopped: {self.leases.reason(session_id)}")
+            raise MotionRefused(f"nothing was stopped: {self.leases.reason(session_id)}", reason=Reason.LEASE)
         await self._stopping.end_move(program, servo_ids)
 
     def _stop_unwatched(self, reason: str) -> None:

@@ -12,7 +12,7 @@ from servolink.client.connect import connect
 from servolink.control.roles import Role
 from servolink.discovery.hubs import claim_hub, hub_of
 from servolink.discovery.names import resolve_board
-from servolink.errors import OpenError
+from servolink.errors import OpenError, Reason
 from servolink.files import is_name
 from servolink.hub.doors.frame_doors import pty_door, tcp_door
 from servolink.hub.doors.socket_door import socket_door
@@ -51,7 +51,9 @@ async def serve_board(
     """
     address, known_as = await resolve_board(url, through_hub=False)
     if (other := await asyncio.to_thread(hub_of, address)) is not None:
-        raise OpenError(f"{address} is {other.product} already: use {other.url}, or end that one first")
+        raise OpenError(
+            f"{address} is {other.product} already: use {other.url}, or end that hub first", reason=Reason.IN_USE
+        )
     chosen = name or known_as or default_name(address)
     async with AsyncExitStack() as stack:
         claim = stack.enter_context(await claim_hub(chosen))

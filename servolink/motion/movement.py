@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping
 
-from servolink.errors import EncodeError, MotionRefused
+from servolink.errors import EncodeError, MotionRefused, Reason
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import BACK_STEP, MotionLimits, degrees_per_second
@@ -45,15 +45,17 @@ def check_limits(
     for servo_id, angle in angles.items():
         if (speed is not None or limits.apply_to(servo_id)) and unit_of(servo_id) != "degree":
             raise MotionRefused(
-                f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees"
+                f"servo {servo_id}: limits and speeds are in degrees, and this servo is not set to degrees",
+                reason=Reason.ANGLE_UNIT,
             )
         if exceeded := limits.exceeded_angles(servo_id, angle):
             text = f"servo {servo_id}: {quote(int(angle))} degrees is outside its limits {exceeded}"
             if not pose or not limits.exceeded_angles(servo_id, pose[servo_id]):
-                raise MotionRefused(text)
+                raise MotionRefused(text, reason=Reason.LIMIT)
             if not limits.is_way_back(servo_id, pose[servo_id], angle):
                 way = f"toward them by {BACK_STEP} degrees at a time"
-                raise MotionRefused(f"{text}; from {quote(int(pose[servo_id]))} it may turn within them, or {way}")
+                text += f"; from {quote(int(pose[servo_id]))} it may turn within them, or {way}"
+                raise MotionRefused(text, reason=Reason.LIMIT)
 
 
 def intervals_for(
@@ -94,7 +96,8 @@ def intervals_for(
         if exceeded := limits.exceeded_cap(servo_id, distance, sent):
             average = degrees_per_second(distance, sent)
             raise MotionRefused(
-                f"servo {servo_id}: {distance} degrees in {sent:g} s is {average:.0f} degrees/s; its cap is {exceeded}"
+                f"servo {servo_id}: {distance} degrees in {sent:g} s is {average:.0f} degrees/s; its cap is {exceeded}",
+                reason=Reason.LIMIT,
             )
     return intervals
 

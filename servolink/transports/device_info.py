@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 from urllib.parse import quote
 
-from servolink.errors import OpenError
+from servolink.errors import OpenError, Reason
 from servolink.transports.address import Address
 
 UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule for this permission, and where to put the rule"
@@ -129,4 +129,5 @@ def choose_only(url: str, expected: str, found: Sequence[_Found], present: Itera
         raise OpenError(f"{url}: {len(urls)} devices can be the board; choose among: {', '.join(urls)}")
     others = ", ".join(sorted(each.url for each in present))
     present_text = f"these are here: {others}" if others else "nothing of that kind is here"
-    raise OpenError(f"{url}: found no {expected}; plug the board in and switch it on; {present_text}")
+    text = f"{url}: found no {expected}; plug the board in and switch it on; {present_text}"
+    raise OpenError(text, reason=Reason.NOT_FOUND)

@@ -7,7 +7,7 @@ import logging
 from collections.abc import Awaitable
 from contextlib import suppress
 
-from servolink.errors import ConnectionLost, OpenError, ServolinkError, TransportError
+from servolink.errors import ConnectionLost, OpenError, Reason, ServolinkError, TransportError
 from servolink.escaping import escape
 from servolink.transports.base import STALL_LIMIT, Transport
 from servolink.transports.lifecycle import BaseTransport, StallWatch, WrappedTransport
@@ -54,7 +54,8 @@ class ForeignTransport(WrappedTransport):
             if limit.expired():
                 raise OpenError(
                     f"{self.url}: {self._maker} did not open it within {_OPEN_LIMIT:g} s; check whether the board is "
-                    "there and switched on"
+                    "there and switched on",
+                    reason=Reason.NO_RESPONSE,
                 ) from error
             raise
 

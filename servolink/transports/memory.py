@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from weakref import WeakKeyDictionary
 
-from servolink.errors import OpenError
+from servolink.errors import OpenError, Reason
 from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 
@@ -44,7 +44,9 @@ class MemoryTransport(BaseTransport):
         if self._name:
             ends = _lines.setdefault(loop, {}).setdefault(self._name, [])
             if len(ends) == 2:
-                raise OpenError(f"{self.url}: both ends are in use; close one, or use another name")
+                raise OpenError(
+                    f"{self.url}: both ends are in use; close one, or use another name", reason=Reason.IN_USE
+                )
             if ends:
                 self._join(ends[0])
             ends.append(self)

@@ -19,7 +19,7 @@ def test_a_refused_movement_has_its_class_and_its_text(robot: Robot) -> None:
     plain, said = robot(*words), robot(*words, "--json")
     assert (plain.code, said.code) == (1, 1)
     error = said.error
-    assert error["kind"] == "MotionRefused"
+    assert (error["kind"], error["reason"]) == ("MotionRefused", "limit")
     assert plain.err == f"servolink: {error['message']}\n"
 
 
@@ -50,7 +50,7 @@ def test_servos_that_do_not_arrive_are_listed(robot: Robot) -> None:
 def test_a_board_that_cannot_be_opened_keeps_its_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, "--url", "tcp://127.0.0.1:1", "info", "--json")
     assert said.code == 3
-    assert said.error["kind"] == "OpenError"
+    assert (said.error["kind"], said.error["reason"]) == ("OpenError", "not found")
 
 
 @pytest.mark.parametrize(

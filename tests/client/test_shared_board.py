@@ -27,6 +27,7 @@ from servolink.errors import (
     OpenError,
     Rejected,
     RequestError,
+    RequestRefused,
     RequestTimeout,
     TargetNotReached,
 )
@@ -169,7 +170,7 @@ def test_an_import_has_the_board_alone_and_others_wait(caplog: pytest.LogCapture
         async with connect("share://rex") as one, connect("share://rex") as other:
             async with exclusive(one):
                 await until(lambda: "waiting: " in caplog.text)
-                with pytest.raises(RequestTimeout, match=r"has the board alone \(testing\); try again later"):
+                with pytest.raises(RequestTimeout, match=r"has exclusive use .* \(testing\); try again later"):
                     await other.request(QueryActionListRequest(), timeout=0.05)
                 asked = asyncio.create_task(other.servos())
                 await other.stop()  # confirmed by the hub
@@ -434,7 +435,7 @@ def test_what_the_role_does_not_allow_is_an_error_before_anything_is_sent(
 ) -> None:
     async def main(hub: Hub) -> None:
         async with connect(f"share://rex?role={role}") as board:
-            with pytest.raises(Rejected, match=rf"needs the role {needed}, .* has the role {role}; .*role={needed}"):
+            with pytest.raises(RequestRefused, match=rf"the role {needed}, .* has the role {role}; .*role={needed}"):
                 await use(board)
             assert hub.lease is None
             assert hub.status().programs[0].refused == 0
@@ -460,7 +461,7 @@ def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture)
         ("MotionRefused", MotionRefused),
         ("RequestTimeout", RequestTimeout),
         ("TargetNotReached", TargetNotReached),
-        ("forbidden", Rejected),
+        ("forbidden", RequestRefused),
         ("busy", RequestError),
         ("Any", RequestError),
         ("ServolinkError.__init__", RequestError),

@@ -16,7 +16,7 @@ from servolink.protocol.editing import (
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected, late
 
-REASON = "studio has the board alone (a project is being written)"
+REASON = "studio has exclusive use of the board (a project is being written)"
 
 
 async def test_requests_wait_however_long_it_takes() -> None:

@@ -194,6 +194,7 @@ def test_an_error_of_the_library_has_its_own_code_and_says_what_to_do() -> None:
         "kind": "MotionRefused",
         "remedy": "nothing moved: stay within the limits, or take the lease",
         "path": "targets.hip",
+        "reason": "other",
     }
     assert error["message"] == "targets.hip: beyond\\u202e the limit"
     assert error_of(request(method="seek"))["error"]["code"] == 303

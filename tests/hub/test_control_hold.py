@@ -1,4 +1,4 @@
-"""Programs of a hub that have the board alone, and what waits for them."""
+"""Programs of a hub that have exclusive use of the board, and what waits for them."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ async def test_a_motion_is_not_sent_late_or_after_a_stop_even_if_the_board_is_ta
         clock = asyncio.get_running_loop().time
         assert "a stop came first" in str(await failure("stop", clock() + 60))
         assert "by which it was to begin has passed" in str(await failure("late", clock() + 1))
-        assert "studio has taken the board alone" in str(await failure("hold", clock() + 60))
+        assert "studio has taken exclusive use of the board" in str(await failure("hold", clock() + 60))
         assert all(state.is_hold for state in await here.states())
 
 

@@ -12,7 +12,7 @@ from servolink.errors import (
     ConnectionLost,
     EncodeError,
     OutcomeUnknown,
-    Rejected,
+    RequestRefused,
     RequestTimeout,
 )
 from servolink.hub.doors.direct import DirectConnection
@@ -76,7 +76,7 @@ def test_a_refusal_is_an_error_of_its_own_kind() -> None:
         with pytest.raises(LeaseRefused):
             await here.request(START)
         watcher = DirectConnection(there.hub, who="watcher", role=Role.WATCH)
-        with pytest.raises(Rejected, match="WriteProjectIDRequest needs the role edit"):
+        with pytest.raises(RequestRefused, match="WriteProjectIDRequest needs the role edit"):
             await watcher.request(WriteProjectIDRequest(1))
         with pytest.raises(EncodeError, match="interval: -1 is outside"):
             await here.send(ExecuteActionRequest((Step(1, 1, -1),)))
@@ -90,7 +90,7 @@ def test_a_stop_passes_every_gate_and_ends_earlier_motions() -> None:
     async def use(there: World, here: DirectConnection) -> None:
         bob, ticket = there.join("bob"), here.stops.ticket()
         there.hub.begin_exclusive_use(bob.session.session_id, "testing")
-        with pytest.raises(MotionOver, match="bob has taken the board alone"):
+        with pytest.raises(MotionOver, match="bob has taken exclusive use of the board"):
             await here.send(MOVE)
         assert await here.send_stop(STOP)
         await here.request(SetServoParameterRequest(1, 0, 1))
@@ -143,7 +143,7 @@ def test_what_waits_while_another_program_has_the_board_is_given_up_and_never_se
         bob = there.join("bob")
         there.hub.begin_exclusive_use(bob.session.session_id, "testing")
         begun = now()
-        with pytest.raises(RequestTimeout, match="bob has the board alone"):
+        with pytest.raises(RequestTimeout, match="bob has exclusive use of the board"):
             await here.request(WriteProjectIDRequest(9))
         assert now() == pytest.approx(begun + here.patience + 1)
         cancelled = asyncio.create_task(here.request(WriteProjectIDRequest(8)))

@@ -183,7 +183,7 @@ def test_other_units_wait_for_the_end_of_a_macro() -> None:
         assert await bob.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 1)
         assert await is_read(bob)
         assert [one.reason for one in there.of(RefusedNotice)] == [
-            "another program runs what is stored, and its angles are in other units than yours"
+            "another program runs a stored record, whose angles are in other units than those of this program"
         ]
 
     on_hub(use)

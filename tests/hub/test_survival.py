@@ -170,7 +170,7 @@ def test_an_import_that_is_killed_frees_the_board_and_can_be_finished(tmp_path: 
         robot = Robot(tmp_path, stack, "--turnaround", "0.01")
         applying = started("apply", str(tmp_path / "project"), "--yes", "--board", "rex")
         robot.until(lambda status: status.hold is not None)
-        waiting = started("actions", "--json", "--board", "rex")  # until nobody has the board alone
+        waiting = started("actions", "--json", "--board", "rex")  # until nobody has exclusive use of the board
         finished(applying, signal.SIGKILL)
         assert finished(waiting).code == 0
         assert robot.status().hold is None

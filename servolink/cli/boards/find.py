@@ -33,7 +33,7 @@ from servolink.discovery.names import (
     save_alias,
 )
 from servolink.discovery.search import NO_BOARD_FOUND, discover, is_same_place, search
-from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportError
+from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportError
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
@@ -72,7 +72,7 @@ async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
         return OK
     if args.json:
         return NO_BOARD
-    raise OpenError(NO_BOARD_FOUND)
+    raise OpenError(NO_BOARD_FOUND, reason=Reason.NOT_FOUND)
 
 
 def _aliases() -> dict[str, Alias]:

@@ -25,7 +25,7 @@ from servolink.doctor.learn_line import SharedTransport, TrialLine
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_queries import Contact, make_contact
 from servolink.doctor.learn_trial import Trial, connected
-from servolink.errors import OpenError, RequestError, RequestTimeout, ServolinkError
+from servolink.errors import OpenError, RequestTimeout, ServolinkError
 from servolink.files import is_name
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Measured, merge_profile
 from servolink.profiles.store import load_profile, save_profile
@@ -114,7 +114,7 @@ class _Lesson:
         return OK
 
     async def _servo_id(self, transport: SharedTransport, contact: Contact) -> int | None:
-        """Return the id of the servo to move, None for none. Raise RequestError if its caption is not on the board."""
+        """Return the id of the servo to move, None for none. Raise RequestTimeout if captions cannot be read."""
         if not isinstance(self._args.servo, str):
             return None if self._args.servo is None else int(self._args.servo)
         codec = Codec(contact.byte_order, self._caption_encoding(transport.url) or "utf-8")
@@ -122,7 +122,7 @@ class _Lesson:
             try:
                 return await servo_id(board, self._args.servo)
             except RequestTimeout as error:
-                raise RequestError(f"{error}; without captions, --servo needs an id") from error
+                raise RequestTimeout(f"{error}; without captions, --servo needs an id") from error
 
     async def _write(self, transport: SharedTransport, learnt: Learnt, store: BackupStore) -> None:
         try:

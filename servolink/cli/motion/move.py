@@ -15,7 +15,7 @@ from servolink.cli.motion.servo_output import are, listed, print_servos, reporte
 from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.usage import usage_error
-from servolink.errors import MotionRefused, ProfileError, RequestError, ServolinkError
+from servolink.errors import MotionRefused, ProfileError, Reason, RequestRefused, ServolinkError
 from servolink.motion.angles import Adc, Angle, Degrees
 from servolink.script import FAILED, OK
 
@@ -137,7 +137,8 @@ def _refuse_turns(board: Board, targets: Mapping[int, int]) -> None:
         if abs(angle) > _TURN and board.limits.of(servo_id) is None:
             raise MotionRefused(
                 f"servo {servo_id}: {angle} degrees is beyond ±{_TURN}, and no limits say that it can turn that far; "
-                "nothing was sent. Add --any-angle if it can"
+                "nothing was sent. Add --any-angle if it can",
+                reason=Reason.LIMIT,
             )
 
 
@@ -147,12 +148,13 @@ def _speeds(board: Board, servo_ids: Iterable[int]) -> dict[int, float]:
 
 
 async def make_ready(board: Board, servos: Iterable[Servo], interruption: Interruption, *, start: bool) -> None:
-    """Raise RequestError if some of `servos` would ignore a move, or with `start`, start and hold those."""
+    """Raise RequestRefused if some of `servos` would ignore a move, or with `start`, start and hold those."""
     idle = [servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold)]
     if idle and not start:
-        raise RequestError(
+        raise RequestRefused(
             f"{are(idle)} stopped or released and would ignore the movement; nothing was sent. "
-            "Add --start to start and hold first"
+            "Add --start to start and hold first",
+            reason=Reason.SERVO_STATE,
         )
     for servo_id in idle:
         interruption.state = "no movement was sent; servos may have been started and held"

@@ -17,7 +17,7 @@ from servolink.cli.screen.output import Table, is_terminal, print_error, print_t
 from servolink.cli.screen.terminal import can_ask, typed_keys
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.errors import EncodeError, NotFound, Rejected, RequestError, ServolinkError
+from servolink.errors import EncodeError, NotFound, Rejected, RequestRefused, ServolinkError
 from servolink.protocol.records import Button, JoystickTable
 from servolink.script import OK
 
@@ -72,7 +72,7 @@ async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
     try:
         with typed_keys() as keys:
             if keys is None:
-                raise RequestError("no keys can be read here")
+                raise RequestRefused("no keys can be read here")
             while (key := await _next(keys, worker)) not in ("q", "Q", "esc"):
                 if key == "space":
                     await _ended(worker)

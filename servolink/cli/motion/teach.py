@@ -29,7 +29,7 @@ from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.board_servos import Servo
 from servolink.client.captions import button_id
-from servolink.errors import ConnectionLost, ProjectError, RequestError, ServolinkError
+from servolink.errors import ConnectionLost, ProjectError, RequestRefused, ServolinkError
 from servolink.platforms.signals import handled
 from servolink.profiles.profile import BoardIdentityRecord, Measured, merge_profile
 from servolink.profiles.store import load_profile, save_profile
@@ -213,7 +213,7 @@ _PAUSE = 0.05  # seconds between readings of a servo that was started
 async def play_lesson(board: Board, interruption: Interruption, args: argparse.Namespace, lesson: PoseRecorder) -> None:
     """Play what was taught to the board, if `args` say so or somebody agrees.
 
-    Raise RequestError, with all servos stopped, if a servo turns when it is started.
+    Raise RequestRefused, with all servos stopped, if a servo turns when it is started.
     """
     interruption.state = f"'{args.name}' is on the board and was not played"
     found = await read_run(board, "macro" if len(lesson.poses) > 1 else "action", f"name:{args.name}")
@@ -240,7 +240,7 @@ async def _is_wanted(args: argparse.Namespace, name: str) -> bool:
 
 
 async def _start_carefully(board: Board, interruption: Interruption, servo: Servo) -> None:
-    """Hold and then start a servo. Raise RequestError, with all servos stopped, if the servo turns on starting."""
+    """Hold and then start a servo. Raise RequestRefused, with all servos stopped, if the servo turns on starting."""
     await board.set_servo(servo.servo_id, start=False, hold=True)
     before = await board.servo(servo.servo_id)
     interruption.state = f"{are([servo.servo_id])} started and may move; `servolink stop` stops all servos"
@@ -254,7 +254,7 @@ async def _start_carefully(board: Board, interruption: Interruption, servo: Serv
                 f"servo {servo.servo_id} turned by itself when it was started, from {before.angle}° to {now.angle}°"
             )
             await _keep(board, "turns", turned)
-            raise RequestError(
+            raise RequestRefused(
                 f"{turned}, perhaps to an old target: all servos are stopped and held, and nothing was played. "
                 f"`servolink move {servo.servo_id}={now.angle} --start` starts it"
             )

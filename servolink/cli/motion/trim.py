@@ -23,7 +23,7 @@ from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.board_servos import Servo
-from servolink.errors import EncodeError, NotFound, ProjectError, RequestError, ServolinkError
+from servolink.errors import EncodeError, NotFound, ProjectError, RequestRefused, ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.records import ServoParameter
 from servolink.script import OK
@@ -162,7 +162,7 @@ async def _by_keys(board: Board, session: TrimSession) -> bool:
     message = ""
     with typed_keys() as keys, _picture() as draw:
         if keys is None:
-            raise RequestError("no keys can be read here; use --set SERVO=+N")
+            raise RequestRefused("no keys can be read here; use --set SERVO=+N")
         while True:
             draw(session, await board.servos(), message)
             try:

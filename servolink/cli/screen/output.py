@@ -18,7 +18,7 @@ from itertools import zip_longest
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
-from servolink.errors import EncodeError, RequestError, ServolinkError, TargetNotReached
+from servolink.errors import EncodeError, Reason, RequestError, ServolinkError, TargetNotReached
 from servolink.escaping import escape
 from servolink.motion.angles import Adc, Angle, Degrees
 
@@ -85,15 +85,18 @@ def _kind(error: Exception) -> str:
 
 def _details(error: Exception) -> dict[str, object]:
     """Return the attributes of an error that help a program, by name."""
+    found: dict[str, object] = {}
+    if isinstance(error, ServolinkError) and error.reason is not Reason.OTHER:
+        found["reason"] = error.reason
     if isinstance(error, EncodeError):
-        return {"packet": error.packet, "path": error.path}
+        return found | {"packet": error.packet, "path": error.path}
     if isinstance(error, RequestError):
-        return {"request": error.request and type(error.request).__name__}
+        return found | {"request": error.request and type(error.request).__name__}
     if isinstance(error, TargetNotReached):
-        return {"late_servo_ids": sorted(error.late)}
+        return found | {"late_servo_ids": sorted(error.late)}
     if isinstance(error, OSError) and error.filename is not None:
         return {"file": escape(str(error.filename))}
-    return {}
+    return found
 
 
 def silence(descriptor: int) -> None:

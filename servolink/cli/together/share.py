@@ -47,7 +47,7 @@ _MOST_SECONDS = 3600.0
         option(
             "--lease-seconds",
             "N",
-            "how long after its last movement a program alone may move the servos (10)",
+            "how long after its last movement a program keeps the lease (10)",
             number(0.0, _MOST_SECONDS, "seconds"),
             default=10.0,
         ),

@@ -41,7 +41,8 @@ def text_of(notice: Struct, who: str) -> str:
         case LeaseNotice(event, _, lease):
             return f"{'nobody' if lease is None else lease.who} has the lease now ({event})"
         case HoldNotice(hold):
-            return "all may use the board again" if hold is None else f"{hold.who} has the board alone: {hold.reason}"
+            taken = hold and f"{hold.who} has exclusive use of the board: {hold.reason}"
+            return taken or "all may use the board again"
         case RefusedNotice(packet, reason):
             return f"{who}: {packet} was not sent: {reason}"
         case ProblemNotice(text):
@@ -79,7 +80,7 @@ def status_line(status: HubStatus, rate: float, width: int) -> str:
         f"lease: {'free' if status.lease is None else status.lease.who}",
     ]
     if status.hold is not None:
-        parts.insert(1, f"used alone by {status.hold.who}")
+        parts.insert(1, f"exclusively used by {status.hold.who}")
     return cut(escape("  ".join(parts)), width)
 
 
@@ -95,7 +96,7 @@ def facts(status: HubStatus) -> Table:
             ("shared for", _duration(status.since)),
             *(("door", url) for url in status.doors[1:]),
             ("lease", _lease(status.lease)),
-            ("used alone by", "nobody" if hold is None else f"{hold.who}: {hold.reason}"),
+            ("exclusive use by", "nobody" if hold is None else f"{hold.who}: {hold.reason}"),
             ("responses", f"{status.responses:,}"),
             ("noise", f"{counted(status.noise, 'byte')} from the board that belong to no frame"),
         ],

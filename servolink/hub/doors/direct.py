@@ -16,7 +16,7 @@ from servolink.connection.options import HUB_MARGIN, SLOW_PATIENCE
 from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
 from servolink.control.roles import Role
-from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
+from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, RequestTimeout, ServolinkError
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
@@ -275,7 +275,7 @@ class DirectConnection:
         waited, hold = self._loop.time() - begun_at, self._hub.exclusive_use
         error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
         if self.program.withdraw(asked) or isinstance(asked.packet, Query):
-            held = "" if hold is None else f"{hold.who} has the board alone"
+            held = "" if hold is None else f"{hold.who} has exclusive use of the board"
             error = timed_out(asked.packet, self.url, 0, waited, self.stats, excuse=held)
         if asked.answered is not None and not asked.answered.done():
             asked.answered.set_exception(error)
@@ -296,7 +296,9 @@ class DirectConnection:
         hold = self._hub.exclusive_use
         if hold is None or hold.session == self.program.session_id:
             return None
-        return MotionOver(f"nothing was moved: {hold.who} has taken the board alone")
+        return MotionOver(
+            f"nothing was moved: {hold.who} has taken exclusive use of the board", reason=Reason.EXCLUSIVE_USE
+        )
 
     def _refuse_lease(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
         """Refuse a motion while another program holds the lease."""
@@ -310,5 +312,5 @@ E = TypeVar("E", bound="ServolinkError | None")
 def _nothing_moved(error: E) -> E:
     """Return a refusal of the hub, worded for a program that waits for the result of a motion."""
     if isinstance(error, LeaseRefused | MotionOver):
-        return type(error)(f"nothing was moved: {error}")
+        return type(error)(f"nothing was moved: {error}", reason=error.reason)
     return error

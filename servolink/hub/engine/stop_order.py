@@ -51,7 +51,7 @@ class _Stopping(NamedTuple):
 
 
 class Stops:
-    """Stops servos for programs, and for the hub itself: at once, whoever has the lease or holds the board alone.
+    """Stops servos for programs, and for the hub itself: at once, in spite of the lease and of exclusive use by others.
 
     No motion is sent that was asked for before a stop.
     """

@@ -6,18 +6,19 @@ import asyncio
 from collections.abc import Callable
 
 from servolink.client.board import Board
-from servolink.errors import Rejected, RequestError
+from servolink.errors import Reason, Rejected, RequestRefused
 from servolink.hub.rules.unit_rules import UnitReservation
 from servolink.motion.units import ServoUnits, is_accepted, servos_concerned
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
 
 
-class UnitsKept(RequestError):
+class UnitsKept(RequestRefused):
     """The angle units of the board must not be changed while another program runs what is stored."""
 
     def __init__(self, packet: Packet) -> None:
-        super().__init__("another program runs what is stored, and its angles are in other units than yours", packet)
+        text = "another program runs a stored record, whose angles are in other units than those of this program"
+        super().__init__(text, packet, reason=Reason.ANGLE_UNIT)
 
 
 class UnitSwitch:

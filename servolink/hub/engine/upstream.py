@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 
 from servolink.client.board import Board
 from servolink.connection.scheduler import MOST_ASIDE
-from servolink.errors import ServolinkError
+from servolink.errors import Reason, ServolinkError
 from servolink.escaping import escape
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
@@ -149,7 +149,7 @@ class Upstream:
     async def _finish_stopped(self, exchange: Exchange) -> None:
         response: Packet | None = None
         try:
-            response = await self._sender.refused(exchange, MotionOver("a stop came first"))
+            response = await self._sender.refused(exchange, MotionOver("a stop came first", reason=Reason.STOP))
         finally:
             self._tell(exchange, response)
             exchange.program.finish(exchange, response)

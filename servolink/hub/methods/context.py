@@ -167,7 +167,7 @@ class Control:
     async def read(self, work: Callable[[Board], Awaitable[T]], open_board: OpenBoard | None = None) -> T:
         """Return the result of `work` on the board of this program, or of `open_board`.
 
-        If another program took the board alone meanwhile, and nothing was answered, read again when it is free.
+        If another program took exclusive use of the board meanwhile, and nothing was answered, read again afterwards.
         """
         while True:
             board = await (open_board or self.board)()
@@ -217,7 +217,7 @@ class Control:
         return None if hold is None or hold.session == self.session else hold
 
     async def until_free(self) -> None:
-        """Wait until no other program holds the board alone."""
+        """Wait until no other program has exclusive use of the board."""
         while self.holder is not None:
             self._changed.clear()
             await self._changed.wait()
@@ -247,7 +247,7 @@ class Control:
                 self.hub.leases.give(self.session)
 
     async def begin_exclusive_use(self, reason: str) -> None:
-        """Hold the board alone, as soon as no other program does."""
+        """Take exclusive use of the board, as soon as no other program has it."""
         self._check_joined()
         while not self.hub.begin_exclusive_use(self.session, reason):
             await self.until_free()

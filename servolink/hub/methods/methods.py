@@ -242,7 +242,7 @@ async def move(caller: Caller, params: Move) -> Moved:
     """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
 
     MotionRefused says why nothing moved: a limit, another program that holds the lease, or a stop that came, or `until`
-    that passed, while another program held the board alone.
+    that passed, while another program had exclusive use of the board.
     """
     board = await caller.board_to_move(params.until)
     seconds = await board.move(

@@ -7,7 +7,7 @@ import asyncio
 from servolink.client.board import with_ticket
 from servolink.control.messages import Ran, RunPrepare, RunStart, RunStarted
 from servolink.control.roles import Role
-from servolink.errors import MotionRefused
+from servolink.errors import MotionRefused, Reason
 from servolink.hub.methods.context import PreparedRun
 from servolink.hub.methods.methods import METHODS, Caller
 from servolink.protocol.editing import ExecuteMacroRequest
@@ -61,9 +61,9 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     if prepared.connection is not control.hub.board.connection:
         raise MotionRefused("nothing was moved: the board was connected again since this was prepared")
     if not control.hub.stops.holds(prepared.ticket):
-        raise MotionRefused("nothing was moved: the board was stopped since this was prepared")
+        raise MotionRefused("nothing was moved: the board was stopped since this was prepared", reason=Reason.STOP)
     if control.holder is not None:
-        raise MotionRefused("nothing was moved: another program has the board alone")
+        raise MotionRefused("nothing was moved: another program has exclusive use", reason=Reason.EXCLUSIVE_USE)
     board = with_ticket(await control.board(), caller.ticket)
     packet = prepared.packet
     if not board.limits:

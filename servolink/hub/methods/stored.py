@@ -166,7 +166,7 @@ async def project_plan(caller: Caller, params: ProjectPlan, on_progress: Progres
 
 @METHODS.add("project.apply", Role.EDIT, in_order=True)
 async def project_apply(caller: Caller, params: ProjectApply, on_progress: ProgressCallback) -> Applied:
-    """Make the board hold exactly this project, and have the board alone meanwhile.
+    """Make the board hold exactly this project, and keep exclusive use of the board meanwhile.
 
     If it is interrupted, by the end of this program too, apply the same project again, or roll back.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from servolink.control.roles import Role, needed_role
-from servolink.errors import MotionRefused, Rejected
+from servolink.errors import MotionRefused, Reason, RequestRefused
 from servolink.escaping import escape
 from servolink.hub.rules.lease import MotionLease
 from servolink.motion.ticket import StopCounter, Ticket
@@ -17,6 +17,7 @@ from servolink.protocol.servos import ALL_SERVOS, ServoState, SetServoParameterR
 class LeaseRefused(MotionRefused):
     """Another program holds the lease."""
 
+    _reason = Reason.LEASE
     remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
 
 
@@ -26,12 +27,13 @@ class MotionOver(MotionRefused):
     remedy = "ask for it again, if it is still wanted"
 
 
-def refuse_role(packet: Packet, role: Role) -> Rejected | None:
+def refuse_role(packet: Packet, role: Role) -> RequestRefused | None:
     """Refuse a packet that a program with `role` may not send."""
     needed = needed_role(packet)
     if role >= needed:
         return None
-    return Rejected(f"{type(packet).__name__} needs the role {needed}, and this program has the role {role}", packet)
+    text = f"{type(packet).__name__} needs the role {needed}, and this program has the role {role}"
+    return RequestRefused(text, packet, reason=Reason.ROLE)
 
 
 def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float) -> MotionOver | None:
@@ -39,8 +41,10 @@ def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float
     if not is_motion(packet):
         return None
     if not stops.holds(ticket):
-        return MotionOver("a stop came first")
-    return MotionOver("the time by which it was to begin has passed") if now > ticket.until else None
+        return MotionOver("a stop came first", reason=Reason.STOP)
+    if now > ticket.until:
+        return MotionOver("the time by which it was to begin has passed", reason=Reason.DEADLINE)
+    return None
 
 
 class LeaseGate:

@@ -95,7 +95,7 @@ def test_commands_find_it_and_it_tells_who_is_there(shared: subprocess.Popen[str
     assert in_pipe("servos", "--json", "--board", "rex").json["servos"][1]["servo_id"] == 2
     assert in_pipe("move", "1=10", "--duration", "0.1").code == 0  # the only board here
     status = in_pipe("share", "--status").out
-    assert status.startswith("hub            share://rex\nboard          virtual://?servos=2 (connected)\n")
+    assert status.startswith("hub               share://rex\nboard             virtual://?servos=2 (connected)\n")
     assert status.endswith("no program is connected\n")
     described = in_pipe("share", "--status", "--json", "--board", "rex").json
     assert (described["name"], described["programs"], described["lease"]) == ("rex", [], None)
@@ -195,7 +195,7 @@ def test_on_a_terminal_a_line_stays() -> None:
         (LeaseNotice("taken", "servolink move (pid 7)", LEASE), "servolink move (pid 7) has the lease now (taken)"),
         (LeaseNotice("over", None, None), "nobody has the lease now (over)"),
         (LeaseNotice("asked for", "bob", LEASE), "a program asks for the lease"),
-        (HoldNotice(HoldStatus("s", "ann", "servolink apply")), "ann has the board alone: servolink apply"),
+        (HoldNotice(HoldStatus("s", "ann", "servolink apply")), "ann has exclusive use of the board: servolink apply"),
         (HoldNotice(None), "all may use the board again"),
         (RefusedNotice("ExecuteActionRequest", "no lease"), "ann: ExecuteActionRequest was not sent: no lease"),
         (ProblemNotice("the disk is full"), "the disk is full"),
@@ -216,7 +216,7 @@ def test_the_line_that_stays_fits() -> None:
     busy = HubStatus("rex", "x", "lost", 1.0, (PROGRAM, PROGRAM), LEASE, HoldStatus("s", "ann\x1b", "apply"), 9, 2)
     line = status_line(busy, 12.4, 200)
     assert line == (
-        "rex (lost)  used alone by ann\\x1b  2 programs  12 responses/s  noise 2 B  lease: servolink move (pid 7)"
+        "rex (lost)  exclusively used by ann\\x1b  2 programs  12 responses/s  noise 2 B  lease: servolink move (pid 7)"
     )
     assert status_line(busy, 12.4, 20) == line[:20]
 
@@ -253,7 +253,7 @@ def test_the_facts_name_lease_and_hold() -> None:
     told = told_of(structs.replace(held, doors=("share://rex", "tcp://127.0.0.1:9")))
     assert told["door"] == "tcp://127.0.0.1:9"
     assert told["lease"] == "studio for 2 s, and must report every 0.35 s"
-    assert told["used alone by"] == "ann: apply"
+    assert told["exclusive use by"] == "ann: apply"
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ export const en = {
   "note.another_detail": "{name} may still be moving. Plug {name} in again: the studio goes on by itself. To use the other one, end the studio in the terminal and start it again. ({another})",
   "note.refused": "This address has expired.",
   "note.refused_detail": "Open the address that the studio prints in its terminal.",
-  "note.held": "{who} has the board alone: {reason}",
+  "note.held": "{who} has exclusive use of the board: {reason}",
   "note.held_detail": "Everything waits until that is done. STOP works.",
   "note.others": "{who} has control. You are watching.",
   "note.others_detail": "STOP works for everybody, at any moment.",
