@@ -19,6 +19,7 @@ class LeaseRefused(MotionRefused):
 
     _reason = Reason.LEASE
     remedy = "ask for the lease with lease.ask, or take it over with lease.take and force"
+    """Remedy that programs read in the error of the control interface."""
 
 
 class MotionOver(MotionRefused):
