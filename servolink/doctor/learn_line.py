@@ -13,6 +13,7 @@ from typing import Self
 from servolink.errors import ConnectionLost, DecodeError, OpenError, Reason
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
+from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet, Request, Response
 from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Receiver, Transport
@@ -22,9 +23,10 @@ PATIENCE = 0.4
 TRIES = 6
 """Number of attempts before silence is counted as silence."""
 
-_QUIET = 0.1  # seconds without a byte, after which no more bytes are expected
+_QUIET = 0.1  # seconds without a response, after which no more responses are expected
 _LONGEST_SETTLING = 3.0  # seconds
 _LATEST = 3.0  # seconds after which a response is no longer waited for
+_LONGEST_WAIT = 10.0  # seconds for the responses to a burst, on a line that is never quiet
 
 
 class SharedTransport:
@@ -102,6 +104,7 @@ class TrialLine:
         """Time of the latest byte, on the clock of the event loop."""
         self.stalls = 0
         """Number of bursts with missing responses that no later response has proven lost: they may be late."""
+        self._responded_at = self.received_at  # latest byte of a frame: neither text nor a button event
         self._transport = transport
         self._parser = FrameParser(codec.byte_order)
         self._frames: list[Frame] = []
@@ -127,6 +130,8 @@ class TrialLine:
         self.received += len(chunk)
         self.received_at = self._loop.time()
         frames = self._parser.feed(chunk)
+        if self._parser.partial_frame or any(packet_id != ButtonEventResponse.packet_id for packet_id, _ in frames):
+            self._responded_at = self.received_at
         self._frames += frames
         self._received_frames += frames
         self._news.set()
@@ -137,9 +142,9 @@ class TrialLine:
         self._news.set()
 
     async def settle(self) -> None:
-        """Wait until the line is quiet for a moment, so that later bytes belong to later packets."""
-        end = self._loop.time() + _LONGEST_SETTLING
-        while await self._wait(min(end, self._loop.time() + _QUIET)):
+        """Wait until no response has come for a moment, so that later responses belong to later packets."""
+        begun = self._loop.time()
+        while await self._wait(min(begun + _LONGEST_SETTLING, max(begun, self._responded_at) + _QUIET)):
             pass
         self._frames.clear()
 
@@ -202,14 +207,14 @@ class TrialLine:
     ) -> list[Frame]:
         """Return the frames that answer `outstanding` requests, and remove those requests.
 
-        Waiting ends when all are answered, or all equal to `until`, or after `patience` without a frame.
+        Waiting ends when all are answered, or all equal to `until`, or after `patience` without a response.
         """
         begun, found = self._loop.time(), list[Frame]()
         while True:
             found += self._take(outstanding)
             if not outstanding or (until is not None and until not in outstanding):
                 return found
-            if not await self._wait(max(begun, self.received_at) + self.patience):
+            if not await self._wait(min(max(begun, self._responded_at) + self.patience, begun + _LONGEST_WAIT)):
                 while self._parser.partial_frame:  # a damaged length may hold back the other frames
                     self._frames += self._parser.abandon_frame()
                 return found + self._take(outstanding)

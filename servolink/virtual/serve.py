@@ -14,13 +14,12 @@ from servolink.transports.base import Transport
 from servolink.transports.line_faults import Faults
 from servolink.usbip.device import Pipe, UsbDevice
 from servolink.usbip.usbip_server import UsbIpServer, serve_usbip
-from servolink.virtual.board import HostSession, VirtualBoard
-from servolink.virtual.transport import BoardDriver, FaultyVirtualTransport, VirtualTransport
+from servolink.virtual.transport import BoardDriver, BoardTransport, FaultyVirtualTransport, ServedBoard, Session
 
 
 @asynccontextmanager
 async def serve(
-    board: VirtualBoard,
+    board: ServedBoard,
     *,
     pty: bool = False,
     tcp: str | None = None,
@@ -41,7 +40,7 @@ async def serve(
     seeds = count(seed)
 
     def connect() -> Transport:
-        line = VirtualTransport(board)
+        line = BoardTransport(board)
         return line if faults is None else FaultyVirtualTransport(line, faults, seed=next(seeds))
 
     async with AsyncExitStack() as stack:
@@ -59,7 +58,7 @@ async def serve(
 
 
 def serve_usb_device(
-    board: VirtualBoard, serial_number: str, host: str, port: int
+    board: ServedBoard, serial_number: str, host: str, port: int
 ) -> AbstractAsyncContextManager[tuple[str, UsbIpServer]]:
     """Export `board` as a USB device at `host` and `port`; the context yields the place, HOST:PORT, and the server.
 
@@ -69,9 +68,9 @@ def serve_usb_device(
 
 
 @contextmanager
-def plugged(board: VirtualBoard, device: UsbDevice) -> Iterator[None]:
+def plugged(board: ServedBoard, device: UsbDevice) -> Iterator[None]:
     """Attach each pipe of `device` to `board` as a separate host."""
-    sessions = [board.attach(pipe.send, _unsent(pipe)) for pipe in device.pipes]
+    sessions = [board.attach(pipe.send, _unsent(pipe), lambda: None) for pipe in device.pipes]
     for pipe, session in zip(device.pipes, sessions, strict=True):
         pipe.receive = _receive(session)
     try:
@@ -84,6 +83,6 @@ def _unsent(pipe: Pipe) -> Callable[[], int]:
     return lambda: pipe.to_host.waiting
 
 
-def _receive(session: HostSession) -> Callable[[bytes], None]:
+def _receive(session: Session) -> Callable[[bytes], None]:
     loop = asyncio.get_running_loop()
     return lambda data: session.receive(data, loop.time())

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from servolink.errors import OpenError, ServolinkError
 from servolink.protocol.codec import Codec
@@ -13,7 +14,7 @@ from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 from servolink.transports.line_faults import Faults, FaultyTransport
-from servolink.virtual.board import HostSession, VirtualBoard
+from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
 from servolink.virtual.kind import OPTIONS, BoardKind
 from servolink.virtual.state_file import StateFile
@@ -21,16 +22,55 @@ from servolink.virtual.state_file import StateFile
 SAVE_AFTER = 0.5
 """Seconds from a change of the storage to the saving."""
 
-BOARDS: dict[str, VirtualBoard] = {}
-"""Boards of this program at an address of their own: `virtual://NAME`."""
-
 _logger = logging.getLogger(__name__)
+
+
+class Session(Protocol):
+    """Conversation of a host with a board; times are those of the event loop."""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Receive bytes from the host."""
+
+    def detach(self, now: float) -> None:
+        """Detach the host."""
+
+
+class ServedBoard(Protocol):
+    """Board that can be driven and served, such as `VirtualBoard` and `OddBoard`."""
+
+    def attach(
+        self, send: Callable[[bytes], None], unsent: Callable[[], int], unplugged: Callable[[], None]
+    ) -> Session:
+        """Attach a host (see `VirtualBoard.attach`)."""
+        ...
+
+    def detach(self, *sessions: Any, now: float | None = None) -> None:
+        """Detach sessions of this board together."""
+
+    def advance(self, now: float) -> None:
+        """Do all that is due until `now`."""
+
+    def next_due(self, now: float) -> float | None:
+        """Return the time for the next call of `advance`; None if nothing will happen."""
+        ...
+
+    def watch(self, changed: Callable[[], None]) -> None:
+        """Call `changed` when `next_due` may have changed."""
+
+    def unwatch(self, changed: Callable[[], None]) -> None:
+        """Undo `watch`."""
+
+
+B = TypeVar("B", bound=ServedBoard)
+
+BOARDS: dict[str, ServedBoard] = {}
+"""Boards of this program at an address of their own: `virtual://NAME`."""
 
 
 class BoardDriver:
     """Driver of a board: calls `advance` at each due time. Several drivers for the same board are harmless."""
 
-    def __init__(self, board: Hardware) -> None:
+    def __init__(self, board: ServedBoard) -> None:
         """Start immediately, on the running loop, until `stop`."""
         self._board = board
         self._loop = asyncio.get_running_loop()
@@ -93,26 +133,40 @@ class StateSaver:
             _logger.warning("%s", error)
 
 
-def from_address(address: Address) -> VirtualTransport | FaultyVirtualTransport:
+def from_address(address: Address) -> BoardTransport[Any] | FaultyVirtualTransport:
     """Return a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
 
-    `byte_order` applies to the board, and by default also to the connection.
+    `byte_order` applies to the board, and by default also to the connection. `odd=KIND` is an odd board instead, which
+    has no other options than the faults of the line.
     """
     board = BOARDS.get(address.host)
     if (address.host and board is None) or address.port or address.path.strip("/"):
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
-    board = board or VirtualBoard(
+    faults = Faults.from_address(address)
+    if board is None and "odd" in address.options:
+        board = _odd(address)
+    transport = _virtual(address, seed) if board is None else BoardTransport(board, address.url)
+    address.refuse_unknown()
+    return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
+
+
+def _odd(address: Address) -> ServedBoard:
+    """Return a new odd board. Raise InvalidAddress for an unknown kind."""
+    from servolink.virtual.odd.kinds import KINDS  # late: reads the transcribed document
+
+    return KINDS[address.choice("odd", "plain", tuple(KINDS))]()
+
+
+def _virtual(address: Address, seed: int) -> VirtualTransport:
+    board = VirtualBoard(
         servos=address.integer("servos", 16, 0, MAX_SERVOS),
         seed=seed,
         codec=Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big")))),
         kind=_kind_in(address),
     )
     state = address.text("state", "")
-    faults = Faults.from_address(address)
-    address.refuse_unknown()
-    transport = VirtualTransport(board, address.url, Path(state) if state else None)
-    return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
+    return VirtualTransport(board, address.url, Path(state) if state else None)
 
 
 def _kind_in(address: Address) -> BoardKind:
@@ -128,17 +182,14 @@ def _kind_in(address: Address) -> BoardKind:
     return BoardKind(**given)
 
 
-class VirtualTransport(BaseTransport):
+class BoardTransport(BaseTransport, Generic[B]):
     """Transport to a board in the same program; any number of transports may lead to the same board."""
 
-    def __init__(self, board: VirtualBoard, url: str = "virtual://", state: Path | None = None) -> None:
-        """Lead to `board`, named `url` in errors; `state` is a file, loaded at opening and saved until closing."""
+    def __init__(self, board: B, url: str = "virtual://") -> None:
+        """Lead to `board`, named `url` in errors."""
         super().__init__(url)
         self.board = board
-        self._state = state
-        self._file: StateFile | None = None
-        self._saver: StateSaver | None = None
-        self._session: HostSession | None = None
+        self._session: Session | None = None
         self._driver: BoardDriver | None = None
         self._pending: list[bytes] = []
         self._unsent = 0  # bytes sent by the board and not yet delivered to the receiver
@@ -148,13 +199,7 @@ class VirtualTransport(BaseTransport):
         self._lose(ConnectionError("it was unplugged"))
 
     async def _open(self) -> None:
-        """Attach to the board. Raise OpenError if the state file cannot be loaded, or is used by another board."""
-        if self._state is not None:
-            try:
-                self._file = StateFile(self.board, self._state)
-            except ServolinkError as error:
-                raise OpenError(str(error)) from error
-            self._saver = StateSaver(self.board, self._file)
+        """Attach to the board."""
         self._session = self.board.attach(self._receive, lambda: self._unsent, self.unplug)
         self._driver = BoardDriver(self.board)
 
@@ -163,13 +208,8 @@ class VirtualTransport(BaseTransport):
             self._session.receive(data, asyncio.get_running_loop().time())
 
     async def _close(self) -> None:
-        """Detach from the board. Raise ServolinkError if the state cannot be saved."""
-        self._abort()  # first: with the last host a board may lose power, and part of a write
-        if self._file is not None and self._saver is not None:
-            file, saver, self._file, self._saver = self._file, self._saver, None, None
-            saver.stop()
-            with file:
-                file.save()
+        """Detach from the board."""
+        self._abort()
 
     def _abort(self) -> None:
         if self._session is not None and self._driver is not None:
@@ -191,10 +231,40 @@ class VirtualTransport(BaseTransport):
         self._unsent -= len(chunk)  # not before: a failed receiver has received nothing
 
 
+class VirtualTransport(BoardTransport[VirtualBoard]):
+    """Transport to a virtual board in the same program, perhaps with a state file."""
+
+    def __init__(self, board: VirtualBoard, url: str = "virtual://", state: Path | None = None) -> None:
+        """Lead to `board`, named `url` in errors; `state` is a file, loaded at opening and saved until closing."""
+        super().__init__(board, url)
+        self._state = state
+        self._file: StateFile | None = None
+        self._saver: StateSaver | None = None
+
+    async def _open(self) -> None:
+        """Attach to the board. Raise OpenError if the state file cannot be loaded, or is used by another board."""
+        if self._state is not None:
+            try:
+                self._file = StateFile(self.board, self._state)
+            except ServolinkError as error:
+                raise OpenError(str(error)) from error
+            self._saver = StateSaver(self.board, self._file)
+        await super()._open()
+
+    async def _close(self) -> None:
+        """Detach from the board. Raise ServolinkError if the state cannot be saved."""
+        await super()._close()  # first: with the last host a board may lose power, and part of a write
+        if self._file is not None and self._saver is not None:
+            file, saver, self._file, self._saver = self._file, self._saver, None, None
+            saver.stop()
+            with file:
+                file.save()
+
+
 class FaultyVirtualTransport(FaultyTransport):
     """Bad line to a board in the same program."""
 
-    def __init__(self, inner: VirtualTransport, faults: Faults, *, seed: int) -> None:
+    def __init__(self, inner: BoardTransport[Any], faults: Faults, *, seed: int) -> None:
         """Wrap `inner` with faults drawn from `seed`."""
         super().__init__(inner, faults, seed=seed)
         self.board = inner.board

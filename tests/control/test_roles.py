@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import pytest
 from msgspec.structs import fields
 
@@ -14,9 +11,9 @@ from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Effect, Packet, is_motion
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
+from tests.protocol.declared import DOCUMENT
 
-PROTOCOL = json.loads(Path(__file__).parents[1].joinpath("data/protocol.json").read_text(encoding="utf-8"))
-REQUESTS = [each["name"] for each in PROTOCOL["packets"] if each["direction"] == "client-to-server"]
+REQUESTS = [each["name"] for each in DOCUMENT["packets"] if each["direction"] == "client-to-server"]
 
 ROLES = {
     "TransmissionModeSettingRequest": Role.WATCH,

@@ -36,7 +36,7 @@ from servolink.virtual.board_script import PowerCycle, Push
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import StateFile, load_state
 from tests import processes
-from tests.cli.programs import call
+from tests.cli.programs import call, finished, program, started
 from tests.virtual.receiving import GUARD, Heard, ask
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals and pseudo-terminals are those of Unix")
@@ -442,3 +442,29 @@ def test_wrong_options_say_what_is_wrong(
     said = call(capsys, "virtual", *options)
     assert said.code == code
     assert text in said.err
+
+
+def test_an_odd_board_is_served_by_its_kind() -> None:
+    process = started("virtual", "--odd", "big", "--tcp", "127.0.0.1:0")
+    assert process.stdout is not None
+    url = process.stdout.readline().split()[1]
+    said = program("--board", f"{url}?byte_order=big", "servos", "--json")
+    assert [servo["servo_id"] for servo in said.json["servos"]] == [1, 2, 3, 4]
+    ended = finished(process, signal.SIGINT)
+    assert (ended.code, ended.err) == (0, "ended: what the board stores is gone\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        (("--odd", "even"), "must be one of plain, big, old,"),
+        (("--odd", "big", "--servos", "3"), "--odd and --servos exclude each other"),
+        (("--odd", "big", "--memory-unit", "1024"), "--odd and --memory-unit exclude each other"),
+    ],
+)
+def test_an_odd_board_is_of_a_known_kind_and_nothing_else(
+    options: tuple[str, ...], error: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = call(capsys, "virtual", *options)
+    assert said.code == 2
+    assert error in said.err

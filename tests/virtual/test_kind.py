@@ -84,7 +84,9 @@ def host(servos: int = 3, **options: Any) -> Host:
 
 def made(**options: object) -> VirtualBoard:
     query = "&".join(f"{name}={value}" for name, value in options.items())
-    return from_address(Address.parse(f"virtual://?{query}")).board
+    board = from_address(Address.parse(f"virtual://?{query}")).board
+    assert isinstance(board, VirtualBoard)
+    return board
 
 
 def parsed(*args: str) -> BoardKind:

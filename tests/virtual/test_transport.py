@@ -6,6 +6,7 @@ import asyncio
 import os
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,7 +30,7 @@ from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import load_state
-from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport, from_address
+from servolink.virtual.transport import BoardTransport, FaultyVirtualTransport, VirtualTransport, from_address
 from tests.client.reconnections import until
 from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
@@ -37,7 +38,7 @@ from tests.virtual_time import run
 LIST = Codec().encode(QueryServoListRequest())
 
 
-def made(url: str) -> VirtualTransport | FaultyVirtualTransport:
+def made(url: str) -> BoardTransport[Any] | FaultyVirtualTransport:
     return from_address(Address.parse(url))
 
 
@@ -227,7 +228,7 @@ def left(url: str) -> int:
         assert transport.board.sessions == []
         await transport.close()
         assert transport.board.powered == ("bus_powered" not in url)
-        return transport.board.storage.project_id
+        return int(transport.board.storage.project_id)
 
     return run(main())
 
@@ -279,7 +280,7 @@ def test_a_plug_that_is_pulled_while_an_answer_is_taken_takes_it_away() -> None:
         await transport.open(heard)
         await transport.send(WRITE)
         await heard.until_lost()
-        return transport.board.storage.project_id
+        return int(transport.board.storage.project_id)
 
     seen = set()
     for seed in range(20):

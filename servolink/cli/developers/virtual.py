@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterable, Iterator
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, AsyncExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from servolink.cli.screen.terminal import single_keys
 from servolink.cli.usage import usage_error
 from servolink.discovery.announcements import announced
 from servolink.errors import TransportUnavailable
+from servolink.escaping import quote
 from servolink.files import MIB, read_file, reason
 from servolink.platforms.pseudo_terminals import AVAILABLE
 from servolink.platforms.signals import not_ignored
@@ -31,6 +32,8 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.board_script import HELP, Event, Keys, Push, apply, parse_script
 from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
+from servolink.virtual.odd.board import OddBoard
+from servolink.virtual.odd.kinds import KINDS
 from servolink.virtual.serve import serve
 from servolink.virtual.state_file import StateFile
 from servolink.virtual.transport import StateSaver
@@ -50,6 +53,13 @@ def _kind(kind: KindOption) -> Option:
         return flag(name, kind.meaning)
     help_text = f"{kind.meaning} ({kind.default_text})"
     return option(name, kind.unit, help_text, read, default=kind.default)
+
+
+def _odd(text: str) -> OddBoard:
+    """Return a new odd board of a kind."""
+    if text not in KINDS:
+        raise argparse.ArgumentTypeError(f"must be one of {', '.join(KINDS)}, not {quote(text)}")
+    return KINDS[text]()
 
 
 def _faults(text: str) -> Faults:
@@ -97,6 +107,7 @@ def _script(text: str) -> list[Event]:
         ),
         option("--faults", "NAME=VALUE,...", "a bad line, but for --usbip: drop=0.01,delay=0.1 and more", _faults),
         option("--state", "FILE", "load what is stored from it, and save every change to it", _state),
+        option("--odd", "KIND", "an odd board, such as `late` or `big`, with servos and records of its own", _odd),
         option("--script", "FILE", "what people do to the board, such as: 1.5 press 3", _script, default=[]),
         group("kind of board", *map(_kind, OPTIONS)),
     ),
@@ -104,6 +115,8 @@ def _script(text: str) -> list[Event]:
 )
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
+    if args.odd is not None:
+        return _run_odd(args)
     board = VirtualBoard(
         args.servos,
         args.seed,
@@ -123,19 +136,34 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
-async def _serve(board: VirtualBoard, args: argparse.Namespace, file: StateFile | None) -> None:
+def _run_odd(args: argparse.Namespace) -> int:
+    """Serve an odd board. Its kind decides what the options for other boards would decide."""
+    others = {"servos": 16, "state": None, "script": [], **{kind.name: kind.default for kind in OPTIONS}}
+    if given := [name for name, default in others.items() if getattr(args, name) != default]:
+        usage_error(args, f"--odd and --{given[0].replace('_', '-')} exclude each other")
+    asyncio.run(_serve(args.odd, args, None))
+    print_error("ended: what the board stores is gone")
+    return OK
+
+
+async def _serve(board: VirtualBoard | OddBoard, args: argparse.Namespace, file: StateFile | None) -> None:
     stop = _stop_on_signals()
     is_chosen = args.pty or args.tcp or args.usbip
     pty = args.pty or (AVAILABLE and not is_chosen)
     tcp = args.tcp or (None if pty or is_chosen else "127.0.0.1:0")
-    if file is not None:
-        StateSaver(board, file)  # until the loop ends
-    async with serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed) as urls:
-        with _announced(urls, board), _playing(board, args.script), _keyboard(board):
-            for url in urls:
-                print_result(args, {"listening": url}, f"listening {url}")
-            async with _shown(board, urls) if not args.json and can_draw() else nullcontext():
-                await stop.wait()
+    serving = serve(board, pty=pty, tcp=tcp, usbip=args.usbip, faults=args.faults, seed=args.seed)
+    async with serving as urls, AsyncExitStack() as stack:
+        stack.enter_context(_announced(urls, board))
+        if isinstance(board, VirtualBoard):
+            if file is not None:
+                StateSaver(board, file)  # until the loop ends
+            stack.enter_context(_playing(board, args.script))
+            stack.enter_context(_keyboard(board))
+        for url in urls:
+            print_result(args, {"listening": url}, f"listening {url}")
+        if isinstance(board, VirtualBoard) and not args.json and can_draw():
+            await stack.enter_async_context(_shown(board, urls))
+        await stop.wait()
 
 
 def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[None]:
@@ -144,11 +172,13 @@ def _shown(board: VirtualBoard, urls: list[str]) -> AbstractAsyncContextManager[
     return shown(board, urls)
 
 
-def _announced(urls: list[str], board: VirtualBoard) -> AbstractContextManager[None]:
+def _announced(urls: list[str], board: VirtualBoard | OddBoard) -> AbstractContextManager[None]:
     """Announce the board to `servolink list`: once, at the address for several hosts where available."""
     reachable = [url for scheme in ("tcp://", "serial://") for url in urls if url.startswith(scheme)]
     if not reachable:
         return nullcontext()
+    if isinstance(board, OddBoard):
+        return announced(DeviceInfo(reachable[0], f"odd board, {board.name}"))
     url = reachable[0] if board.codec.byte_order == "little" else f"{reachable[0]}?byte_order={board.codec.byte_order}"
     return announced(DeviceInfo(url, f"virtual board with {len(board.servos)} servos"))
 

@@ -1,0 +1,141 @@
+"""Expectations for each odd board: verdict of doctor, learnt settings, and refusals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+USUAL: dict[str, object] = {
+    "byte_order": "little",
+    "caption_encoding": "utf-8",
+    "unsupported": (),
+    "unknown_ids": "empty",
+    "depth": 16,
+}
+"""Settings learnt of the plain board."""
+COMMANDS = ("servos", "info", "export", "apply", "rollback", "move", "stop")
+
+
+class Row(NamedTuple):
+    """Expectations for one kind of board."""
+
+    verdict: tuple[str, ...] = ()
+    """Findings of doctor; none for a healthy board."""
+    learnt: Mapping[str, object] | str = {}
+    """Learnt settings where they differ from the usual, None for a setting left open; or the words of a refusal."""
+    refused: Mapping[str, str] = {}
+    """Commands that refuse, each with words of the error, before the board is learnt."""
+    after: Mapping[str, str] | None = None
+    """The same after learning; None for no difference."""
+
+
+def all_refuse(words: str) -> dict[str, str]:
+    """Return the same refusal for all commands; without an export, nothing is applied."""
+    return dict.fromkeys(("servos", "info", "export", "move", "stop"), words)
+
+
+_WITHOUT_PROJECT_ID = "QueryProjectIDRequest() was not answered"
+_TOO_LITTLE = "answers, but too little to be sure"
+_NOT_FOUND = "does not answer in either byte order or transmission mode"
+_NO_FRAME = "sends bytes, but no frame of this protocol"
+_SILENT = "is open, but no board answers"
+_NO_SERVOS = "the board has no servos"
+_UNCONFIRMED = "a stop was sent 3 times and could not be confirmed"
+_NO_UNIT = "SetAngleUnitRequest(servo_id=255, unit_type=0) was sent"
+_NOT_APPLIED = "does not accept action 9"
+_NO_DEGREES = "was asked for angle unit 0"
+
+TABLE: dict[str, Row] = {
+    "plain": Row(),
+    "big": Row(("byte order",), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
+    "old": Row(("no response",)),
+    "old-at-opening": Row(("no response",), _NOT_FOUND),
+    "old-slow": Row(("no response",)),
+    "big-old": Row(("no response",), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
+    "busy": Row((), {"depth": 1}),
+    "old-busy": Row(("no response",), {"depth": 1}),
+    "late": Row(("opening",)),
+    "very-late": Row(("opening",), _NOT_FOUND, all_refuse(_TOO_LITTLE)),
+    "merging": Row(),
+    "halves": Row(),
+    "single-bytes": Row((), {"depth": 8}),
+    "stalling": Row(("responses",)),
+    "echoing": Row(),
+    "boot-text": Row(("opening",)),
+    "logging": Row(("noise",)),
+    "resetting": Row(("absent",)),
+    "twice": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
+    "twice-2": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
+    "twice-10": Row((), {"depth": 1}),
+    "bad-sum": Row(("noise",)),
+    "padded": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "flooding": Row(),
+    "silent": Row(("no response",), _NOT_FOUND, all_refuse(_SILENT)),
+    "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "loop-back": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "modem": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "no-project-id": Row(
+        ("no response",),
+        {"unsupported": ("QueryProjectID",)},
+        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
+        dict.fromkeys(("info", "export"), _WITHOUT_PROJECT_ID),
+    ),
+    "old-firmware": Row(
+        ("no response",),
+        {
+            "unsupported": (
+                "QueryProjectID",
+                "QueryMemorySize",
+                "QueryRemainPower",
+                "QueryActiveJoystickTable",
+                "QueryJoystickTableList",
+            )
+        },
+        all_refuse(_TOO_LITTLE),
+    ),
+    "servos-only": Row(
+        ("no response",),
+        {
+            "caption_encoding": None,
+            "unsupported": (
+                "QueryProjectID",
+                "QueryMemorySize",
+                "QueryRemainPower",
+                "QueryActiveJoystickTable",
+                "QueryActionList",
+                "QueryMacroList",
+                "QueryJoystickTableList",
+                "QueryServoParameter",
+            ),
+            "unknown_ids": None,
+        },
+        all_refuse(_TOO_LITTLE),
+    ),
+    "refusing": Row(
+        (),
+        {"caption_encoding": None},
+        {"servos": _NO_SERVOS, "apply": _NOT_APPLIED, "move": _NO_SERVOS, "stop": _UNCONFIRMED},
+    ),
+    "from-zero": Row(),
+    "one-servo": Row(),
+    "many-servos": Row(),
+    "big5": Row((), {"caption_encoding": "big5"}),
+    "gbk": Row((), {"caption_encoding": "gb18030"}),
+    "spaced": Row(),
+    "uncleared": Row((), {"caption_encoding": None}),
+    "uncleared-big5": Row((), {"caption_encoding": None}),
+    "uncleared-gbk": Row((), {"caption_encoding": None}),
+    "full": Row((), {}, {"apply": _NOT_APPLIED}),
+    "kib": Row(),
+    "percent": Row(),
+    "free-only": Row(),
+    "not-measured": Row(),
+    "clipping": Row((), {}, {"apply": _NOT_APPLIED}),
+    "missing-servo": Row(),
+    "wrong-count": Row((), {"unsupported": ("QueryServoList",)}, {"info": "5 servo_id_list take 6 bytes"}),
+    "singles-only": Row((), {}, {"servos": _NO_SERVOS, "move": _NO_SERVOS, "stop": _UNCONFIRMED}),
+    "no-all": Row((), {"unsupported": ("QueryServo",)}, {"servos": _NO_UNIT, "move": _NO_UNIT, "stop": _UNCONFIRMED}),
+    "adc-only": Row((), {}, dict.fromkeys(("servos", "move", "stop"), _NO_DEGREES)),
+    "half-project-id": Row(),
+    "no-feedback": Row(),
+}

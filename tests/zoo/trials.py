@@ -1,0 +1,166 @@
+"""Commands on an odd board, one after the other, in virtual time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pytest
+
+from servolink.profiles.store import load_profile
+from servolink.virtual.odd.board import OddBoard
+from servolink.virtual.odd.kinds import KINDS
+from servolink.virtual.transport import BOARDS
+from tests.cli.programs import Said, call
+from tests.virtual_time import VirtualTimeLoop
+
+T = TypeVar("T")
+
+GOAL = 10
+"""Degrees to which the first servo is moved."""
+
+
+class Zoo:
+    """One board, known to all commands as `rex`, and the project that they write."""
+
+    def __init__(self, kind: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        self.board: OddBoard = KINDS[kind]()
+        self.seconds = 0.0
+        """Virtual seconds of the latest command."""
+        self._folder = folder
+        self._capsys = capsys
+        self._now = 1000.0
+        BOARDS["zoo"] = self.board
+        assert self("use", "rex", "virtual://zoo").code == 0
+
+    def __call__(self, *arguments: str) -> Said:
+        """Run a command."""
+        started_at = self._now
+        said = call(self._capsys, *arguments)
+        self.seconds = self._now - started_at
+        return said
+
+    def run(self, main: Coroutine[Any, Any, T]) -> T:
+        """Stand in for `asyncio.run`; the clock of the board goes on between two commands."""
+        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
+            loop = runner.get_loop()
+            assert isinstance(loop, VirtualTimeLoop)
+            loop.now = self._now
+            try:
+                return runner.run(main)
+            finally:
+                self._now = loop.now
+
+    def verdict(self) -> tuple[str, ...]:
+        """Return the findings of doctor."""
+        return tuple(finding["check"] for finding in self("--json", "doctor", "rex").json["findings"])
+
+    def learn(self) -> Said:
+        """Learn the board, which is not asked for anything but queries."""
+        before = [servo.state(self.board.now) for servo in self.board.servos.values()], dict(self.board.records)
+        said = self("doctor", "rex", "--learn", "--yes")
+        assert ([servo.state(self.board.now) for servo in self.board.servos.values()], self.board.records) == before
+        return said
+
+    def learnt(self) -> dict[str, object]:
+        """Return the settings kept in the profile."""
+        profile = load_profile("rex")
+        assert profile is not None
+        settings = profile.settings
+        return {
+            name: value
+            for name in settings.__struct_fields__
+            if (value := getattr(settings, name)) is not None and name != "turnaround"
+        }
+
+    def refusals(self) -> dict[str, str]:
+        """Try all commands; return the errors of those that refuse. Without an export, nothing is applied."""
+        found: dict[str, str] = {}
+        for name, trial in _TRIALS.items():
+            if "export" in found and name in {"apply", "rollback"}:
+                continue
+            said = trial(self)
+            if said.code:
+                found[name] = said.err
+        return found
+
+    def on_board(self, *arguments: str) -> Said:
+        """Run a command on the board."""
+        return self("--board", "rex", *arguments)
+
+    @property
+    def servo_id(self) -> int:
+        """Id of the first servo, 1 if there is none."""
+        return next(iter(self.board.servo_ids), 1)
+
+    @property
+    def path(self) -> Path:
+        """Project file with one action more than the board has."""
+        return self._folder / "robot.json"
+
+
+def _servos(zoo: Zoo) -> Said:
+    said = zoo.on_board("servos", "--json")
+    if not said.code:
+        assert said.json["servos"][0]["servo_id"] == zoo.servo_id
+    return said
+
+
+def _info(zoo: Zoo) -> Said:
+    return zoo.on_board("info")
+
+
+def _export(zoo: Zoo) -> Said:
+    said = zoo.on_board("export", "--yes", str(zoo.path))
+    if not said.code:
+        project = json.loads(zoo.path.read_text(encoding="utf-8"))
+        assert len(project["actions"]) == len(zoo.board.records[30010])
+        step = {"servo_id": zoo.servo_id, "degree": 50, "interval_ms": 500}
+        project["actions"].append({"action_id": 9, "action_caption": "new", "steps": [step]})
+        zoo.path.write_text(json.dumps(project), encoding="utf-8")
+    return said
+
+
+def _apply(zoo: Zoo) -> Said:
+    said = zoo.on_board("apply", "--yes", str(zoo.path))
+    if not said.code:
+        assert zoo.board.records[30010][9]["steps"][0]["degree"] == 50
+    return said
+
+
+def _rollback(zoo: Zoo) -> Said:
+    said = zoo.on_board("rollback", "--yes")
+    if not said.code:
+        assert 9 not in zoo.board.records[30010]
+    return said
+
+
+def _move(zoo: Zoo) -> Said:
+    said = zoo.on_board("move", f"{zoo.servo_id}={GOAL}", "--duration", "0.1", "--wait")
+    if not said.code:
+        assert round(zoo.board.servos[zoo.servo_id].degrees(zoo.board.now)) == GOAL
+    return said
+
+
+def _stop(zoo: Zoo) -> Said:
+    said = zoo.on_board("stop")
+    stopped = {not servo.is_start for servo in zoo.board.servos.values()}
+    if not said.code:
+        assert stopped == {True}
+    for servo in zoo.board.servos.values():
+        servo.is_start = 1
+    return said
+
+
+_TRIALS: dict[str, Callable[[Zoo], Said]] = {
+    "servos": _servos,
+    "info": _info,
+    "export": _export,
+    "apply": _apply,
+    "rollback": _rollback,
+    "move": _move,
+    "stop": _stop,
+}
