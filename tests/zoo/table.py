@@ -37,7 +37,8 @@ def all_refuse(words: str) -> dict[str, str]:
 _WITHOUT_PROJECT_ID = "QueryProjectIDRequest() was not answered"
 _TOO_LITTLE = "answers, but too little to be sure"
 _NOT_FOUND = "does not answer in either byte order or transmission mode"
-_NO_FRAME = "sends bytes, but no frame of this protocol"
+_SENDS_TEXT = "sends text"
+_RETURNS = "returns the requests that are sent to it"
 _SILENT = "is open, but no board answers"
 _NO_SERVOS = "the board has no servos"
 _UNCONFIRMED = "a stop was sent 3 times and could not be confirmed"
@@ -68,12 +69,12 @@ TABLE: dict[str, Row] = {
     "twice-2": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
     "twice-10": Row((), {"depth": 1}),
     "bad-sum": Row(("noise",)),
-    "padded": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "padded": Row(("no response",), _NOT_FOUND, all_refuse(_TOO_LITTLE)),
     "flooding": Row(),
     "silent": Row(("no response",), _NOT_FOUND, all_refuse(_SILENT)),
-    "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
-    "loop-back": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
-    "modem": Row(("no response",), _NOT_FOUND, all_refuse(_NO_FRAME)),
+    "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
+    "loop-back": Row(("no response",), _NOT_FOUND, all_refuse(_RETURNS)),
+    "modem": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
     "no-project-id": Row(
         ("no response",),
         {"unsupported": ("QueryProjectID",)},
@@ -91,7 +92,8 @@ TABLE: dict[str, Row] = {
                 "QueryJoystickTableList",
             )
         },
-        all_refuse(_TOO_LITTLE),
+        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
+        dict.fromkeys(("info", "export"), "was not answered"),
     ),
     "servos-only": Row(
         ("no response",),
@@ -109,7 +111,8 @@ TABLE: dict[str, Row] = {
             ),
             "unknown_ids": None,
         },
-        all_refuse(_TOO_LITTLE),
+        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
+        dict.fromkeys(("info", "export"), "was not answered"),
     ),
     "refusing": Row(
         (),
