@@ -14,7 +14,13 @@ from servolink.transports.base import Transport
 from servolink.transports.line_faults import Faults
 from servolink.usbip.device import Pipe, UsbDevice
 from servolink.usbip.usbip_server import UsbIpServer, serve_usbip
-from servolink.virtual.transport import BoardDriver, BoardTransport, FaultyVirtualTransport, ServedBoard, Session
+from servolink.virtual.transport import (
+    AttachedSession,
+    BoardDriver,
+    BoardTransport,
+    FaultyVirtualTransport,
+    ServedBoard,
+)
 
 
 @asynccontextmanager
@@ -83,6 +89,6 @@ def _unsent(pipe: Pipe) -> Callable[[], int]:
     return lambda: pipe.to_host.waiting
 
 
-def _receive(session: Session) -> Callable[[bytes], None]:
+def _receive(session: AttachedSession) -> Callable[[bytes], None]:
     loop = asyncio.get_running_loop()
     return lambda data: session.receive(data, loop.time())

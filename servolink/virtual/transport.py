@@ -25,7 +25,7 @@ SAVE_AFTER = 0.5
 _logger = logging.getLogger(__name__)
 
 
-class Session(Protocol):
+class AttachedSession(Protocol):
     """Conversation of a host with a board; times are those of the event loop."""
 
     def receive(self, data: bytes, now: float) -> None:
@@ -40,7 +40,7 @@ class ServedBoard(Protocol):
 
     def attach(
         self, send: Callable[[bytes], None], unsent: Callable[[], int], unplugged: Callable[[], None]
-    ) -> Session:
+    ) -> AttachedSession:
         """Attach a host (see `VirtualBoard.attach`)."""
         ...
 
@@ -48,7 +48,7 @@ class ServedBoard(Protocol):
         """Detach sessions of this board together."""
 
     def advance(self, now: float) -> None:
-        """Do all that is due until `now`."""
+        """Execute all events due until `now`."""
 
     def next_due(self, now: float) -> float | None:
         """Return the time for the next call of `advance`; None if nothing will happen."""
@@ -189,7 +189,7 @@ class BoardTransport(BaseTransport, Generic[B]):
         """Lead to `board`, named `url` in errors."""
         super().__init__(url)
         self.board = board
-        self._session: Session | None = None
+        self._session: AttachedSession | None = None
         self._driver: BoardDriver | None = None
         self._pending: list[bytes] = []
         self._unsent = 0  # bytes sent by the board and not yet delivered to the receiver

@@ -22,7 +22,7 @@ _RECORDS = {30010: "action", 30050: "macro", 40010: "table"}
 
 
 class OddServo:
-    """Servo that turns evenly to its goal."""
+    """Servo that turns at an even speed to its goal."""
 
     def __init__(self, servo_id: int) -> None:
         self.servo_id = servo_id
@@ -72,7 +72,7 @@ class OddLine:
         self._unplugged = unplugged
 
     def receive(self, data: bytes, now: float) -> None:
-        """Receive bytes from the host."""
+        """Receive bytes from the host at the time `now`."""
         self.board.advance(now)
         if data and self in self.board.lines:
             self.board.heard(self, data)
@@ -102,7 +102,7 @@ class OddLine:
 class OddBoard:
     """A board as the document describes it."""
 
-    lesson: ClassVar[str] = "the measure for all others"
+    lesson: ClassVar[str] = "the standard for all others"
     order: ClassVar[ByteOrder] = "little"
     encoding: ClassVar[str] = "utf-8"
     captions: ClassVar[tuple[str, ...]] = ("揮手", "鞠躬", "前進", "左手")
@@ -199,7 +199,7 @@ class OddBoard:
         self.lines = [line for line in self.lines if line not in lines]
 
     def advance(self, now: float) -> None:
-        """Do all that is due until `now`."""
+        """Execute all events due until `now`."""
         while self._timers and self._timers[0][0] <= now:
             due, _, act = heapq.heappop(self._timers)
             self.now = max(self.now, due)
@@ -215,11 +215,11 @@ class OddBoard:
         self._watchers.append(changed)
 
     def unwatch(self, changed: Callable[[], None]) -> None:
-        """Undo `watch`."""
+        """End the calls begun by `watch`."""
         self._watchers.remove(changed)
 
     def notify(self) -> None:
-        """Call all watchers."""
+        """Call all watchers, as `next_due` may have changed."""
         for changed in list(self._watchers):
             changed()
 
@@ -230,10 +230,10 @@ class OddBoard:
     # ── the conversation, to be overridden ──
 
     def opened(self, line: OddLine) -> None:
-        """Take note of a new host."""
+        """Begin the conversation with a new host."""
 
     def heard(self, line: OddLine, data: bytes) -> None:
-        """Take bytes from a host."""
+        """Find the frames in bytes from a host, and take the requests."""
         for packet_id, content in line.frames.feed(data):
             if packet_id in NAMES:
                 self.take(line, packet_id, content)
@@ -262,7 +262,7 @@ class OddBoard:
         return encode(packet_id, values, self.order)
 
     def transmit(self, line: OddLine, data: bytes) -> None:
-        """Send the frame of a response."""
+        """Send the frame of a response after the usual delay."""
         self.after(self.delay, lambda: line.send(data))
 
     # ── the answers, to be overridden ──
@@ -272,7 +272,7 @@ class OddBoard:
         return text.encode(self.encoding).ljust(32, b"\0")
 
     def set_mode(self, values: Values) -> Values:
-        """Set the transmission mode."""
+        """Set the transmission mode, and return the mode."""
         self.mode = values["mode"]
         return {"result": self.mode}
 
@@ -282,7 +282,7 @@ class OddBoard:
 
     @property
     def used(self) -> int:
-        """Bytes in use by stored records."""
+        """Bytes in use by stored records, as in their responses."""
         return sum(
             len(encode(base + 11, record, self.order))
             for base, stored in self.records.items()
@@ -302,7 +302,7 @@ class OddBoard:
         return _group("servo", [servo.state(self.now) for servo in self.addressed(values["servoID"])])
 
     def set_unit(self, values: Values) -> Values:
-        """Set the angle unit of servos."""
+        """Set the angle unit of the addressed servos."""
         addressed = self.addressed(values["servoID"])
         for servo in addressed:
             servo.unit = values["unitType"]
@@ -320,7 +320,7 @@ class OddBoard:
         return 1
 
     def write_project_id(self, values: Values) -> Values:
-        """Store the project id."""
+        """Store the project id, and return the result."""
         self.project_id = values["projectID"]
         return {"result": 1}
 

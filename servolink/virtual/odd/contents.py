@@ -1,4 +1,4 @@
-"""Boards whose answers are odd: what they leave out, count wrongly, or measure differently."""
+"""Boards with odd responses: missing, miscounted, or in other units."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ def _from(*starts: str) -> frozenset[str]:
 
 
 class WithoutProjectId(OddBoard, name="no-project-id"):
-    """It does not answer the query of the project id."""
+    """No response to the query of the project id."""
 
-    lesson = "a missing query is left out, with one line that says so"
+    lesson = "a missing query is left out and reported in one line"
     ignored = frozenset({"QueryProjectID"})
 
 
 class OldFirmware(OddBoard, name="old-firmware"):
-    """It has servos, actions and macros, but neither memory size, power, project id nor joystick tables."""
+    """Servos, actions and macros, without memory size, power, project id and joystick tables."""
 
-    lesson = "queries that settle earlier ones are chosen from what the board answers"
+    lesson = "fences are chosen among the answered queries"
     ignored = _from("10030", "10040", "30120", "30130", "400")
 
 
 class ServosOnly(OddBoard, name="servos-only"):
-    """It answers only the mode setting and the requests for servos."""
+    """Responses to the mode setting and the requests for servos only."""
 
     lesson = "servos move without stored records"
     ignored = _from("10020", "10030", "10040", "30", "40")
 
 
 class Refusing(OddBoard, name="refusing"):
-    """It has no servos and no records, and refuses all that is to be stored."""
+    """Empty board without servos; refuses every record."""
 
-    lesson = "an empty board is usable, and says that it has no servos"
+    lesson = "an empty board is usable"
     servo_ids = ()
 
     def __init__(self) -> None:
@@ -46,44 +46,42 @@ class Refusing(OddBoard, name="refusing"):
             stored.clear()
 
     def store(self, stored: dict[int, Values], record_id: int, values: Values) -> int:
-        """Refuse."""
         return 0
 
     def write_project_id(self, values: Values) -> Values:
-        """Refuse."""
         return {"result": 0}
 
 
 class FromZero(OddBoard, name="from-zero"):
-    """Its servos have the ids 0 to 3."""
+    """Servos with the ids 0 to 3."""
 
-    lesson = "0 is an id where the board lists it"
+    lesson = "0 is a valid id on a board with a servo 0"
     servo_ids = (0, 1, 2, 3)
 
 
 class OneServo(OddBoard, name="one-servo"):
-    """It has a single servo, with the id 7."""
+    """Single servo, with the id 7."""
 
     lesson = "a response for all servos may look like a response for one"
     servo_ids = (7,)
 
 
 class ManyServos(OddBoard, name="many-servos"):
-    """It has 254 servos."""
+    """Servos with the ids 1 to 254."""
 
     lesson = "responses of 3 KB are read at once"
     servo_ids = range(1, 255)
 
 
 class Big5Captions(OddBoard, name="big5"):
-    """Its captions are Big5."""
+    """Captions in the encoding Big5."""
 
     lesson = "the encoding is learnt from the captions"
     encoding = "big5"
 
 
 class GbkCaptions(OddBoard, name="gbk"):
-    """Its captions are GBK."""
+    """Captions in the encoding GBK."""
 
     lesson = "the encoding is learnt from the captions"
     encoding = "gbk"
@@ -91,34 +89,32 @@ class GbkCaptions(OddBoard, name="gbk"):
 
 
 class SpacedCaptions(OddBoard, name="spaced"):
-    """Its captions are padded with spaces."""
+    """Captions padded with spaces, without zeros."""
 
-    lesson = "padding with spaces is shown as it is"
+    lesson = "padding with spaces is shown unchanged"
 
     def caption(self, text: str) -> bytes:
-        """Return a caption with spaces behind it."""
         return text.encode(self.encoding).ljust(32, b" ")
 
 
 class UnclearedCaptions(OddBoard, name="uncleared"):
-    """Behind the end of its captions are the remains of its memory."""
+    """Captions with random bytes behind the end."""
 
     lesson = "bytes behind the end of a caption are ignored, in learning too"
 
     def caption(self, text: str) -> bytes:
-        """Return a caption with rubbish behind it."""
         return (text.encode(self.encoding) + b"\0" + bytes(range(0xC8, 0xE8)))[:32]
 
 
 class UnclearedBig5(UnclearedCaptions, name="uncleared-big5"):
-    """Its captions are Big5, with the remains of its memory behind them."""
+    """Captions in Big5, with random bytes behind the end."""
 
     lesson = "bytes behind the end of a caption are ignored, in learning too"
     encoding = "big5"
 
 
 class UnclearedGbk(UnclearedCaptions, name="uncleared-gbk"):
-    """Its captions are GBK, with the remains of its memory behind them."""
+    """Captions in GBK, with random bytes behind the end."""
 
     lesson = "bytes behind the end of a caption are ignored, in learning too"
     encoding = "gbk"
@@ -126,74 +122,68 @@ class UnclearedGbk(UnclearedCaptions, name="uncleared-gbk"):
 
 
 class Full(OddBoard, name="full"):
-    """Its memory is full."""
+    """Memory without room for another record."""
 
     lesson = "a refused record is named, and nothing else is changed"
     memory = 250
 
 
 class InKib(OddBoard, name="kib"):
-    """It reports memory in KiB."""
+    """Free and total memory in KiB."""
 
-    lesson = "memory has no unit until the unit is learnt, and units are not added up"
+    lesson = "memory has no unit before the unit is learnt, and sizes in unknown units are not added up"
     unit = 1024
 
     def memory_size(self, values: Values) -> Values:
-        """Return free and total memory in units."""
         return {key: size // self.unit for key, size in super().memory_size(values).items()}
 
 
 class InPercent(InKib, name="percent"):
-    """It reports memory in percent."""
+    """Free and total memory in percent."""
 
-    lesson = "a unit that is neither bytes nor KiB stays unknown"
+    lesson = "a unit other than bytes and KiB stays unknown"
     unit = OddBoard.memory // 100
 
 
 class FreeOnly(OddBoard, name="free-only"):
-    """It reports free memory without the total, as the length in the document says."""
+    """Free memory without the total, by the length in the document."""
 
     lesson = "the total is unknown, and nothing fails"
 
     def content(self, packet_id: int, values: Values) -> bytes:
-        """Return the content, cut for the memory size."""
         content = super().content(packet_id, values)
         return content[:4] if packet_id == 10031 else content
 
 
 class NotMeasured(OddBoard, name="not-measured"):
-    """It reports -1 for memory and power."""
+    """Memory sizes and power of -1."""
 
-    lesson = "-1 is shown as not measured, and is not learnt"
+    lesson = "-1 is shown as not measured, and never learnt"
 
     def memory_size(self, values: Values) -> Values:
-        """Return -1 for both."""
         return {"size": -1, "totalSize": -1}
 
     def remaining_power(self, values: Values) -> Values:
-        """Return -1."""
         return {"permil": -1}
 
 
 class Clipping(OddBoard, name="clipping"):
-    """It stores angles of at most 30°, and says that it has stored the record."""
+    """Stored angles cut to 30°, with the result "stored"."""
 
     lesson = "records are read back after writing, and differences are named"
 
     def store(self, stored: dict[int, Values], record_id: int, values: Values) -> int:
-        """Store the record with its angles cut."""
         for step in values.get("steps", ()):
             step["degree"] = max(-30, min(30, step["degree"]))
         return super().store(stored, record_id, values)
 
 
 class MissingServo(OddBoard, name="missing-servo"):
-    """It lists four servos, and returns three states for all of them."""
+    """List of four servos, and three states in the response for all servos."""
 
     lesson = "both counts are shown"
 
     def servo_states(self, values: Values) -> Values:
-        """Return the states without the last of all."""
         found = super().servo_states(values)
         if values["servoID"] == ALL:
             found = {"servoCount": len(found["servos"]) - 1, "servos": found["servos"][:-1]}
@@ -201,38 +191,35 @@ class MissingServo(OddBoard, name="missing-servo"):
 
 
 class WrongCount(OddBoard, name="wrong-count"):
-    """The count in its list of servo ids is one too high."""
+    """List of servo ids with a count one too high."""
 
-    lesson = "a response that contradicts itself is named as such, not as a missing one"
+    lesson = "a contradictory response is reported as contradictory, not as missing"
 
     def servo_list(self, values: Values) -> Values:
-        """Return the list with a wrong count."""
         found = super().servo_list(values)
         return {**found, "servoCount": found["servoCount"] + 1}
 
 
 class SinglesOnly(OddBoard, name="singles-only"):
-    """It returns no state when all servos are asked for, and takes all other requests for all of them."""
+    """No states in the response for all servos; other requests for all servos are executed."""
 
-    lesson = "servos are read one by one where all at once are not answered"
+    lesson = "servos are read one by one on boards without a response for all"
 
     def servo_states(self, values: Values) -> Values:
-        """Return the states of a single servo only."""
         return super().servo_states(values) if values["servoID"] != ALL else {"servoCount": 0, "servos": []}
 
 
 class WithoutAll(OddBoard, name="no-all"):
-    """It ignores every request for all servos."""
+    """Requests for all servos are ignored."""
 
-    lesson = "stop, release and angle unit go to each servo too, and a stop is confirmed by reading"
+    lesson = "stop, release and angle unit are also sent to each servo, and a stop is confirmed by reading"
 
     def answer(self, packet_id: int, values: Values) -> Values | None:
-        """Return no response, and do nothing, if all servos are addressed."""
         return None if values.get("servoID") == ALL else super().answer(packet_id, values)
 
 
 class AdcOnly(OddBoard, name="adc-only"):
-    """Its angles are raw ADC; it answers the setting of degrees with the unit in use."""
+    """Angles in raw ADC; the response to the setting of degrees names ADC."""
 
     lesson = "angles are shown as ADC, with the reason"
 
@@ -242,25 +229,22 @@ class AdcOnly(OddBoard, name="adc-only"):
             servo.unit = 1
 
     def set_unit(self, values: Values) -> Values:
-        """Leave the unit as it is."""
         return {**values, "unitType": 1}
 
 
 class HalfProjectId(OddBoard, name="half-project-id"):
-    """It stores 16 bits of the project id."""
+    """Stored project id of 16 bits."""
 
-    lesson = "the mark of an unfinished import is recognised by what is left of it"
+    lesson = "the marker of an unfinished import is recognised by its lower half"
 
     def write_project_id(self, values: Values) -> Values:
-        """Store the lower half."""
         return super().write_project_id({"projectID": values["projectID"] & 0xFFFF})
 
 
 class WithoutFeedback(OddBoard, name="no-feedback"):
-    """It reports the commanded angle at once, as boards with plain servos do."""
+    """Commanded angle reported immediately, as by boards with plain servos."""
 
-    lesson = "a movement that takes no time is not a measurement"
+    lesson = "a movement without duration is not a measurement"
 
     def move(self, servo: OddServo, step: Values) -> None:
-        """Report the goal from now on."""
         super().move(servo, {**step, "interval": 0})
