@@ -62,10 +62,10 @@ text or an integer; a request without `id` is carried out and not answered, not 
 send the next request without waiting for the response to the one before.
 
 Requests of one program that move or change something are carried out in their order, each when the one before is
-answered. Others are carried out beside them, and `stop` at once. At most {waiting} requests of a program wait; more
-are answered with `busy`. A stop is always carried out; a program that has {begun} under way is told `busy` for more,
-not what came of them. A stop of any program also ends what waits and would move: that is answered with MotionRefused. A
-program that sends requests and does not read its responses is disconnected.
+answered. Others are carried out beside them, `stop` and `stream.send` at once. At most {waiting} requests of a program
+wait; more are answered with `busy`. A stop is always carried out; a program that has {begun} under way is told `busy`
+for more, not what came of them. A stop of any program also ends what waits and would move: that is answered with
+MotionRefused. A program that sends requests and does not read its responses is disconnected.
 
 A role includes those before it: watch, run, move, edit. The greeting asks for one.
 
@@ -190,7 +190,9 @@ def _types() -> list[type]:
     while waiting:
         for struct in _structs(types.type_info(waiting.pop())):
             for field in struct.fields:
-                waiting += [inner.cls for inner in _structs(field.type) if inner.cls.__name__ not in found]
+                inside = [inner.cls for inner in _structs(field.type) if inner.cls.__name__ not in found]
+                waiting += inside
+                found |= {cls.__name__: cls for cls in inside if cls in used_once}
             if struct.cls.__module__.startswith("servolink.control.") and struct.cls not in used_once:
                 found[struct.cls.__name__] = struct.cls
     return [found[name] for name in sorted(found)]

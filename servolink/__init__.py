@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from servolink.client.playing import Playback as Playback
     from servolink.client.servo_readings import ServoReading as ServoReading
     from servolink.client.servo_readings import ServoReadings as ServoReadings
+    from servolink.client.servo_stream import ServoStream as ServoStream
     from servolink.connection.stats import Stats as Stats
     from servolink.discovery.search import discover as discover
     from servolink.errors import AmbiguousName as AmbiguousName
@@ -172,6 +173,7 @@ else:
         "ServoParameter": "servolink.protocol.records",
         "ServoReading": "servolink.client.servo_readings",
         "ServoReadings": "servolink.client.servo_readings",
+        "ServoStream": "servolink.client.servo_stream",
         "Stats": "servolink.connection.stats",
         "Step": "servolink.protocol.records",
         "TargetNotReached": "servolink.errors",

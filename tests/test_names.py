@@ -20,6 +20,7 @@ SHARED = {
     "ButtonEvents": "likewise: the events with async and without",
     "Recorder": "likewise: a recording with async and without",
     "ServoReadings": "likewise: the readings with async and without",
+    "ServoStream": "likewise: the set-points with async and without",
     "Command": "the word of the protocol's document, of the schema of a fleet, and of the shell",
     "Result": "the word of the protocol's document, and of the schema of a fleet",
     "ServoState": "the packet of the document, and the message of a recording, whose schema has this name",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Iterable
+from collections.abc import AsyncGenerator, Iterable, Mapping
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar, cast
@@ -41,7 +41,7 @@ from servolink.protocol.settings import (
     SendDummyDataRequest,
 )
 
-if TYPE_CHECKING:  # imported when they are first used, which most of them are in few programs
+if TYPE_CHECKING:  # imported at first use: few programs use most of these modules
     from pathlib import Path
 
     from servolink.client.alarms import Alarm
@@ -51,7 +51,9 @@ if TYPE_CHECKING:  # imported when they are first used, which most of them are i
     from servolink.client.projects import ProjectTransfers
     from servolink.client.raw_packets import RawPackets
     from servolink.client.servo_readings import ServoReadings, ServoWatch
+    from servolink.client.servo_stream import ServoStream
     from servolink.client.stored_runs import StoredRuns
+    from servolink.motion.set_points import SetPoints
     from servolink.profiles.profile import ProfileInUse
     from servolink.project.model import Project
 
@@ -65,7 +67,7 @@ class Board:
       `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
-      `units`, `move`, `follow`, `run_action`, `play`
+      `units`, `move`, `stream`, `follow`, `run_action`, `play`
     - 3.3 stored records: `actions`, `action`, `add_action`, `delete_action`, `macros`, `macro`, `add_macro`,
       `delete_macro`, `run_macro`, `servo_parameters`, `add_servo_parameters`, `write_project_id`, `project_id`
     - 3.4 joystick: `joystick_tables`, `joystick_table`, `add_joystick_table`, `delete_joystick_table`,
@@ -102,7 +104,7 @@ class Board:
         self._limits = limits
         self._servos = ServoController(session, angle_unit, limits, interval_unit)
         self._interval_unit = interval_unit
-        self._ticket: Ticket | None = None  # of its motions; None if they are asked for when their methods are called
+        self._ticket: Ticket | None = None  # ticket for all motions; None for a new ticket in each call
 
     @cached_property
     def _packets(self) -> RawPackets:
@@ -359,6 +361,21 @@ class Board:
             targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run, ticket=self._ticket
         )
 
+    def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
+        """Return a stream of set-points (3.2.5), at most `hz` a second (0 < hz <= 100), as from a gamepad or a policy.
+
+        `await stream.send({1: 30.5})` turns servos toward angles in degrees and returns the angles sent. Limits refuse
+        nothing there: an angle is replaced by the nearest whole one within `angle_limits`, and a way too long for
+        `speed_cap` or `soft_start` is shortened. The way begins where the last target has brought the servo by now, or
+        at a reading if nothing was sent for 0.5 s or something else has moved.
+
+        A set-point that is not sent yet is dropped when a newer one comes. The stream ends with a stop, with a loss of
+        the connection, and when no set-point is given for `gap` seconds, at most 10; servos keep their last targets.
+        """
+        from servolink.client.servo_stream import stream_on
+
+        return stream_on(self._session, self._servos, self._limits, hz, gap, self._interval_unit, self._ticket)
+
     def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
@@ -570,6 +587,11 @@ class Board:
         `folder` (by default the user's data folder) say so, for this address.
         """
         return await self._projects.has_unfinished_import(folder)
+
+
+async def send_set_points(board: Board, targets: Mapping[int, float], points: SetPoints, ticket: Ticket) -> None:
+    """Send a movement toward the set-points of a stream, shortened by `points` to its limits."""
+    await board._servos.stream(targets, points, ticket)  # noqa: SLF001 - for the hub, which sends what programs stream
 
 
 def with_ticket(board: Board, ticket: Ticket) -> Board:

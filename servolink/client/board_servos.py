@@ -30,6 +30,7 @@ from servolink.escaping import html_table
 from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
+from servolink.motion.set_points import FRESH, SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.numeric import checked_flag, is_number
 from servolink.protocol.records import Step
@@ -47,7 +48,6 @@ _ARRIVED = 2  # degrees (or ADC steps) from the target
 _GRACE = 1.0  # seconds beyond the planned duration of a movement
 _PAUSE = 0.04  # seconds between two readings of moving servos
 _STOP_TRIES = 3
-_FRESH = 0.5  # seconds for which the reading of a servo outside its limits counts
 _MOST_NAMED = 8  # servos still away from their targets
 
 
@@ -258,6 +258,31 @@ class ServoController:
         longest = max((step.interval for step in packet.steps), default=0) * self._interval_unit
         self.soft_start.moved(moving, longest, ticket)
 
+    async def stream(self, targets: Mapping[int, float], points: SetPoints, ticket: Ticket) -> dict[int, int]:
+        """Send a movement toward set-points, shortened by `points` to its limits. Return the angles sent."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await self.units.ensure()
+            connection = self._session.connection
+            units_sent = connection.units_sent
+            for servo_id in targets:
+                if self.units.of(servo_id) != "degree":
+                    raise MotionRefused(f"servo {servo_id} must be set to degrees, the unit of all set-points")
+            # After any other motion, the last targets of the stream say nothing about the present angles.
+            if points.motions != (motions := connection.motions):
+                points.forget(motions)
+            if points.lacking(targets, loop.time()):
+                servos = await self.servos()
+                points.read(_angles(targets, servos), loop.time())
+            steps = points.steps(targets, loop.time())
+            # The movement may wait for the line. After a change of units meanwhile, everything is computed again.
+            with suppress(UnitsChanged):
+                await connection.send(ExecuteActionRequest(steps), ticket=ticket.checked(units_sent))
+                break
+        points.sent(targets, steps, loop.time())
+        self.soft_start.moved(points.arrived, 0.0, ticket)
+        return {step.servo_id: step.degree for step in steps}
+
     async def stop(self) -> None:
         """Stop and hold all servos, ahead of all waiting packets (see `Board.stop`)."""
         request = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -346,7 +371,7 @@ class ServoController:
         """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
         if not self._are_outside(targets):
             return ticket
-        return ticket._replace(until=min(ticket.until, asyncio.get_running_loop().time() + _FRESH))
+        return ticket._replace(until=min(ticket.until, asyncio.get_running_loop().time() + FRESH))
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -12,14 +12,18 @@ from msgspec import Raw
 
 from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions
+from servolink.connection.sharing import SendPoints
 from servolink.control.channel import open_channel
 from servolink.control.greeting import Greeting, Welcome
+from servolink.control.messages import StreamBegun, StreamSent
 from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, RefusedNotice
 from servolink.control.roles import Role, needed_role
 from servolink.control.share_address import ShareTransport
 from servolink.control.status import BoardState, HoldStatus, LeaseStatus
+from servolink.control.tightening import messages_of
 from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused
 from servolink.escaping import escape
+from servolink.motion.limits import MotionLimits
 from servolink.motion.ticket import Ticket
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.protocol.packet import Packet, is_motion
@@ -74,6 +78,22 @@ class HubLink:
         """Take the lease, with `force` from another program too. Raise MotionRefused with the name of the holder."""
         await self._channel.call("lease.take", timeout=_LIMIT, force=force)
         self._has_lease, self._mover = True, None
+
+    def stream(self, hz: float, gap: float, limits: MotionLimits) -> SendPoints:
+        """Return a function to stream set-points through the hub, which shortens them to `limits` and its own."""
+        number: int | None = None
+
+        async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
+            nonlocal number
+            if number is None:
+                # With its first set-point, since the hub needs no streams without any.
+                begun = await self._channel.call("stream.begin", hz=hz, gap=gap, limits=messages_of(limits))
+                number = msgspec.json.decode(begun, type=StreamBegun).stream
+            targets = {str(servo_id): angle for servo_id, angle in angles.items()}
+            sent = await self._channel.call("stream.send", stream=number, targets=targets)
+            return {int(servo_id): angle for servo_id, angle in msgspec.json.decode(sent, type=StreamSent).sent.items()}
+
+        return send_points
 
     async def stop(self) -> None:
         """Stop all servos, and return when the hub has read all of them as stopped. Raise OutcomeUnknown otherwise."""

@@ -27,7 +27,7 @@ from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Packet, Query, Request, Response
+from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
 from servolink.protocol.servos import SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
@@ -74,6 +74,8 @@ class Connection:
         """Listeners to bytes and requests."""
         self.stops = StopCounter()
         """Stops of all servos; no motion requested before a stop is sent after the stop."""
+        self.motions = 0
+        """Number of motions sent, or about to be sent."""
         self.preparations: tuple[Preparation, ...] = ()
         """Awaited in turn before a packet waits to be sent, except packets that pass no gates."""
         self.hub: BoardSharing | None = None
@@ -432,8 +434,11 @@ class Connection:
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
         """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
+        if isinstance(packet, Query):  # most packets
+            return
         if refusal := self.gates.refusal(packet, ticket):
             raise refusal
+        self.motions += is_motion(packet)
 
     async def _prepare(self, call: Call, ticket: Ticket, deadline: float | None) -> None:
         try:

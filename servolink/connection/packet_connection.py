@@ -35,6 +35,7 @@ class PacketConnection(Protocol):
     patience: float
     stats: Stats
     stops: StopCounter
+    motions: int
     gates: Gates
     hub: BoardSharing | None
     on_another: Callable[[str], None]

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import AbstractAsyncContextManager
-from typing import Protocol
+from typing import Protocol, TypeAlias
+
+from servolink.motion.limits import MotionLimits
+
+SendPoints: TypeAlias = Callable[[Mapping[int, float], float], Awaitable[Mapping[int, int]]]
+"""Sends set-points that must leave by a time of the event loop's clock. Returns the angles sent, by servo."""
 
 
 class BoardSharing(Protocol):
@@ -17,6 +22,10 @@ class BoardSharing(Protocol):
 
     async def stop(self) -> None:
         """Stop all servos; return when the hub has read all of them as stopped."""
+
+    def stream(self, hz: float, gap: float, limits: MotionLimits) -> SendPoints:
+        """Return a function to stream set-points through the hub, which shortens them to `limits` and its own."""
+        ...
 
     def moving(self) -> AbstractAsyncContextManager[None]:
         """Return a context with the lease of the servos; raises MotionRefused on entry if another program has it."""

@@ -19,6 +19,10 @@ from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.records import ServoParameter
 
 MOST_HZ = 200.0
+MOST_STREAM_HZ = 100.0
+"""Most set-points of a stream per second: the shortest movement takes 10 ms."""
+MOST_GAP = 10.0
+"""Longest time between two set-points of a stream, in seconds."""
 CREDIT = 2
 """Frames of servos that a program may leave unacknowledged before it gets no more."""
 
@@ -225,7 +229,39 @@ class Tighten(Struct, forbid_unknown_fields=True):
         dict[str, tuple[float, float]], about('lowest and highest angle in degrees, by servo id or "all"')
     ] = {}
     speed_cap: Annotated[float | None, about("highest speed in degrees per second; null for no further cap")] = None
+    speed_caps: Annotated[dict[str, float], about("the same for single servos, by id")] = {}
+    soft_start: Annotated[float | None, about("highest speed of a servo's first movement; null for any")] = None
     source: Annotated[str, Meta(max_length=200, description="where they come from, as errors say")] = ""
+
+
+# --- streams ----------------------------------------------------------------------------------------------------------
+
+
+class StreamBegin(Struct, forbid_unknown_fields=True):
+    """Rate, gap and further limits of a stream of set-points."""
+
+    hz: Annotated[float, Meta(gt=0, le=MOST_STREAM_HZ, description="set-points per second, at most")] = 50.0
+    gap: Annotated[float, Meta(gt=0, le=MOST_GAP, description="seconds without a set-point that end the stream")] = 0.5
+    limits: Annotated[tuple[Tighten, ...], about("limits in addition to those of the board")] = ()
+
+
+class StreamBegun(Struct, frozen=True):
+    """Stream of set-points that has begun."""
+
+    stream: Annotated[int, about("number of the stream, for `stream.send`")]
+
+
+class StreamSend(Struct, forbid_unknown_fields=True):
+    """Set-point for a stream of this program."""
+
+    stream: Annotated[int, about("number of the stream, from `stream.begin`")]
+    targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
+
+
+class StreamSent(Struct, frozen=True):
+    """Angles sent in place of a set-point."""
+
+    sent: Annotated[dict[str, int], about("degrees by servo id, within the limits; empty: a newer set-point came")]
 
 
 # --- records ----------------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 
 from msgspec import Struct
@@ -25,11 +25,13 @@ from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
+from servolink.motion.set_points import SetPoints
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
 from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterResponse
+from servolink.protocol.records import Step
+from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterResponse
 from servolink.tasks import Tasks
 
 Listener = Callable[[Struct, str], None]
@@ -193,15 +195,30 @@ class Hub:
         `seconds` is how long it lasts, if that is known. Raise MotionRefused if that must not be: without the lease, or
         after a stop since `ticket` was issued. Raise Rejected if the board refuses.
         """
-        program = self.programs.get(session_id)
-        if program is None:
-            raise ConnectionLost("the session has ended; connect again")
-        exchange = Exchange(program, packet, ticket, asked_at=self._now(), seconds=seconds)
+        exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), seconds=seconds)
+        response = await self._begin(exchange)
+        if response == ExecuteMacroResponse(0):
+            raise Rejected(f"{self.url} refused to run what was prepared", packet)
+
+    async def stream(
+        self, session_id: str, targets: Mapping[int, float], points: SetPoints, ticket: Ticket
+    ) -> dict[int, int]:
+        """Send a movement toward set-points of a program at once, shortened by `points`. Return the angles sent.
+
+        Raise MotionRefused as `run` does.
+        """
+        steps = tuple(Step(servo_id, round(angle), 1) for servo_id, angle in targets.items())
+        packet = ExecuteActionRequest(steps)
+        exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), points=points)
+        await self._begin(exchange)
+        return {step.servo_id: step.degree for step in points.latest}
+
+    async def _begin(self, exchange: Exchange) -> Packet | None:
+        """Send a motion ahead of all waiting requests. Raise MotionRefused if that must not be."""
         response = await self._upstream.begin(exchange)
         if exchange.refused:
             raise MotionRefused(f"nothing was moved: {exchange.refused}") from exchange.error
-        if response == ExecuteMacroResponse(0):
-            raise Rejected(f"{self.url} refused to run what was prepared", packet)
+        return response
 
     async def stop(self, who: str) -> None:
         """Stop all servos for `who`, ahead of everything (see `Board.stop`)."""
@@ -222,12 +239,16 @@ class Hub:
         they are stopped: then all servos are, without a connection as soon as there is one. Raise MotionRefused, and
         stop nothing, if another program has the lease.
         """
-        program = self.programs.get(session_id)
-        if program is None:
-            raise ConnectionLost("the session has ended; connect again")
+        program = self._program(session_id)
         if self.lease is not None and self.lease.session != session_id:
             raise MotionRefused(f"nothing was stopped: {self.leases.reason(session_id)}", reason=Reason.LEASE)
         await self._stopping.end_move(program, servo_ids)
+
+    def _program(self, session_id: str) -> Program:
+        program = self.programs.get(session_id)
+        if program is None:
+            raise ConnectionLost("the session has ended; connect again")
+        return program
 
     def _stop_unwatched(self, reason: str) -> None:
         self._stopping.begin_unwatched(reason)

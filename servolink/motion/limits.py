@@ -72,16 +72,16 @@ class MotionLimits(Struct, frozen=True):
 
         The lowest is above the highest if no angle is allowed.
         """
-        pairs = [pair for limits in self._each() if (pair := limits._angles_of(servo_id)) is not None]  # noqa: SLF001 - of its own class
+        pairs = [pair for limits in self.parts() if (pair := limits._angles_of(servo_id)) is not None]  # noqa: SLF001 - of its own class
         return (max(low for low, _ in pairs), min(high for _, high in pairs)) if pairs else None
 
     def cap_of(self, servo_id: int) -> float | None:
         """Return the highest speed of a servo, None if it has no cap."""
-        return min((cap for limits in self._each() for cap in limits._caps_of(servo_id)), default=None)  # noqa: SLF001 - of its own class
+        return min((cap for limits in self.parts() for cap in limits._caps_of(servo_id)), default=None)  # noqa: SLF001 - of its own class
 
     def soft_speed_of(self, servo_id: int) -> float | None:
         """Return the highest speed of a servo's first movement, None without `soft_start`; never above its cap."""
-        softest = min((one.soft_start for one in self._each() if one.soft_start is not None), default=None)
+        softest = min((one.soft_start for one in self.parts() if one.soft_start is not None), default=None)
         cap = self.cap_of(servo_id)
         return softest if softest is None or cap is None else min(softest, cap)
 
@@ -95,7 +95,7 @@ class MotionLimits(Struct, frozen=True):
 
     def exceeded_angles(self, servo_id: int, degrees: float) -> str:
         """Return the limits that exclude an angle, such as `-80..80 (from profile "rex")`; empty if none do."""
-        for limits in self._each():
+        for limits in self.parts():
             pair = limits._angles_of(servo_id)  # noqa: SLF001 - of its own class
             if pair is not None and not pair[0] <= degrees <= pair[1]:
                 return f"{_shown(pair[0])}..{_shown(pair[1])}{limits._origin}"  # noqa: SLF001 - of its own class
@@ -113,7 +113,7 @@ class MotionLimits(Struct, frozen=True):
 
     def exceeded_cap(self, servo_id: int, degrees: float, seconds: float) -> str:
         """Return the speed cap exceeded by turning `degrees` in `seconds`, with its source; empty if none."""
-        for limits in self._each():
+        for limits in self.parts():
             for cap in limits._caps_of(servo_id):  # noqa: SLF001 - of its own class
                 if _is_above(cap, degrees, seconds):
                     return f"{_shown(cap)}{limits._origin}"  # noqa: SLF001 - of its own class
@@ -121,15 +121,16 @@ class MotionLimits(Struct, frozen=True):
 
     def exceeded_soft_start(self, degrees: float, seconds: float) -> str:
         """Return the soft start exceeded by turning `degrees` in `seconds`, with its source; empty if none."""
-        for limits in self._each():
+        for limits in self.parts():
             if limits.soft_start is not None and _is_above(limits.soft_start, degrees, seconds):
                 return f"{_shown(limits.soft_start)}{limits._origin}"  # noqa: SLF001 - of its own class
         return ""
 
-    def _each(self) -> Iterator[MotionLimits]:
+    def parts(self) -> Iterator[MotionLimits]:
+        """Yield all limits that apply, each with its source: these, and those that tighten them."""
         yield self
         for limits in self.also:
-            yield from limits._each()  # noqa: SLF001 - of its own class
+            yield from limits.parts()
 
     def _angles_of(self, servo_id: int) -> tuple[float, float] | None:
         return self.angles.get(servo_id) if isinstance(self.angles, Mapping) else self.angles

@@ -17,7 +17,7 @@ from typing import Any, ParamSpec
 from servolink.client import connect as client
 from servolink.client.board import Board as AsyncBoard
 from servolink.discovery.search import search
-from servolink.sync.board import Board
+from servolink.sync.board import Board, ServoStream
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread, running_thread
 from servolink.sync.recording import Recorder, record
@@ -29,6 +29,7 @@ __all__ = [
     "ButtonEvents",
     "Recorder",
     "ServoReadings",
+    "ServoStream",
     "connect",
     "discover",
     "reconnecting",

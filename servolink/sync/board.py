@@ -11,10 +11,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
 
 from servolink.client import board as client
+from servolink.client import servo_stream
 from servolink.client.alarms import Alarm
+from servolink.client.captions import Targets
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
-from servolink.motion.angles import AngleUnit
+from servolink.motion.angles import AngleUnit, Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.units import ServoUnits
 from servolink.profiles.profile import ProfileInUse
@@ -52,6 +54,19 @@ def _iterating(
     returns = f"{BlockingIterator.__name__}[{items}]"
     vars(call)["__signature__"] = shown.replace(return_annotation=returns)
     return call
+
+
+class ServoStream:
+    """Stream of set-points, made by `Board.stream`. Nothing need be closed: it ends by a gap or a stop."""
+
+    def __init__(self, thread: LoopThread, stream: servo_stream.ServoStream) -> None:
+        """Send on the loop of `thread`."""
+        self._thread = thread
+        self._stream = stream
+
+    def send(self, targets: Targets) -> dict[int, Degrees]:
+        """Turn servos toward set-points in degrees, and return the angles sent (see `servolink.ServoStream.send`)."""
+        return self._thread.run(self._stream.send, targets)
 
 
 class Board:
@@ -180,6 +195,15 @@ class Board:
         return self._board.units
 
     move = _blocking(client.Board.move)
+
+    def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
+        """Return a stream of set-points (3.2.5), at most `hz` a second (0 < hz <= 100), as from a gamepad or a policy.
+
+        `stream.send({1: 30.5})` turns servos toward angles in degrees, kept to the limits, and returns the angles sent.
+        The stream ends with a stop, with a loss of the connection, and when no set-point is given for `gap` seconds.
+        """
+        return ServoStream(self._thread, self._thread.run(_made, self._board.stream, hz, gap=gap))
+
     follow = _iterating(client.Board.follow)
     run_action = _blocking(client.Board.run_action)
     play = _blocking(client.Board.play)

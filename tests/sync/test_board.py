@@ -19,9 +19,9 @@ from servolink.client.board import Board
 from servolink.client.button_events import ButtonSubscription
 from servolink.client.servo_readings import ServoWatch
 from servolink.client.session import Session
-from servolink.errors import ConnectionLost, NotFound, OpenError, RequestTimeout
+from servolink.errors import ConnectionLost, NotFound, OpenError, RequestError, RequestTimeout
 from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
 from servolink.sync.iterator import BlockingIterator
 from servolink.sync.loop_thread import running_thread
 from servolink.transports.device_info import DeviceInfo
@@ -279,3 +279,15 @@ def test_the_iterator_of_a_board_keeps_it_open() -> None:
     assert not list(events.within(0.05))
     assert fake.executed_of(SubscribeButtonEventRequest)
     assert fake.closed == 0
+
+
+def test_set_points_are_streamed_without_async() -> None:
+    fake = FakeBoard()
+    with opened(fake) as board:
+        stream = board.stream(hz=100)
+        assert stream.send({1: 12.4}) == {1: 12}
+        assert [stream.send({1: angle}) for angle in range(3)] == [{1: 0}, {1: 1}, {1: 2}]
+        board.stop()
+        with pytest.raises(RequestError, match="ended by a stop"):
+            stream.send({1: 5})
+    assert len(fake.executed_of(ExecuteActionRequest)) == 4

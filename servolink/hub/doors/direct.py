@@ -124,6 +124,8 @@ class DirectConnection:
         self.stats = Stats()
         self.stops = StopCounter()
         """Stops that cancel motions of this program: stops by other programs, and own stops of all servos."""
+        self.motions = 0
+        """Number of motions put into the queue of the hub."""
         self.hub: BoardSharing | None = None
         self.is_suspended = False
         self.outlasts_silence = True
@@ -234,6 +236,7 @@ class DirectConnection:
                 if refusal := gate(packet, ticket):
                     raise refusal
             self.before_motion()
+            self.motions += 1
         elif isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
         own = self._hub.stops.ticket(until=ticket.until, who=self.program.session_id)

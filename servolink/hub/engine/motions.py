@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any, NamedTuple
 
-from servolink.client.board import Board, with_ticket
+from servolink.client.board import Board, send_set_points, with_ticket
 from servolink.client.collect import collect
 from servolink.errors import (
     EncodeError,
@@ -17,6 +17,7 @@ from servolink.errors import (
 )
 from servolink.hub.rules.hub_gates import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.set_points import SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Command, Packet, Request, Response
@@ -69,6 +70,16 @@ class Motions:
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
             return Outcome(await self.refused(packet), error)
+
+    async def stream(self, packet: Packet, points: SetPoints, ticket: Ticket) -> Outcome:
+        """Send a movement toward the set-points in `packet`, shortened by `points` and not refused for a limit."""
+        assert isinstance(packet, ExecuteActionRequest), packet  # noqa: S101 - narrows the type
+        targets = {step.servo_id: step.degree for step in packet.steps}
+        try:
+            await send_set_points(self._board, targets, points, ticket)
+        except (EncodeError, RequestError) as error:
+            return Outcome(None, error)
+        return Outcome(None)
 
     async def refused(self, packet: Packet) -> Response | None:
         """Return the response to a packet that was not sent; the state of servos is read for the response."""

@@ -191,7 +191,11 @@ class PacketSender:
         stops, until = self._board.connection.stops, exchange.ticket.until
         try:
             ticket = stops.ticket(until=until, who=exchange.program.session_id)
-            outcome = await self._motions.send(exchange.packet, ticket, unchecked=exchange.is_unchecked)
+            if exchange.points is None:
+                outcome = await self._motions.send(exchange.packet, ticket, unchecked=exchange.is_unchecked)
+            else:
+                outcome = await self._motions.stream(exchange.packet, exchange.points, ticket)
+                exchange.packet = ExecuteActionRequest(exchange.points.latest)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # the board may have carried out the motion
             raise
@@ -233,7 +237,8 @@ class PacketSender:
             raise MotionRefused("its program has left")
         self.motions += self._keeper.take_for_motion(ticket.who)
         exchange = program.queue.blocked_by
-        if exchange is not None and isinstance(packet, ExecuteActionRequest) and packet != exchange.packet:
+        is_soft = exchange is not None and is_motion(exchange.packet) and packet != exchange.packet
+        if exchange is not None and is_soft and isinstance(packet, ExecuteActionRequest):
             exchange.has_begun = True
             # A soft start lasts seconds; do not block programs that need other units.
             self._units.keep_for(program.units, math.inf)

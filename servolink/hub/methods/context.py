@@ -12,6 +12,7 @@ from msgspec import Struct
 
 from servolink.client.board import Board, with_ticket
 from servolink.client.captions import servo_or_caption
+from servolink.client.servo_stream import ServoStream
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.control.error_codes import Code, RpcError
@@ -59,7 +60,8 @@ class Readings:
     async def board(self) -> Board:
         """Return the board of this program."""
         if self._board is None:
-            self._board = _board_on(self._hub, DirectConnection(self._hub, who="the hub", role=Role.WATCH))
+            connection = DirectConnection(self._hub, who="the hub", role=Role.WATCH)
+            self._board = _board_on(self._hub, connection, self._hub.board.limits)
         return self._board
 
     async def close(self) -> None:
@@ -82,6 +84,10 @@ class Control:
         """Whether the program is notified of programs that join and leave."""
         self.prepared: PreparedRun | None = None
         """Prepared run for the method `run.start`; None without a run."""
+        self.stream: ServoStream | None = None
+        """Latest stream of set-points; None before the first."""
+        self.streams = 0
+        """Number of streams begun."""
         self._readings = readings
         self._limits: MotionLimits | None = None
         self._dead_man = greeting.dead_man
@@ -128,7 +134,7 @@ class Control:
 
     def _own_board(self) -> Board:
         if self._board is None:
-            self._board = _board_on(self.hub, self._own_connection(), self._limits)
+            self._board = _board_on(self.hub, self._own_connection(), self.limits)
         return self._board
 
     async def board_to_move(self, ticket: Ticket) -> Board:
@@ -176,6 +182,12 @@ class Control:
             except RequestTimeout:
                 if self.hub.exclusive_use is None:
                     raise
+
+    @property
+    def limits(self) -> MotionLimits:
+        """Limits of the motions of this program: those of the board, and those of `tighten`."""
+        limits = self.hub.board.limits
+        return limits if self._limits is None else limits.tightened(self._limits)
 
     def tighten(self, limits: MotionLimits) -> None:
         """Add `limits` to the motions of this program."""
@@ -266,10 +278,9 @@ def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection
         raise OpenError(f"share://{hub.name}: {error}") from None
 
 
-def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits | None = None) -> Board:
-    """Return the board of `hub` for a program; `limits` hold beside the limits of the board."""
+def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits) -> Board:
+    """Return the board of `hub` for a program, within `limits`."""
     upstream = hub.board
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
     session = Session(connection, None, upstream.profile)
-    allowed = upstream.limits if limits is None else upstream.limits.tightened(limits)
-    return Board(session, "degree", allowed, interval_unit or INTERVAL_UNIT)
+    return Board(session, "degree", limits, interval_unit or INTERVAL_UNIT)

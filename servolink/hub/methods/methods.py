@@ -33,11 +33,10 @@ from servolink.control.messages import (
 from servolink.control.peer import Methods
 from servolink.control.roles import Role
 from servolink.control.status import BoardState, HubStatus
-from servolink.escaping import quote
+from servolink.control.tightening import limits_in
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
-from servolink.motion.limits import MotionLimits
 from servolink.motion.ticket import Ticket
 from servolink.protocol.servos import ALL_SERVOS
 
@@ -150,15 +149,7 @@ def limits_tighten(caller: Caller, params: Tighten) -> Done:
     Call it first: it is refused once the program has moved or changed something or read a record, and on a connection
     that belongs to the `session` of a program with frames.
     """
-    angles = dict(params.angles)
-    pair = angles.pop("all", None)
-    if wrong := [key for key in angles if not (key.isascii() and key.isdecimal())]:
-        raise ValueError(f'angles: {quote(wrong[0])} must be a servo id, or "all"')
-    by_servo = {int(key): value for key, value in angles.items()}
-    for found in ([pair] if pair else []) + ([by_servo] if by_servo else []):
-        caller.control.tighten(MotionLimits(found, source=params.source))
-    if params.speed_cap is not None:
-        caller.control.tighten(MotionLimits(speed_cap=params.speed_cap, source=params.source))
+    caller.control.tighten(limits_in(params))
     return Done()
 
 

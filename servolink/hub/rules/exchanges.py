@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from servolink.control.roles import Role
 from servolink.errors import ServolinkError
+from servolink.motion.set_points import SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec
@@ -67,6 +68,8 @@ class Exchange(Struct, eq=False):
     """Bytes that count as held until the request is finished."""
     seconds: float | None = None
     """Duration of the motion in seconds, if known in advance."""
+    points: SetPoints | None = None
+    """Limiter of a set-point of a stream, which is shortened and not refused; None for any other request."""
     is_unchecked: bool = True
     """Whether values that only a board sends are allowed, as in frames."""
     refused: str = ""

@@ -1,0 +1,128 @@
+"""ServoStream: set-points of servos at up to 100 Hz, of which the latest counts."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from servolink.client.captions import CaptionSource, Targets, servo_targets
+from servolink.connection.sharing import SendPoints
+from servolink.control.messages import MOST_GAP, MOST_STREAM_HZ
+from servolink.errors import MotionRefused, RequestError
+from servolink.escaping import quote
+from servolink.motion.angles import Degrees
+from servolink.motion.set_points import SetPoints, checked_set_points
+from servolink.numeric import as_number, is_number
+from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest
+
+if TYPE_CHECKING:  # imported late: most programs stream nothing
+    from servolink.client.board_servos import ServoController
+    from servolink.client.session import Session
+    from servolink.motion.limits import MotionLimits
+    from servolink.motion.ticket import Ticket
+
+
+class ServoStream:
+    """Stream of set-points, made by `Board.stream`. Nothing need be closed: it ends by a gap or a stop."""
+
+    def __init__(self, source: CaptionSource, send_points: SendPoints, hz: float, gap: float) -> None:
+        """Send at most `hz` set-points a second with `send_points`; captions are read from `source`."""
+        check_rate(hz, gap)
+        self._source = source
+        self._send_points = send_points
+        self._period = 1 / hz
+        self._gap = gap
+        self._clock = asyncio.get_running_loop().time
+        self._turn = asyncio.Lock()
+        self._newest = 0
+        """Number of the latest set-point; earlier ones are dropped."""
+        self._given_at: float | None = None
+        """Time of the latest set-point on the clock of the event loop; None before the first."""
+        self._due = 0.0
+        """Earliest time of the next movement, on the same clock."""
+        self._servo_ids: frozenset[int] = frozenset()
+        self._names: tuple[int | str, ...] = ()
+        """Ids and captions of the latest set-point, in the order given."""
+        self._places: Mapping[int, float] = {}
+        """Place of each servo in the latest set-point, by servo id."""
+
+    async def send(self, targets: Targets) -> dict[int, Degrees]:
+        """Turn servos toward set-points in degrees, by id or caption, and return the angles sent.
+
+        Waits until the set-point before is sent and its period is over. Return nothing, and send nothing, if a newer
+        set-point comes meanwhile. Raise EncodeError for NaN, infinity and raw angles, NotFound for a missing servo, and
+        RequestError after a gap, a stop or a loss of the connection, which end the stream.
+        """
+        if self._given_at is not None and self._clock() - self._given_at > self._gap:
+            raise RequestError(
+                f"the stream has ended: no set-point was given for more than {self._gap:g} s; begin another"
+            )
+        angles = checked_set_points(await self._by_id(targets), self._servo_ids)
+        self._given_at = given_at = self._clock()
+        self._newest += 1
+        number = self._newest
+        async with self._turn:
+            # A set-point that comes during this sleep is newer: this one is dropped then, and not sent late.
+            if number == self._newest and (early := self._due - self._clock()) > 0:
+                await asyncio.sleep(early)
+            if number != self._newest:
+                return {}
+            try:
+                sent = await self._send_points(angles, given_at + self._gap)
+            except (RequestError, MotionRefused):
+                if number != self._newest:
+                    return {}  # late; the sender of the newest set-point gets the error of an ended stream
+                raise
+            now = self._clock()
+            self._due = (self._due if now - self._due < self._period else now) + self._period
+        return {servo_id: Degrees(angle) for servo_id, angle in sent.items()}
+
+    async def _by_id(self, targets: Targets) -> dict[int, float]:
+        """Return set-points by id. Captions and the ids of all servos are read once for a stream."""
+        if not isinstance(targets, Mapping):
+            raise TypeError(f"stream: set-points must map servos to angles, such as {{1: 90}}, not {quote(targets)}")
+        names, values = tuple(targets), tuple(targets.values())
+        if names != self._names:
+            places = await servo_targets(self._source, {name: place for place, name in enumerate(names)})
+            if not self._servo_ids:
+                self._servo_ids = frozenset((await self._source.request(QueryServoListRequest())).servo_id_list)
+            self._names, self._places = names, places
+        return {servo_id: values[int(place)] for servo_id, place in self._places.items()}
+
+
+def check_rate(hz: float, gap: float) -> None:
+    """Raise TypeError or ValueError for an impossible rate of set-points, or an impossible gap between them."""
+    for name, value in (("hz", hz), ("gap", gap)):
+        if not is_number(value):
+            raise TypeError(f"{name} must be a number, not {quote(value)}")
+    if not 0 < hz <= MOST_STREAM_HZ:
+        raise ValueError(f"hz must be above 0 and at most {MOST_STREAM_HZ:g}, not {quote(hz)}")
+    if not 1 / hz < gap <= MOST_GAP:
+        raise ValueError(f"gap must be above the period of {1 / hz:g} s and at most {MOST_GAP:g} s, not {quote(gap)}")
+
+
+def stream_on(
+    session: Session,
+    servos: ServoController,
+    limits: MotionLimits,
+    hz: float,
+    gap: float,
+    interval_unit: float,
+    ticket: Ticket | None,
+) -> ServoStream:
+    """Return a stream on the board of `session`, or on the hub that shares it."""
+    hz, gap = as_number(hz), as_number(gap)
+    check_rate(hz, gap)
+    begun, points = ticket or session.ticket(), SetPoints(limits, hz, interval_unit)
+    # The hub knows where the last target of any program has brought a servo, and limits of the board.
+    hub = session.connection.hub
+    through_hub = None if hub is None else hub.stream(hz, gap, limits)
+
+    async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
+        session.check_goes_on("the stream", ExecuteActionRequest(), begun)
+        if through_hub is not None:
+            return await through_hub(angles, until)
+        return await servos.stream(angles, points, begun._replace(until=until))
+
+    return ServoStream(session, send_points, hz, gap)

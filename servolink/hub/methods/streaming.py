@@ -1,0 +1,54 @@
+"""Methods of the control interface for streams of set-points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import reduce
+
+from servolink.client.servo_stream import ServoStream
+from servolink.control.messages import StreamBegin, StreamBegun, StreamSend, StreamSent
+from servolink.control.roles import Role
+from servolink.control.tightening import limits_in
+from servolink.errors import MotionRefused
+from servolink.hub.methods.methods import METHODS, Caller
+from servolink.motion.limits import MotionLimits
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.set_points import SetPoints
+
+
+@METHODS.add("stream.begin", Role.MOVE)
+def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
+    """Begin a stream of set-points for `stream.send`; an earlier one of this program ends.
+
+    It ends with a stop, `move.end` or the loss of the board, and when no set-point comes for `gap` seconds. The servos
+    then keep their last targets. A gap that is no longer than a period is refused.
+    """
+    control, board = caller.control, caller.control.hub.board
+    limits = reduce(MotionLimits.tightened, map(limits_in, params.limits), control.limits)
+    interval_unit = board.profile and board.profile.settings.interval_unit
+    points = SetPoints(limits, params.hz, interval_unit or INTERVAL_UNIT)
+    ticket = control.hub.stops.ticket(who=control.session)
+
+    async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
+        return await control.hub.stream(control.session, angles, points, ticket._replace(until=until))
+
+    control.stream = ServoStream(board, send_points, params.hz, params.gap)
+    control.streams += 1
+    return StreamBegun(control.streams)
+
+
+@METHODS.add("stream.send", Role.MOVE, is_urgent=True)
+async def stream_send(caller: Caller, params: StreamSend) -> StreamSent:
+    """Turn servos toward a set-point at once, and return the angles sent when they are sent.
+
+    Angles beyond a limit are replaced by the nearest within, and a way too long for a speed cap is shortened: nothing
+    is refused for that. At more than `hz`, or more than the board keeps up with, only the latest set-point is sent.
+    MotionRefused says that the stream has ended, or that another program has the lease or the board alone.
+    """
+    control = caller.control
+    if control.stream is None or params.stream != control.streams:
+        raise MotionRefused(f"nothing was moved: this program has no stream {params.stream}; begin one")
+    if control.holder is not None:
+        raise MotionRefused(f"nothing was moved: {control.holder.who} has taken the board alone")
+    sent = await control.stream.send(params.targets)
+    return StreamSent({str(servo_id): int(angle) for servo_id, angle in sent.items()})
