@@ -11,7 +11,7 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.servo_stream import ServoStream
-from servolink.connection.opening import FENCES
+from servolink.connection.fences import FENCES
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
 from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.editing import QueryServoParameterRequest
