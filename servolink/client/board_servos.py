@@ -267,7 +267,8 @@ class ServoController:
             units_sent = connection.units_sent
             for servo_id in targets:
                 if self.units.of(servo_id) != "degree":
-                    raise MotionRefused(f"servo {servo_id} must be set to degrees, the unit of all set-points")
+                    text = f"servo {servo_id} must be set to degrees, the unit of all set-points"
+                    raise MotionRefused(text, reason=Reason.ANGLE_UNIT)
             # After any other motion, the last targets of the stream say nothing about the present angles.
             if points.motions != (motions := connection.motions):
                 points.forget(motions)

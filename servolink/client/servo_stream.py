@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from servolink.client.captions import CaptionSource, Targets, servo_targets
 from servolink.connection.sharing import SendPoints
 from servolink.control.messages import MOST_GAP, MOST_STREAM_HZ
-from servolink.errors import MotionRefused, RequestError
+from servolink.errors import MotionRefused, Reason, RequestError, RequestRefused
 from servolink.escaping import quote
 from servolink.motion.angles import Degrees
 from servolink.motion.set_points import SetPoints, checked_set_points
@@ -24,7 +24,10 @@ if TYPE_CHECKING:  # imported late: most programs stream nothing
 
 
 class ServoStream:
-    """Stream of set-points, made by `Board.stream`. Nothing need be closed: it ends by a gap or a stop."""
+    """Stream of set-points, made by `Board.stream`. Nothing need be closed: it ends by a gap or a stop.
+
+    Any number of tasks may send set-points: the latest one counts, whoever has given it.
+    """
 
     def __init__(self, source: CaptionSource, send_points: SendPoints, hz: float, gap: float) -> None:
         """Send at most `hz` set-points a second with `send_points`; captions are read from `source`."""
@@ -32,7 +35,9 @@ class ServoStream:
         self._source = source
         self._send_points = send_points
         self._period = 1 / hz
+        """Least time from one movement to the next, in seconds."""
         self._gap = gap
+        """Longest time from one set-point to the next, in seconds."""
         self._clock = asyncio.get_running_loop().time
         self._turn = asyncio.Lock()
         self._newest = 0
@@ -52,12 +57,11 @@ class ServoStream:
 
         Waits until the set-point before is sent and its period is over. Return nothing, and send nothing, if a newer
         set-point comes meanwhile. Raise EncodeError for NaN, infinity and raw angles, NotFound for a missing servo, and
-        RequestError after a gap, a stop or a loss of the connection, which end the stream.
+        RequestRefused after a gap or a stop, and ConnectionLost after a loss of the connection: these end the stream.
         """
         if self._given_at is not None and self._clock() - self._given_at > self._gap:
-            raise RequestError(
-                f"the stream has ended: no set-point was given for more than {self._gap:g} s; begin another"
-            )
+            text = f"the stream has ended: no set-point was given for more than {self._gap:g} s; begin another"
+            raise RequestRefused(text, reason=Reason.DEADLINE)
         angles = checked_set_points(await self._by_id(targets), self._servo_ids)
         self._given_at = given_at = self._clock()
         self._newest += 1

@@ -6,7 +6,7 @@ import math
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
-from servolink.errors import EncodeError, MotionRefused, NotFound
+from servolink.errors import EncodeError, MotionRefused, NotFound, Reason
 from servolink.escaping import quote
 from servolink.motion.angles import Angle, Degrees
 from servolink.motion.limits import MotionLimits
@@ -96,7 +96,8 @@ class SetPoints:
         whole = round(min(max(target, low), high)) if low <= high else 0
         whole += (whole < low) - (whole > high)
         if not low <= whole <= high:
-            raise MotionRefused(f"servo {servo_id}: its limits {low:g}..{high:g} allow no whole angle")
+            text = f"servo {servo_id}: its limits {low:g}..{high:g} allow no whole angle"
+            raise MotionRefused(text, reason=Reason.LIMIT)
         return whole
 
     def _step(self, servo_id: int, target: int, now: float) -> Step:

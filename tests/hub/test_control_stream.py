@@ -11,7 +11,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.control.messages import Tighten
 from servolink.control.tightening import limits_in, messages_of
-from servolink.errors import MotionRefused, Rejected, ServolinkError
+from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
 from servolink.motion.angles import Degrees
@@ -164,11 +164,12 @@ def test_a_board_on_share_streams_through_the_hub_within_its_own_limits_too() ->
                 with pytest.raises(MotionRefused, match="are moved by"):
                     await other.stream().send({1: 5})
                 await other.stop()
-                with pytest.raises(ServolinkError, match="stop"):
+                with pytest.raises(ServolinkError, match="stop") as stopped:
                     await stream.send({1: 0})
+                assert stopped.value.reason is Reason.STOP
                 assert (await board.move({1: 5}, duration=0.1, dry_run=True)) == 0.1
             async with connect(f"{url}?role=watch") as watcher:
-                with pytest.raises(Rejected, match="needs the role move"):
+                with pytest.raises(RequestRefused, match="needs the role move"):
                     await watcher.stream().send({1: 5})
         await interface.close()
 
