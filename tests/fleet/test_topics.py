@@ -80,7 +80,11 @@ def test_an_id_is_a_short_word(command_id: str) -> None:
 
 def test_the_methods_of_a_fleet_are_those_of_the_control_interface() -> None:
     assert set(METHODS) >= SESSION_METHODS
-    assert set(METHODS) >= MOTION - {"prepare"}
+
+
+def test_each_method_that_begins_a_motion_needs_an_expiry_from_afar() -> None:
+    timed = {name for name, method in METHODS.items() if "until" in getattr(method.params, "__struct_fields__", ())}
+    assert timed - SESSION_METHODS == MOTION - {"prepare"}
 
 
 def test_the_schema_defines_all_that_it_refers_to() -> None:
