@@ -36,13 +36,12 @@ class QueryAsker:
         call.woken, call.on_wake = None, partial(self._woken, packet, frame, done)
         try:
             taking = sender.take(frame)
-        except ConnectionLost as error:
-            self._answers.lost(error)  # wakes the call
-            return
+        except ConnectionLost:
+            return  # the end of the connection has woken the call
         if taking is not None:
             self._tasks.begin(self._await_transport(taking))
-        if sender.may_need_mark:
-            self._tasks.begin(sender.mark(call))
+        if sender.needs_mark(call):
+            self._tasks.begin(sender.send_fence(packet))
 
     async def close(self) -> None:
         """Wait until no query is under way, after all calls were ended."""
@@ -58,8 +57,7 @@ class QueryAsker:
     async def _go_on(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
         outcome: Response | ServolinkError
         try:
-            await self._sender.until_next(call, packet)
-            outcome = call.response or await self._sender.converse(call, packet, frame)
+            outcome = await self._sender.converse(call, packet, frame)
         except ServolinkError as error:
             outcome = error
         self._finish(call, outcome, done)

@@ -35,20 +35,26 @@ class Lane:
         """Responses with several possible slots, in order of arrival."""
         self.stopped = False
         """Whether a stop on this lane is not settled: no response on the lane can be assigned to a slot."""
-        self.request_size = 0
-        """Bytes of the latest frame sent."""
+        self.permits = 0
+        """Permits of requests on this lane, counted while the depth is learnt."""
+        self.size = UNKNOWN_SIZE
+        """Bytes of a request or of its response, whichever has more."""
         self.response_size = UNKNOWN_SIZE
         """Bytes of a recent long response."""
+        self._request_size = 0
 
-    @property
-    def size(self) -> int:
-        """Bytes of a request or of its response, whichever has more."""
-        return max(self.request_size, self.response_size)
+    def sent(self, size: int) -> None:
+        """Learn from a frame of `size` bytes on its way to the board."""
+        self._request_size = size
+        self.size = size if size > self.response_size else self.response_size
 
     def heard(self, size: int) -> None:
-        """Learn from a frame of `size` bytes."""
+        """Learn from a frame of `size` bytes from the board."""
         former = self.response_size
-        self.response_size = size if size > former or former == UNKNOWN_SIZE else former - (former - size) // 8
+        if size != former:
+            size = size if size > former or former == UNKNOWN_SIZE else former - (former - size) // 8
+            self.response_size = size
+            self.size = size if size > self._request_size else self._request_size
 
     def hand_down(self, call: Call) -> Call:
         """Give the oldest awaited slot to `call`, whose slots are all over, and return the next call to send.

@@ -33,11 +33,14 @@ class Epoch:
         self.depth = depth
         self.responses = self.lost = 0
         self.seconds = 0.0
+        self.length = max(LEAST_RESPONSES, 4 * depth)
+        """Responses needed for a judgement."""
 
-    @property
-    def length(self) -> int:
-        """Responses needed for a judgement: more after a loss, as a loss costs the time of many."""
-        return max(LEAST_RESPONSES, 4 * self.depth) * (4 if self.lost else 1)
+    def lose(self) -> None:
+        """Count a loss. A judgement needs more responses then, as a loss costs the time of many."""
+        if not self.lost:
+            self.length *= 4
+        self.lost += 1
 
     @property
     def rate(self) -> float:
@@ -102,7 +105,7 @@ class DepthClimb:
         """Count a request whose response did not come."""
         epoch, rival = self._epoch, self._rival
         if not self._settling:
-            epoch.lost += 1
+            epoch.lose()
             if rival is not None and rival.depth < epoch.depth and _is_hopeless(rival, epoch):
                 self._return_to(rival)
 

@@ -20,7 +20,7 @@ from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE, Tr
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
 from servolink.connection.sharing import BoardSharing
-from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.slots import NO_OBSTACLE, Slots
 from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
@@ -337,7 +337,7 @@ class Connection:
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
         frame = self.codec.encode(packet, unchecked=unchecked)
         if self._window.learns:
-            self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
+            self._slots.lanes[packet.packet_id + 1].sent(len(frame))
         call = self._call(packet, timeout)
         ticket = ticket or self.stops.ticket()
         if begun_at is not None:
@@ -349,8 +349,11 @@ class Connection:
             await self._acquire(call, deadline, first=first)
         limit = None if deadline is None else self._limit(call, deadline)
         try:
-            self._raise_refusal(packet, ticket)
-            return await self._sender.converse(call, packet, frame)  # type: ignore[return-value]  # checked by the id of the lane
+            if not packet.is_query:
+                self._raise_refusal(packet, ticket)
+            await self._sender.start(call, packet, frame)
+            answer: Any = call.response or await self._sender.converse(call, packet, frame)
+            return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
         finally:
             if limit is not None:
                 limit.stop()
@@ -368,7 +371,7 @@ class Connection:
             return False
         frame = self.codec.encode(packet, unchecked=True)
         if self._window.learns:
-            self._slots.lanes[packet.packet_id + 1].request_size = len(frame)
+            self._slots.lanes[packet.packet_id + 1].sent(len(frame))
         self._asker.ask(self._call(packet, None), packet, frame, done)
         return True
 
@@ -420,7 +423,7 @@ class Connection:
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
         patience = self.patience + self._margin if timeout is None else timeout
-        if timeout is None and isinstance(packet, ClearAllDataRequest):
+        if timeout is None and not packet.is_query and isinstance(packet, ClearAllDataRequest):
             patience = max(patience, SLOW_PATIENCE + self._margin)
         return Call(packet, patience, self._loop.time())
 
@@ -464,7 +467,7 @@ class Connection:
     async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
         await self._scheduler.acquire(call.packet, first=first)
         call.queued = True
-        if self._slots.obstacle(call.packet) is Obstacle.NONE:
+        if self._slots.obstacle(call.packet) is NO_OBSTACLE:
             return
         try:
             await self._sender.clear_way(call)

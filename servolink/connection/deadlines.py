@@ -104,10 +104,11 @@ class ResponseTimes:
             error = seconds - smoothed
             smoothed += error / 8
             variation += ((error if error > 0 else -error) - variation) / 4
-        if self._margin > _LEAST_MARGIN:
-            self._margin *= _FORGOTTEN
-        timeout = min(smoothed + max(4 * variation, self._margin), _LONGEST)
-        self._estimates[packet_id] = smoothed, variation, timeout
+        margin = self._margin
+        if margin > _LEAST_MARGIN:
+            margin = self._margin = margin * _FORGOTTEN
+        timeout = smoothed + (4 * variation if 4 * variation > margin else margin)
+        self._estimates[packet_id] = smoothed, variation, timeout if timeout < _LONGEST else _LONGEST
 
     def late(self) -> None:
         """Wait longer from now on: a request was sent again while the response was on its way."""

@@ -21,7 +21,6 @@ from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
 
 _PAUSE = 0.05
@@ -96,6 +95,8 @@ class ResponseDispatcher:
         self.taps = taps
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
+        self.on_several: Callable[[], None] = lambda: None
+        """Called when several frames came at once: the tasks of their calls run in the next turn of the loop."""
         self.on_stranger: Callable[[int], None] = lambda packet_id: None
         """Called with the id of an unrequested packet."""
         self.times = ResponseTimes()
@@ -107,7 +108,8 @@ class ResponseDispatcher:
         self._lifecycle = lifecycle
         self._slots = slots
         self._scheduler = scheduler
-        self._load: Load | None = None  # when the present chunk came
+        self._learns = scheduler.window.learns
+        self._load: Load | None = None  # when the present chunk came, while the depth is learnt
         self.later: deque[Callable[[], None]] = deque()
         """Functions to call after a chunk is read: sending needs slots in their final state."""
         self._expired = False  # whether a slot has become overdue since the latest response
@@ -135,13 +137,16 @@ class ResponseDispatcher:
         self._load = None
         if self._lifecycle.opening is not None:
             self._lifecycle.opening.seen(chunk)
-        for frame in self._parser.feed(chunk):
+        frames = self._parser.feed(chunk)
+        for frame in frames:
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
                 self.stats.hidden += 1
             else:
                 self._take(frame)
         if self.later:
             self._call_later()
+        if len(frames) > 1:
+            self.on_several()
 
     def lost(self, error: Exception | None, /) -> None:
         """End the connection: the transport has ended."""
@@ -213,7 +218,7 @@ class ResponseDispatcher:
             self.frame_log.received(frame)
         packet_id, content = frame
         lane = self._slots.lanes.get(packet_id)
-        if self._scheduler.window.learns and lane is not None:
+        if self._learns and lane is not None:
             lane.heard(len(content) + OVERHEAD)
         opening = self._lifecycle.opening
         if lane is not None and lane.slots and opening is None:
@@ -236,8 +241,7 @@ class ResponseDispatcher:
         except DecodeError as error:
             self.stats.undecodable += 1
             decoded = error
-        learns = self._scheduler.window.learns
-        if learns and self._load is None:
+        if self._learns and self._load is None:
             self._load = self._scheduler.load()
         settled = self._slots.settle(packet_id, decoded)
         if settled is None:
@@ -245,28 +249,30 @@ class ResponseDispatcher:
             return
         free_at = self._restarted_at
         if settled:
-            call = settled[-1][0].call
-            if call is not None and call.on_wake is not None and settled[-1][1] is decoded:
+            slot, answer = settled[-1]
+            call = slot.call
+            if call is not None and call.on_wake is not None and answer is decoded:
                 call.content = content
-            self._restart(self._heard_at)
-            if learns and self._load is not None:
-                self._learn(self._load, settled, len(content) + OVERHEAD, free_at)
-        self._report(settled, free_at)
+            self._restarted_at, self._arrival = self._heard_at, None
+            if self._learns:
+                if slot.sent_at < free_at and not self._expired:
+                    self._scheduler.window.heard(len(content) + OVERHEAD, self._heard_at - free_at)
+                self._expired = False
+        self._report(settled, free_at, self._load)
 
-    def _report(self, settled: list[Settled], free_at: float = 0.0) -> None:
+    def _report(self, settled: list[Settled], free_at: float = 0.0, load: Load | None = None) -> None:
         """Notify the calls of slots that are over; then further requests may be sent.
 
-        `free_at` is when the slot that was answered became the oldest one.
+        The board was free to respond to the slot that was answered from `free_at` on. With `load`, the depth is learnt.
         """
         for slot, content in settled:
-            if slot.holds_permit_of is not None:
-                self._release_permit(slot)
             call = slot.call
             if content is None:
-                self.answered_in_a_row = 0
+                self._lost_one(slot, load)
             else:
-                self.answered_in_a_row += 1
-                self._time(slot, max(free_at, slot.sent_at))
+                self._answered(slot, call, free_at, load)
+            if slot.holds_permit_of is not None:
+                self._release_permit(slot)
             if call is None:
                 continue
             if slot.is_fence:
@@ -275,38 +281,36 @@ class ResponseDispatcher:
             call.open_slots -= 1
             if call.is_over or call.response is not None:
                 self.stats.late_responses += content is not None
-            elif isinstance(content, Response):
-                self.stats.round_trips.append(self._heard_at - slot.sent_at)
-                call.response = content
-                call.wake()
-            else:
+            elif content is None or isinstance(content, DecodeError):
                 call.fault = content or call.fault
                 if not call.open_slots or content is not None:
                     call.unanswered += 1
                     call.wake()
+            else:
+                self.stats.round_trips.append(self._heard_at - slot.sent_at)
+                call.response = content
+                call.wake()
         if self._scheduler.waiting:
             self._scheduler.grant()
 
-    def _learn(self, load: Load, settled: list[Settled], size: int, free_at: float) -> None:
-        """Learn from slots settled by a response of `size` bytes; the previous response came at `free_at`."""
-        if settled[-1][0].sent_at < free_at and not self._expired:
-            self._scheduler.window.heard(size, self._heard_at - free_at)
-        self._expired = False
-        for slot, content in settled:
-            if content is not None and not slot.is_fence:
-                load.climb.answered(self._heard_at, full=load.is_full, has_backlog=load.has_backlog)
-            elif content is None and not slot.overdue:  # an overdue slot was counted before
-                load.climb.lost()
+    def _lost_one(self, slot: Slot, load: Load | None) -> None:
+        """Learn from a slot that is over without a response."""
+        self.answered_in_a_row = 0
+        if load is not None and not slot.overdue:  # an overdue slot was counted before
+            load.climb.lost()
 
-    def _time(self, slot: Slot, free_at: float) -> None:
-        """Take the time of a response into account; the board was free to respond from `free_at` on."""
-        call = slot.call
+    def _answered(self, slot: Slot, call: Call | None, free_at: float, load: Load | None) -> None:
+        """Learn from the response to a slot."""
+        self.answered_in_a_row += 1
         if call is not None and call.response is not None:
             self.times.late()  # the call had a response already
         elif not slot.overdue:  # a response to an overdue slot may belong to another sending
-            self.times.record(slot.request.packet_id, self._heard_at - free_at)
+            sent_at = slot.sent_at
+            self.times.record(slot.request.packet_id, self._heard_at - (free_at if free_at > sent_at else sent_at))
         elif call is None or call.is_over:
             self.times.late()
+        if load is not None and not slot.is_fence:
+            load.climb.answered(self._heard_at, full=load.is_full, has_backlog=load.has_backlog)
 
     def _call_later(self) -> None:
         while self.later:
@@ -360,7 +364,7 @@ class ResponseDispatcher:
         self.answered_in_a_row = 0
         self._mark_overdue(slot)
         self._restart(now)
-        if self._scheduler.window.learns:
+        if self._learns:
             self._expired = True
             self._scheduler.load().climb.lost()
         call = slot.call

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -13,10 +13,10 @@ from msgspec import Struct
 
 from servolink.connection.call import Lane
 from servolink.connection.climb import DepthClimb
-from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
 from servolink.errors import ConnectionLost
 from servolink.escaping import escape
-from servolink.protocol.packet import Command, Query, Request
+from servolink.protocol.packet import Command, Request
 from servolink.transports.base import Transport
 
 MOST_ASIDE = 8
@@ -62,7 +62,8 @@ class Window:
     @property
     def depth(self) -> int:
         """How many requests may be under way now, at most."""
-        return max(self.queries.depth, self.writes.depth)
+        queries, writes = self.queries.depth, self.writes.depth
+        return queries if queries > writes else writes
 
     @contextmanager
     def bulk(self) -> Iterator[None]:
@@ -78,7 +79,7 @@ class Window:
 
     def climb(self, packet: Request[Any] | Command, writes: int) -> DepthClimb:
         """Return whose depth holds for `packet` beside `writes` changes."""
-        return self.queries if not writes and isinstance(packet, Query) else self.writes
+        return self.queries if not writes and packet.is_query else self.writes
 
     def fits(self, owed: int, under_way: int) -> bool:
         """Return whether a stop may wait for `owed` bytes, of `under_way` requests and one more."""
@@ -92,7 +93,8 @@ class Window:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
         self._bytes += size
         self._seconds += seconds
-        self.pace = max(self.least_pace, self._bytes / max(self._seconds, 1e-9))
+        pace = self._bytes / (self._seconds or 1e-9)
+        self.pace = pace if pace > self.least_pace else self.least_pace
 
 
 class Waiting(Struct, eq=False):
@@ -125,7 +127,7 @@ class RequestScheduler:
         self._slots = slots
         self._permits = 0
         self._changes = 0  # permits of changes
-        self._of_lane: dict[Lane, int] = {}  # permits
+        self._busy: list[Lane] = []  # lanes with permits
         self._paused = False
         self.waiting: deque[Waiting] = deque()
         """Queue for permits."""
@@ -140,7 +142,7 @@ class RequestScheduler:
         if self.waiting or self._paused or self._granted or (self._permits and not self._has_room(packet)):
             return False
         slots = self._slots
-        if (slots.live or slots.overdue) and slots.obstacle(packet) is not Obstacle.NONE:
+        if (slots.live or slots.overdue) and slots.obstacle(packet) is not NO_OBSTACLE:
             return False
         self._take(packet)
         return True
@@ -184,13 +186,12 @@ class RequestScheduler:
     def release(self, packet: Request[Any] | Command) -> None:
         """Give the permit of `packet` back."""
         self._permits -= 1
-        if not isinstance(packet, Query):
+        if not packet.is_query:
             self._changes -= 1
-        if self.window.learns and isinstance(packet, Request):
-            lane = self._lane(packet)
-            permits = self._of_lane.pop(lane)
-            if permits > 1:
-                self._of_lane[lane] = permits - 1
+        if self.window.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+            lane.permits -= 1
+            if not lane.permits:
+                self._busy.remove(lane)
         if self.waiting:
             self.grant()
 
@@ -258,26 +259,23 @@ class RequestScheduler:
         window = self.window
         if under_way >= window.climb(packet, self._changes).depth:
             return False
-        return not window.learns or window.fits(self._owed_with(packet), under_way)
-
-    def _owed_with(self, packet: Request[Any] | Command) -> int:
-        """Return the bytes owed on the line once `packet` is sent."""
+        if not window.learns:
+            return True
+        lane = self._slots.lanes.get(packet.packet_id + 1)
         # By permits, not by slots: a caller whose slot is overdue sends again without asking.
-        owed = self._lane(packet).size if isinstance(packet, Request) else 0
-        for lane, permits in self._of_lane.items():
-            owed += lane.size * permits
-        return owed
+        owed = 0 if lane is None else lane.size
+        for busy in self._busy:
+            owed += busy.size * busy.permits
+        return window.fits(owed, under_way)
 
     def _take(self, packet: Request[Any] | Command) -> None:
         self._permits += 1
-        if not isinstance(packet, Query):
+        if not packet.is_query:
             self._changes += 1
-        if self.window.learns and isinstance(packet, Request):
-            lane = self._lane(packet)
-            self._of_lane[lane] = self._of_lane.get(lane, 0) + 1
-
-    def _lane(self, request: Request[Any]) -> Lane:
-        return self._slots.lanes[request.packet_id + 1]
+        if self.window.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+            lane.permits += 1
+            if lane.permits == 1:
+                self._busy.append(lane)
 
     def load(self) -> Load:
         """Return the present load of the window."""
@@ -303,10 +301,11 @@ class PendingDrain:
         self._scheduler = scheduler
         self._tasks: set[asyncio.Task[None]] = set()  # held here, as the loop does not hold its tasks
 
-    def hold(self) -> None:
-        """Hold a permit beyond the depth until all bytes so far have left."""
+    def hold(self, sending: Awaitable[None] | None = None) -> None:
+        """Hold a permit beyond the depth until `sending` is done, or until all bytes so far have left."""
         self._scheduler.take_extra()
-        task = asyncio.get_running_loop().create_task(self._wait_for_drain())
+        waiting = self._wait_for_drain(self._transport.send(b"") if sending is None else sending)
+        task = asyncio.get_running_loop().create_task(waiting)
         # The program may well end first, without need of a warning; asyncio.gather does the same.
         task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
         self._tasks.add(task)
@@ -317,9 +316,9 @@ class PendingDrain:
         for task in self._tasks:
             task.cancel()
 
-    async def _wait_for_drain(self) -> None:
+    async def _wait_for_drain(self, sending: Awaitable[None]) -> None:
         with suppress(ConnectionLost):  # the transport reports its end to the receiver
-            await self._transport.send(b"")
+            await sending
 
     def _give_back(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)

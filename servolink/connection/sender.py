@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from typing import Any
 
 from servolink.connection.call import Call, Slot
@@ -12,7 +12,7 @@ from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, same, timed_out
 from servolink.connection.fences import FENCES, SERVO_LIST
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
-from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
+from servolink.connection.slots import FENCES_ONLY, NO_OBSTACLE, Obstacle, Slots
 from servolink.connection.state import Lifecycle
 from servolink.connection.taps import frame_logger
 from servolink.errors import ConnectionLost, ServolinkError
@@ -53,6 +53,14 @@ class RequestSender:
         self._fence_tries = 0  # sendings in a row
         self._fenced_at = -1  # frames received when the latest fence was sent
         self._transport = transport
+        # Without a coroutine, where the transport can (see `BaseTransport.take`).
+        takes_at_once = getattr(transport, "takes_at_once", False)
+        self._joined: list[bytes] | None = None  # frames of this turn of the loop, while they are joined
+        if takes_at_once and getattr(transport, "is_stream", False):
+            answers.on_several = self._join
+        self._take: Callable[[bytes], Awaitable[None] | None] = (
+            transport.take if takes_at_once else transport.send  # type: ignore[attr-defined]
+        )
         self._codec = codec
         self._lifecycle = lifecycle
         self._slots = slots
@@ -78,28 +86,34 @@ class RequestSender:
 
     # --- one call -----------------------------------------------------------------------------------------------
 
-    async def converse(self, call: Call, packet: Request[Any], frame: bytes) -> Response:
-        """Send the request, repeats where allowed, and fences, until the call has a response or an error.
+    def start(self, call: Call, packet: Request[Any], frame: bytes) -> Awaitable[None]:
+        """Send the request of a call for the first time; return the awaitable until the call is woken.
 
-        Nothing may stand in the way of the first sending (see `clear_way`).
+        Nothing may stand in the way (see `clear_way`). The usual case takes no coroutine. Raise ConnectionLost.
         """
-        woken, data = self._open_next(call, packet, frame) if call.tries else (self.open_request(call, packet), frame)
-        while True:
-            if call.queued:
-                self.leave_queue(call)
-            try:
-                await self._transport.send(self._counted(data))
-            except (ConnectionLost, asyncio.CancelledError) as error:
-                self._not_sent(error)
-                raise
-            if self._window.depth > 1 and (call.tries > 1 or self.may_need_mark):
-                await self.mark(call)
-            await woken
+        woken = self.open_request(call, packet)
+        if call.queued:
+            self.leave_queue(call)
+        sending = self.take(frame, may_join=packet.is_query)
+        return woken if sending is None and not self.needs_mark(call) else self._go_on_sending(call, sending, woken)
+
+    async def _go_on_sending(self, call: Call, sending: Awaitable[None] | None, woken: asyncio.Future[None]) -> None:
+        if sending is not None:
+            await self._accepted(sending)
+        if self.needs_mark(call):
+            await self.send_fence(call.packet)
+        await woken
+
+    async def converse(self, call: Call, packet: Request[Any], frame: bytes) -> Response:
+        """Send repeats where allowed, and fences, until a call that was woken has a response or an error."""
+        while call.response is None:
+            await self.until_next(call, packet)
             if call.response is None:
-                await self.until_next(call, packet)
-            if call.response is not None:
-                return call.response
-            woken, data = self._open_next(call, packet, frame)
+                woken, data = self._open_next(call, packet, frame)
+                if call.queued:
+                    self.leave_queue(call)
+                await self._go_on_sending(call, self.take(data), woken)
+        return call.response
 
     async def until_next(self, call: Call, packet: Request[Any]) -> None:
         """Wait until a woken call has a response, or more can be sent. Raise the error of an ended call."""
@@ -187,9 +201,9 @@ class RequestSender:
     async def clear_way(self, call: Call) -> None:
         """Send fences until nothing stands in the way of an unsent packet."""
         begun = self._loop.time()
-        while (obstacle := self._slots.obstacle(call.packet)) is not Obstacle.NONE:
+        while (obstacle := self._slots.obstacle(call.packet)) is not NO_OBSTACLE:
             if obstacle is Obstacle.FENCE_BESIDE and self._window.depth > 1:
-                await self._send_fence(call.packet)
+                await self.send_fence(call.packet)
                 break
             if call.latest is not None and call.latest.is_expected:
                 call.woken = woken = self._loop.create_future()
@@ -218,7 +232,7 @@ class RequestSender:
 
     def open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
         """Open a slot for the packet of a call, to be written now. Return the future for the call to await."""
-        if isinstance(packet, SetAngleUnitRequest):
+        if not packet.is_query and isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
         owner = call
         if call.tries:
@@ -242,37 +256,35 @@ class RequestSender:
     def _open(self, request: Request[Any], call: Call | None, tries: int, *, is_fence: bool = False) -> Slot:
         now = self._loop.time()
         timeout = self._answers.times.timeout(request, tries, after_write=self._wrote)
-        if call is not None and not is_fence and not self._repeats:
-            timeout = call.patience
-        if call is not None and now + timeout > (end := (call.since or now) + call.patience):
-            timeout = max(end - now, 0.001)
+        if call is not None:
+            if not is_fence and not self._repeats:
+                timeout = call.patience
+            if now + timeout > (end := (call.since or now) + call.patience):
+                timeout = max(end - now, 0.001)
         self._wrote = not request.repeatable
         slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
         self._answers.open(slot)
         return slot
 
-    @property
-    def may_need_mark(self) -> bool:
-        """Whether `mark` should be called behind a first sending."""
-        return self._window.depth > 1 and (self._slots.unmatched > 0 or self._slots.unproved >= _MARK_EVERY)
-
-    async def mark(self, call: Call) -> None:
-        """Send a fence behind many slots without proof of each other: equal queries, or unmatched responses.
+    def needs_mark(self, call: Call) -> bool:
+        """Return whether to send a fence behind many slots without proof of each other: equal queries, or unmatched.
 
         And behind a repeat, if it would get no response before what others left overdue.
         """
-        packet = call.packet
-        slots = self._slots.lanes[packet.packet_id + 1].slots
-        behind_others = call.tries > 1 and bool(slots) and slots[0].overdue and slots[0].call is not call
         unmatched, unproved = self._slots.unmatched, self._slots.unproved
+        if call.tries <= 1 and unproved < _MARK_EVERY and not unmatched:
+            return False
+        depth, packet = self._window.depth, call.packet
+        if depth <= 1:
+            return False
+        slots = self._slots.lanes[packet.packet_id + 1].slots
+        if call.tries > 1 and slots and slots[0].overdue and slots[0].call is not call:
+            return True
         is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
         every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
-        if behind_others or (
-            not packet.exclusive and (unproved >= every or min(unmatched, unproved) * 2 >= self._window.depth)
-        ):
-            await self._send_fence(packet)
+        return not packet.exclusive and (unproved >= every or min(unmatched, unproved) * 2 >= depth)
 
-    async def _send_fence(self, packet: Packet) -> Slot:
+    async def send_fence(self, packet: Packet) -> Slot:
         """Send a fence for whose response nobody waits."""
         fence = self._next_fence(packet)
         slot = self._open(fence, None, 0, is_fence=True)
@@ -311,20 +323,21 @@ class RequestSender:
         """After some packets without response, send a fence; the next caller waits for the result."""
         self._slots.unanswerable += 1
         if self._slots.unanswerable >= _MOST_UNANSWERABLE:
-            call.latest = await self._send_fence(call.packet)
+            call.latest = await self.send_fence(call.packet)
 
     # --- writing -----------------------------------------------------------------------------------------------
 
     async def write(self, frame: bytes) -> None:
         """Send a whole frame. On failure, end the connection and raise ConnectionLost."""
-        try:
-            await self._transport.send(self._counted(frame))
-        except (ConnectionLost, asyncio.CancelledError) as error:
-            self._not_sent(error)
-            raise
+        if (sending := self.take(frame)) is not None:
+            await self._accepted(sending)
 
-    def _counted(self, frame: bytes) -> bytes:
-        """Count and return a frame to be sent. Raise ConnectionLost if the connection has ended."""
+    def take(self, frame: bytes, *, may_join: bool = False) -> Awaitable[None] | None:
+        """Count a whole frame and pass it to the transport. Return None if the system has accepted it at once.
+
+        Otherwise return an awaitable, to be awaited now. With `may_join`, the frame may leave together with those of
+        other callers, at the end of this turn of the loop. Raise ConnectionLost if the connection has ended.
+        """
         if self._lifecycle.ended is not None:
             raise same(self._lifecycle.ended)
         self._stats.frames_sent += 1
@@ -333,20 +346,50 @@ class RequestSender:
             self._taps.sent(frame)
         if frame_logger.isEnabledFor(logging.DEBUG):
             self._answers.frame_log.sent(frame)
-        return frame
-
-    def _not_sent(self, error: BaseException) -> None:
-        """End a lost connection, or hold a permit for the rest of a frame after a cancel."""
-        if isinstance(error, ConnectionLost):
-            self._answers.lost(error)
+        if self._joined is None:
+            data = frame
         else:
-            self._drain.hold()
+            self._joined.append(frame)
+            if may_join:
+                return None
+            data = self._end_joining()
+        try:
+            return self._take(data)
+        except ConnectionLost as error:
+            self._answers.lost(error)
+            raise
 
-    def take(self, frame: bytes) -> Awaitable[None] | None:
-        """Send a whole frame on a transport with `take` (see `BaseTransport.take`)."""
-        # Only called for a transport with `take`.
-        taking: Awaitable[None] | None = self._transport.take(self._counted(frame))  # type: ignore[attr-defined]
-        return taking
+    def _join(self) -> None:
+        """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
+        if self._joined is None:
+            self._joined = []
+            self._loop.call_soon(self._send_joined)
+
+    def _send_joined(self) -> None:
+        if data := self._end_joining():
+            try:
+                sending = self._take(data)
+            except ConnectionLost as error:
+                self._answers.lost(error)
+            else:
+                if sending is not None:
+                    self._drain.hold(sending)
+
+    def _end_joining(self) -> bytes:
+        """Return the joined frames."""
+        joined, self._joined = self._joined, None
+        return b"".join(joined or ())
+
+    async def _accepted(self, sending: Awaitable[None]) -> None:
+        """Wait until the system has accepted a frame. Raise ConnectionLost."""
+        try:
+            await sending
+        except ConnectionLost as error:
+            self._answers.lost(error)
+            raise
+        except asyncio.CancelledError:
+            self._drain.hold()  # a permit, for the rest of the frame
+            raise
 
     async def send_packet(self, packet: Packet) -> None:
         """Send a packet without a slot."""

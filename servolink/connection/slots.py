@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from enum import Enum
-from itertools import takewhile
 from typing import Any
 
 from servolink.connection.call import Content, Lane, Settled, Slot
@@ -32,6 +31,9 @@ class Obstacle(Enum):
     WAIT = "slots whose response is expected: wait until they are over or overdue"
     FENCE = "overdue slots: a fence must be answered first"
     FENCE_BESIDE = "overdue slots: a fence must be sent first, its response need not be waited for"
+
+
+NO_OBSTACLE = Obstacle.NONE  # a global is faster than a member of an enum
 
 
 class Slots:
@@ -60,12 +62,13 @@ class Slots:
     def open(self, slot: Slot) -> None:
         """Append a slot, before its first byte is sent."""
         lane, request = slot.lane, slot.request
-        if not lane.slots:
+        slots = lane.slots
+        if not slots:
             lane.equal = request.repeatable
         elif lane.equal:
-            lane.equal = request.repeatable and lane.slots[0].request == request
+            lane.equal = request.repeatable and slots[0].request == request
         self._order.append(slot)
-        lane.slots.append(slot)
+        slots.append(slot)
         if slot.is_fence:
             self.unproved = self.unanswerable = 0
         self.unproved += 1
@@ -108,17 +111,16 @@ class Slots:
     def settle(self, response_id: int, content: Content) -> list[Settled] | None:
         """Return the slots that are over with this response, in order; None if no slot can be its origin."""
         lane = self.lanes.get(response_id)
-        if lane is None or not lane.slots:
+        if lane is None or not (slots := lane.slots):
             return None
         if lane.stopped:
             return []
-        oldest = lane.slots[0]
-        if lane.equal or len(lane.slots) == 1:
+        oldest = slots[0]
+        if lane.equal or len(slots) == 1:
             if not _fits(oldest.request, content):
                 return None
-            settle = self._settle_exact if len(lane.slots) == 1 else self._settle_oldest
-            return settle(oldest, content)
-        candidates = [slot for slot in lane.slots if _fits(slot.request, content)]
+            return self._settle_exact(oldest, content) if len(slots) == 1 else self._settle_oldest(oldest, content)
+        candidates = [slot for slot in slots if _fits(slot.request, content)]
         if not candidates:
             return None
         oldest = candidates[0]
@@ -128,7 +130,7 @@ class Slots:
             return self._settle_oldest(oldest, content)
         lane.unmatched.append(content)
         self.unmatched += 1
-        return self._assign_unmatched(lane, lane.slots) if len(lane.unmatched) == len(lane.slots) else []
+        return self._assign_unmatched(lane, slots) if len(lane.unmatched) == len(slots) else []
 
     def _settle_exact(self, slot: Slot, content: Content) -> list[Settled]:
         """`slot` is the only possible origin: whatever is older is over."""
@@ -161,17 +163,19 @@ class Slots:
         Unmatched responses on other lanes may belong to younger slots, so those lanes stay as they are.
         """
         settled: list[Settled] = []
+        order = self._order
         if self.unmatched:
             self._drop_unmatched(oldest.lane)
-        if self._order[0] is not oldest:
-            for slot in takewhile(lambda slot: slot is not oldest, self._order):
-                if slot.open and not slot.lane.unmatched:
-                    self._close(slot)
-                    settled.append((slot, None))
+        for slot in order:
+            if slot is oldest:
+                break
+            if slot.open and not slot.lane.unmatched:
+                self._close(slot)
+                settled.append((slot, None))
         self._close(oldest)
         settled.append((oldest, content))
-        while self._order and not self._order[0].open:
-            self._order.popleft()
+        while order and not order[0].open:
+            order.popleft()
         return settled
 
     def _assign_unmatched(self, lane: Lane, slots: Iterable[Slot]) -> list[Settled]:
@@ -197,11 +201,15 @@ class Slots:
 
     def _close(self, slot: Slot) -> None:
         slot.open = False
-        if self.live and slot is self.live[0]:
-            self._tidy()
+        live = self.live
+        if live and slot is live[0]:
+            live.popleft()
+            if live and not live[0].is_expected:
+                self._tidy()
         lane = slot.lane
-        lane.slots.popleft()  # this one: the slots of a lane end in their order
-        if not lane.slots:
+        slots = lane.slots
+        slots.popleft()  # this one: the slots of a lane end in their order
+        if not slots:
             lane.stopped = False
         if slot.overdue:
             self.overdue -= 1
@@ -221,25 +229,23 @@ class Slots:
                 if _conflict(packet, other):
                     return Obstacle.WAIT
         if not self.overdue and not self.live:
-            return Obstacle.NONE
+            return NO_OBSTACLE
         if self.overdue >= FENCES_ONLY:
             return Obstacle.FENCE
         if packet.exclusive or self._exclusive is not None:
             return Obstacle.WAIT if self.live else Obstacle.FENCE
-        return self._obstacle_on_lane(packet) if isinstance(packet, Request) else Obstacle.NONE
+        lane = self.lanes.get(packet.packet_id + 1)  # None for a command
+        return NO_OBSTACLE if lane is None or not lane.slots else self._obstacle_on_lane(packet, lane)
 
-    def _obstacle_on_lane(self, request: Request[Any]) -> Obstacle:
+    def _obstacle_on_lane(self, request: Request[Any] | Command, lane: Lane) -> Obstacle:
         """A lane holds either equal queries or requests about different records; overdue ones hold back new calls."""
-        lane = self.lanes[request.packet_id + 1]
         slots = lane.slots
-        if not slots:
-            return Obstacle.NONE
         if lane.equal and slots[0].request == request:
-            return Obstacle.FENCE_BESIDE if lane.overdue else Obstacle.NONE
+            return Obstacle.FENCE_BESIDE if lane.overdue else NO_OBSTACLE
         # Another request than all that are open, or one among several different ones.
         if any(slot.request == request or _conflict(request, slot.request) for slot in slots):
             return Obstacle.WAIT if lane.overdue < len(slots) else Obstacle.FENCE
-        return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else Obstacle.NONE
+        return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else NO_OBSTACLE
 
 
 def _fits(request: Request[Any], content: Content) -> bool:

@@ -80,7 +80,7 @@ def checksum(data: bytes) -> int:
 def encode_frame(packet_id: int, content: bytes, byte_order: ByteOrder) -> bytes:
     """Return the frame for `content` of at most 65,535 bytes."""
     frame = HEADER[byte_order].pack(MAGIC, packet_id, len(content)) + content
-    return frame + _BYTES[checksum(frame)]
+    return frame + _BYTES[(adler32(frame) - 1) & 0xFF if len(frame) <= 256 else checksum(frame)]
 
 
 _BYTES = [bytes((number,)) for number in range(256)]

@@ -156,6 +156,8 @@ class Packet(Struct, frozen=True, gc=False):
     packet_id: ClassVar[int]
     section: ClassVar[str]
     """Section of the document with the definition of the packet."""
+    is_query: ClassVar[bool] = False
+    """Whether the packet is a `Query`, as `isinstance` finds out in five times the time."""
     repeatable: ClassVar[bool] = False
     """Whether the host may repeat the packet: sent twice, the effect is the same."""
     exclusive: ClassVar[bool] = False
@@ -199,6 +201,7 @@ class Request(Packet, Generic[R_co], frozen=True, gc=False):
 class Query(Request[R_co], frozen=True, gc=False):
     """Request without any change to the board, safe to repeat."""
 
+    is_query: ClassVar[bool] = True
     repeatable: ClassVar[bool] = True
 
 

@@ -126,7 +126,7 @@ class Row:
         if record is None:
             return lambda content, start, encoding: self._bare((len(content) - start) // size).unpack(content[start:])
         if not captions:
-            return lambda content, start, encoding: tuple(starmap(record, rows(content[start:])))
+            return lambda content, start, encoding: (*starmap(record, rows(content[start:])),)
         prefix, codes, width = self._prefix, self.format.format[1:], len(self.values)
 
         def read(content: bytes, start: int, encoding: str) -> tuple[Any, ...]:

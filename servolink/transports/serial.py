@@ -20,6 +20,7 @@ from servolink.transports.stream import StreamTransport
 
 _CLOSE_LIMIT = 0.2  # most seconds for which closing blocks the event loop
 _OPENING_LIMIT = 0.5  # seconds for which a cancelled opening waits for the system
+_READ_SIZE = 4096  # bytes, as much as Linux holds for a port; pyserial-asyncio would read 1024
 _ABSENT = {errno.ENOENT, errno.ENODEV, errno.ENXIO}
 _BUSY = {errno.EBUSY, errno.EAGAIN, errno.EWOULDBLOCK}
 _FORBIDDEN = {errno.EACCES, errno.EPERM}
@@ -123,6 +124,7 @@ class SerialTransport(StreamTransport):
             await asyncio.wait((opening,), timeout=_OPENING_LIMIT)
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
+        pipe._max_read_size = _READ_SIZE  # noqa: SLF001 - there is no other way
         return pipe  # type: ignore[no-any-return]  # pyserial-asyncio has no types
 
     def _open_port(self) -> None:

@@ -18,6 +18,9 @@ _DRAIN_STEP = 0.01
 class StreamTransport(BaseTransport, asyncio.Protocol):
     """Transport over an asyncio transport; each kind of stream implements `connect`."""
 
+    is_stream = True
+    """Whether frames may be joined in one write."""
+
     def __init__(self, url: str) -> None:
         """Start unopened; `url` names the transport in errors."""
         super().__init__(url)

@@ -62,6 +62,7 @@ class FakeBoard:
 
     url = "fake://board"
     takes_at_once = True
+    is_stream = True
 
     def __init__(self, *, servos: int = 4, usual: Fate | None = None, byte_order: ByteOrder = "little") -> None:
         self.codec = Codec(byte_order)

@@ -89,10 +89,10 @@ async def test_no_more_than_the_window_is_on_the_line(depth: int, most: int) -> 
 
 
 def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
-    """A board in the same process may answer from within `send`."""
+    """A board in the same process may answer from within `take`."""
 
     class Eager(FakeBoard):
-        async def send(self, data: bytes) -> None:
+        def take(self, data: bytes) -> None:
             self.speak(QueryProjectIDResponse(5))
 
     async def main() -> None:

@@ -95,7 +95,7 @@ def test_a_lane_knows_how_long_a_long_response_of_its_kind_is() -> None:
     assert lane.size == 180
     lane.heard(100)
     assert lane.size == 170
-    lane.request_size = 190
+    lane.sent(190)
     assert lane.size == 190
 
 
