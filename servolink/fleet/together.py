@@ -6,7 +6,7 @@ import asyncio
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 from msgspec import UNSET, Struct
@@ -14,16 +14,21 @@ from msgspec import UNSET, Struct
 from servolink.control.messages import Ran, Runnable
 from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
 from servolink.escaping import quote
+from servolink.fleet.clocks import BoardClocks
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.pending_command import PendingCommand, failure_of, result_as
 from servolink.fleet.roster import Roster
-from servolink.fleet.topics import Cancel, Echo, Prepare, Start, Started, Stored
+from servolink.fleet.topics import Cancel, Echo, Echoed, Prepare, Start, Started, Stored
+
+T = TypeVar("T")
 
 Kind = Literal["action", "macro"]
 
 _ECHOES = 3
-_ECHO_LIMIT = 1.0  # seconds for all boards to answer an echo
+_ECHO_LIMIT = 1.0  # seconds for boards to answer an echo
+_AT_ONCE = 16  # boards that answer an echo: of 200 answers at once, the last would seem to have come 40 ms late
+_LEAD, _LONGEST_LEAD = 0.3, 0.9  # seconds until the start, for the message to arrive and all hubs to wait for it
 
 
 class RanTogether(Struct, frozen=True):
@@ -93,13 +98,15 @@ async def run_together(
         await _cancel(controller, start, prepared.done)
         texts = {board: str(error) for board, error in problems.items()}
         return RanTogether((), tuple(sorted(prepared.done)), texts, (), None, None, None)
-    delays = await _delays(controller, prepared.done)
+    clocks = await _compare_clocks(controller, prepared.done)
     with controller.pending_command(start) as pending:
         loop = asyncio.get_running_loop()
         with suppress(ConnectionLost):  # the broker may have the message: answers show the started boards
-            await controller.send_to_all("start", Start(start, controller.who), start, expires=2.0)
+            slowest = max(clocks.delays.values(), default=0.0)
+            moments = clocks.moments(loop.time() + min(_LEAD + slowest, _LONGEST_LEAD))
+            await controller.send_to_all("start", Start(start, controller.who, moments), start, expires=2.0)
         await pending.until(prepared.done, loop.time() + patience)
-        return _result(pending, prepared.done, problems, delays)
+        return _result(pending, prepared.done, problems, clocks.delays)
 
 
 async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> None:
@@ -107,22 +114,29 @@ async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> 
     await for_each(boards, lambda board: controller.call(board, "cancel", Cancel(start), patience=1.0), parallel=64)
 
 
-async def _delays(controller: Controller, boards: Iterable[str]) -> dict[str, float]:
-    """Return half the shortest of some round trips of a message to each board, in seconds."""
+async def _compare_clocks(controller: Controller, boards: Iterable[str]) -> BoardClocks:
+    """Return the differences between the clocks of boards, by some round trips of a message."""
+
+    def host_of(board: str) -> str:
+        seen = controller.roster.get(board)
+        return board if seen is None or seen.now is None else seen.now.host
+
     loop, there = asyncio.get_running_loop(), list(boards)
-    delays = dict.fromkeys(there, math.inf)
-    for _ in range(_ECHOES):
-        echo = Echo(new_id())
+    clocks, ends = BoardClocks(host_of), loop.time() + 2 * _ECHO_LIMIT
+    silent: set[str] = set()
+    for at in [at for _ in range(_ECHOES) for at in range(0, len(there), _AT_ONCE)]:
+        group = [board for board in there[at : at + _AT_ONCE] if board not in silent]
+        if not group or loop.time() >= ends:
+            continue
+        echo = Echo(new_id(), tuple(group))
         with controller.pending_command(echo.id) as pending:
             sent = loop.time()
             await controller.send_to_all("echo", echo, echo.id, expires=_ECHO_LIMIT)
-            await pending.until(there, sent + _ECHO_LIMIT)
-            for board, came in pending.seconds.items():
-                if board in delays:
-                    delays[board] = min(delays[board], (came - sent) / 2)
-            if pending.missing(there):
-                break
-    return delays
+            silent.update(await pending.until(group, sent + _ECHO_LIMIT))
+            for board in set(group) & set(pending.results):
+                if (echoed := _as(pending.results[board].result, Echoed)) is not None:
+                    clocks.heard(board, sent, echoed.monotonic, pending.seconds[board])
+    return clocks
 
 
 def _result(
@@ -139,7 +153,7 @@ def _result(
             failed[board] = OutcomeUnknown(f"{board} was prepared, and has not reported a start: look at the board")
         elif (failure := failure_of(result)) is not None:
             failed[board] = failure
-        elif (moment := _started(result.result)) is None:
+        elif (moment := _as(result.result, Started)) is None:
             failed[board] = OutcomeUnknown(f"{board} has started, and sent an unreadable result")
         else:
             started[board] = moment
@@ -150,9 +164,9 @@ def _result(
     return RanTogether(tuple(sorted(started)), (), texts, unknown, spread, measured_by, max(durations, default=None))
 
 
-def _started(value: object) -> Started | None:
+def _as(value: object, kind: type[T]) -> T | None:
     try:
-        return None if value is UNSET else msgspec.convert(value, Started)
+        return None if value is UNSET else msgspec.convert(value, kind)
     except msgspec.ValidationError:
         return None
 

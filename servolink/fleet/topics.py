@@ -229,6 +229,10 @@ class Start(Struct, forbid_unknown_fields=True):
 
     id: CommandId
     who: Who = ""
+    at: Annotated[
+        dict[str, float],
+        about("by board, when to begin by the clock of its machine, at most 1 s ahead; else 0.1 s after the message"),
+    ] = {}
 
 
 class Started(Struct, frozen=True):
@@ -256,6 +260,7 @@ class Echo(Struct, forbid_unknown_fields=True):
     """Sent to `_fleet/echo`: each board answers at once, for measuring the delay of the network."""
 
     id: CommandId
+    boards: Annotated[tuple[str, ...], about("those that answer; all if none is named")] = ()
 
 
 class Echoed(Struct, frozen=True):

@@ -28,7 +28,7 @@ from servolink.tasks import Tasks
 
 _PRESS_SECONDS = 5
 _LEAD = 0.1
-"""Seconds from the message that starts several boards to the start. Until then all hubs have prepared."""
+"""Seconds from a message that names no moment to the start."""
 
 
 class Urgent:
@@ -74,8 +74,8 @@ class Urgent:
         sender = Sender(message.response_topic, message.correlation)
         if message.topic == self._topics.fleet("echo"):
             if (echo := _read(message.payload, Echo)) is not None:
-                for answers in self._answers.values():
-                    answers.succeed(echo.id, sender, Echoed(received))
+                for name in set(self._answers) & set(echo.boards or self._answers):
+                    self._answers[name].succeed(echo.id, sender, Echoed(received))
         elif message.topic == self._topics.fleet("start"):
             if (start := _read(message.payload, Start)) is not None:
                 self._start(start, sender, received)
@@ -108,18 +108,19 @@ class Urgent:
     def _start(self, start: Start, sender: Sender, received: float) -> None:
         for name, bridge in self._bridges.items():
             if bridge.prepared.is_for(start.id):
-                self._tasks.begin(self._begin_prepared(bridge, start, sender, received))
+                at = start.at.get(name, received + _LEAD)
+                self._tasks.begin(self._begin_prepared(bridge, start.id, at, sender, received))
             else:
                 bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
 
-    async def _begin_prepared(self, bridge: Bridge, start: Start, sender: Sender, received: float) -> None:
+    async def _begin_prepared(self, bridge: Bridge, start: str, at: float, sender: Sender, received: float) -> None:
         answers = self._answers[bridge.board]
         try:
-            moment = (await bridge.prepared.start(received + _LEAD)).monotonic
+            moment = (await bridge.prepared.start(at)).monotonic
         except Exception as error:  # noqa: BLE001 - whatever prevents it is an answer
-            answers.refuse(start.id, sender, error)
+            answers.refuse(start, sender, error)
         else:
-            answers.succeed(start.id, sender, Started(bridge.telemetry.now.host, round(moment - received, 6), moment))
+            answers.succeed(start, sender, Started(bridge.telemetry.now.host, round(moment - received, 6), moment))
 
 
 def _read(payload: bytes, kind: Any) -> Any:

@@ -8,6 +8,7 @@ import json
 import socket
 from contextlib import AsyncExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -20,10 +21,11 @@ from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy, PolicyFile
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
+from servolink.hub.methods import prepared
 from servolink.hub.serving import serve_board
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.transport import VirtualTransport
-from tests.fleet.bridged import bridged, far_away, joined, run, running
+from tests.fleet.bridged import LIMIT, bridged, far_away, joined, run, running
 from tests.fleet.mosquitto import Broker, needs_broker
 
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
@@ -171,6 +173,37 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
             assert (await far.result("e1"))["result"]["monotonic"] > started["monotonic"]
 
     run(main())
+
+
+def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    leads: list[float] = []
+
+    async def main() -> None:
+        loop, moment = asyncio.get_running_loop(), asyncio.Event()
+
+        async def wait(lead: float) -> None:
+            leads.append(lead)
+            await moment.wait()
+
+        monkeypatch.setattr(prepared, "asyncio", SimpleNamespace(get_running_loop=lambda: loop, sleep=wait))
+        async with bridged(broker, "run") as (far, hub):
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
+            wave = {"type": "action", "id": "Wave"}
+            await far.call("prepare", params={"start": "s1", "run": wave})
+            await far.publish("servolink/_fleet/start", {"id": "s1", "at": {"rex": loop.time() + 0.9}})
+            await far.until(lambda: bool(leads))
+            await far.publish("servolink/rex/stop", {"id": "now"})
+            assert (await far.result("now"))["ok"]
+            moment.set()
+            error = (await far.result("s1"))["error"]
+            assert error["data"]["kind"] == "MotionRefused"
+            assert "stopped since this was prepared" in error["message"]
+            await far.call("prepare", params={"start": "s2", "run": wave}, id="later")
+            await far.publish("servolink/_fleet/start", {"id": "s2", "at": {"rex": loop.time() + LIMIT}})
+            assert "at must be at most 1 s ahead" in (await far.result("s2"))["error"]["message"]
+
+    run(main())
+    assert leads[0] <= 0.9
 
 
 def test_servos_are_not_sent_while_a_start_is_waited_for(broker: Broker) -> None:

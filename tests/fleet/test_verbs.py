@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from servolink.errors import ConnectionLost, NotFound
@@ -115,6 +116,39 @@ def test_the_spread_over_several_machines_is_estimated_by_echo(broker: Broker, m
             assert ran.measured_by == "echo"
             assert ran.spread is not None
             assert 0 <= ran.spread < 1000, "whatever the clocks say"
+
+    asyncio.run(main())
+
+
+def test_all_boards_are_told_the_same_moment_by_their_own_clocks(broker: Broker) -> None:
+    """Each clock is off by up to 5 s, and drifts. The longest echo bounds the difference, on a busy machine too."""
+
+    async def main() -> None:
+        now = asyncio.get_running_loop().time
+        async with stand_ins(broker, "rex", "fido", "bob") as boards, fleet_of(broker) as fleet:
+            told: dict[str, float] = {}
+            for board, off, pace in zip(boards, (-5.0, 0.0, 5.0), (0.9995, 1.0, 1.0005), strict=True):
+                ready_to_run(board, 5.0)
+
+                def echo(_: object, off: float = off, pace: float = pace) -> dict[str, float]:
+                    return {"monotonic": now() * pace + off}
+
+                def start(
+                    params: dict[str, Any], board: StandIn = board, off: float = off, pace: float = pace
+                ) -> dict[str, Any]:
+                    told[board.name] = (params["at"][board.name] - off) / pace - now()
+                    return {"host": board.name, "after": 0.3, "monotonic": now()}
+
+                board.now = msgspec.structs.replace(board.now, host=board.name)
+                await board.announce()
+                board.answers |= {"echo": echo, "start": start}
+            began = now()
+            ran = await fleet.run("Wave")
+            took = now() - began
+            assert ran.started == ("bob", "fido", "rex")
+            assert len(told) == 3
+            assert max(told.values()) - min(told.values()) < min(took, 1.0)
+            assert all(-took < ahead < 1.0 for ahead in told.values())
 
     asyncio.run(main())
 
