@@ -103,7 +103,7 @@ class Bridge:
         self.commands.finish_interrupted()
         for task in (
             self.hub.run(),
-            self.broker.run(),
+            self._run_broker(),
             self.outbox.run(),
             self.pulse.run(),
             self.telemetry.send_servos(),
@@ -112,6 +112,11 @@ class Bridge:
             group.create_task(task)
         if self._announcer is not None:
             group.create_task(self._announcer.send_vitals())
+
+    async def _run_broker(self) -> None:
+        """Connect to the broker once the hub is there: commands that waited at the broker come at once."""
+        await self.hub.has_begun.wait()
+        await self.broker.run()
 
     async def leave(self) -> None:
         """Answer commands under way, and publish the board as unavailable."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 
 import msgspec
@@ -26,6 +27,8 @@ class HubSession:
         """Awaited on each connection."""
         self.on_lost: Callable[[str], None] = lambda text: None
         """Called with the reason when the hub is gone."""
+        self.has_begun = asyncio.Event()
+        """Set on the first connection."""
         self._policy = policy
         self._greeting = Greeting(wants="rpc", who=who, role=policy.allow)
         self._channel: RpcChannel | None = None
@@ -89,6 +92,7 @@ class HubSession:
         if policy is not self._policy:
             raise ConnectionLost("the policy has changed meanwhile")
         self._channel = channel
+        self.has_begun.set()
         if self.on_connect is not None:
             await self.on_connect()
 

@@ -16,7 +16,8 @@ import pytest
 
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
-from servolink.fleet import join
+from servolink.fleet import hub_session, join
+from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy, PolicyFile
@@ -91,6 +92,29 @@ def test_a_board_that_is_there_corrects_what_others_say_of_it(broker: Broker, pa
         async with far_away(broker, "later") as later:  # and not after it has left
             await later.until(lambda: topic in later.heard)
             assert [each.payload for each in later.heard[topic]] == [b"offline"]
+
+    run(main())
+
+
+def test_commands_that_waited_at_the_broker_find_the_hub(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    order, open_channel, run_broker = list[str](), hub_session.open_channel, BrokerConnection.run
+
+    async def opened(*arguments: Any) -> Any:
+        channel = await open_channel(*arguments)
+        order.append("hub")
+        return channel
+
+    async def connected(connection: BrokerConnection) -> None:
+        order.append(connection._options.identifier)
+        await run_broker(connection)
+
+    monkeypatch.setattr(hub_session, "open_channel", opened)
+    monkeypatch.setattr(BrokerConnection, "run", connected)
+
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            await far.call("battery")
+            assert order.index("hub") < order.index("servolink/rex")
 
     run(main())
 
