@@ -33,6 +33,7 @@ from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_
 from servolink.motion.set_points import FRESH, SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.numeric import checked_flag, is_number
+from servolink.platforms.clock import time_with_sleep
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -372,7 +373,7 @@ class ServoController:
         """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
         if not self._are_outside(targets):
             return ticket
-        return ticket._replace(until=min(ticket.until, asyncio.get_running_loop().time() + FRESH))
+        return ticket._replace(until=min(ticket.until, time_with_sleep() + FRESH))
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.

@@ -26,6 +26,7 @@ from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
+from servolink.platforms.clock import SleepCounter, time_with_sleep
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
 from servolink.protocol.servos import SetServoParameterRequest
@@ -34,6 +35,7 @@ from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 
+_NO_TICKET = Ticket(-1)  # of a query, which no gate is asked about
 _READY = State.READY  # a global is faster than a member of an enum
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 
@@ -72,7 +74,7 @@ class Connection:
         """Counters of everything seen."""
         self.taps = taps or Taps()
         """Listeners to bytes and requests."""
-        self.stops = StopCounter()
+        self.stops = StopCounter(SleepCounter())
         """Stops of all servos; no motion requested before a stop is sent after the stop."""
         self.motions = 0
         """Number of motions sent, or about to be sent."""
@@ -118,7 +120,7 @@ class Connection:
         self._sender = RequestSender(
             transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
         )
-        self.gates = Gates(ticket=ticket_gate(self.stops, self._loop.time), limits=limits_gate(lambda: self.units_sent))
+        self.gates = Gates(ticket=ticket_gate(self.stops, time_with_sleep), limits=limits_gate(lambda: self.units_sent))
         """Checks of each packet right before sending, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
         self._asker = QueryAsker(self._sender, self.answers)
@@ -339,7 +341,7 @@ class Connection:
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].sent(len(frame))
         call = self._call(packet, timeout)
-        ticket = ticket or self.stops.ticket()
+        ticket = ticket or (_NO_TICKET if isinstance(packet, Query) else self.stops.ticket())
         if begun_at is not None:
             call.begun_at = begun_at
         deadline = None if timeout is None else call.begun_at + timeout

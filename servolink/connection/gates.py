@@ -70,7 +70,7 @@ def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
             if not stops.issued(ticket):
                 return ConnectionLost(f"{name} was not sent: the connection was lost after it was asked for")
             if not stops.holds(ticket):
-                return RequestRefused(f"{name} was not sent: a stop came first", packet, reason=Reason.STOP)
+                return RequestRefused(f"{name} was not sent: {stops.reason}", packet, reason=Reason.STOP)
         if now() > ticket.until:
             text = f"{name} was not sent: the time by which it was to begin has passed"
             return RequestRefused(text, packet, reason=Reason.DEADLINE)

@@ -25,6 +25,7 @@ from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, BoardTopic, Topics
 from servolink.motion.ticket import StopCounter
+from servolink.platforms.clock import SleepCounter
 
 SESSION_SECONDS = 300
 """Seconds for which the broker keeps commands for a board after a lost connection; most expire long before."""
@@ -56,7 +57,7 @@ class Bridge:
         self.broker.on_connect = self._begin
         self.broker.on_problem = partial(self._log, "error")
         self.outbox = Outbox(self.broker)
-        stops = StopCounter()
+        stops = StopCounter(SleepCounter())
         self.prepared = ReadyRun(self.hub, stops)
         self.telemetry = Telemetry(
             topics, board, policy, self.hub, self.broker, self.outbox, hz, may_send=self.prepared.is_none

@@ -36,6 +36,7 @@ from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, TRANSFER
 from servolink.hub import METHODS
 from servolink.json_text import read_json
 from servolink.motion.ticket import Ticket
+from servolink.platforms.clock import seconds_asleep, time_with_sleep
 from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks
 
@@ -187,7 +188,7 @@ class CommandHandler:
         self._check_method(command.method)
         if command.method in _IN_ORDER and self._barrier.rejects(command.pulse):
             raise _stopped()
-        now = asyncio.get_running_loop().time()
+        now = time_with_sleep()
         expiry: float | None = message.expiry
         if command.method in MOTION | TRANSFERS:
             if expiry is None:
@@ -274,7 +275,9 @@ class CommandHandler:
             if command.method == "cancel":
                 return self._prepared.cancel(_converted(command.params, Cancel).start)
             # The hub keeps the time as well: there a motion may have to wait once more.
-            params = command.params | ({"until": accepted.ticket.until} if command.method in MOTION else {})
+            params = command.params | (
+                {"until": accepted.ticket.until - seconds_asleep()} if command.method in MOTION else {}
+            )
             reply = await self._hub.ask(command.method, params, self._reporter(command.id, accepted.sender))
             if _role(command.method) is Role.EDIT:
                 self.on_change()
@@ -284,7 +287,7 @@ class CommandHandler:
         """Raise RpcError for a command that must not begin any more."""
         if accepted.command.method in _IN_ORDER and not self._stops.counter.holds(accepted.ticket):
             raise _stopped()
-        if asyncio.get_running_loop().time() > accepted.ticket.until:
+        if time_with_sleep() > accepted.ticket.until:
             raise _expired()
 
     @asynccontextmanager

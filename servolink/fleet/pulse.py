@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from servolink.errors import ConnectionLost, ServolinkError
+from servolink.platforms.clock import time_with_sleep
 
 INTERVAL = 1.0
 SLACK = 1.5
@@ -44,7 +45,7 @@ class Pulse:
         """Return the next word, to be sent immediately."""
         self._number += 1
         word = f"{self._name}-{self._number}"
-        self._times[word] = asyncio.get_running_loop().time()
+        self._times[word] = time_with_sleep()
         if len(self._times) > _MOST_KEPT:
             del self._times[next(iter(self._times))]
         return word
@@ -77,7 +78,7 @@ class PulseLink:
 
     def begin(self) -> None:
         """Start over: all messages of a new connection are sent from now on."""
-        self._newest = asyncio.get_running_loop().time()
+        self._newest = time_with_sleep()
 
     def heard(self, payload: bytes) -> None:
         """Take a word that the broker has sent back."""

@@ -11,6 +11,7 @@ from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
 from servolink.motion.ticket import StopCounter, Ticket
+from servolink.platforms.clock import seconds_asleep, time_with_sleep
 
 
 class ReadyRun:
@@ -34,15 +35,14 @@ class ReadyRun:
         meanwhile.
         """
         self.forget()
-        run = RunPrepare(asked.run.type, asked.run.id, ticket.until)
+        run = RunPrepare(asked.run.type, asked.run.id, ticket.until - seconds_asleep())
         checked = result_of(await self._hub.ask("run.prepare", run))
         if not self._stops.holds(ticket):
             self._hub.tell("lease.give")
             raise MotionRefused("the board was stopped while this was prepared; nothing was moved", reason=Reason.STOP)
-        loop = asyncio.get_running_loop()
         self.is_none.clear()
-        self._prepared, self._ticket = asked, ticket._replace(until=loop.time() + asked.expires)
-        self._timer = loop.call_later(asked.expires, self.forget)
+        self._prepared, self._ticket = asked, ticket._replace(until=time_with_sleep() + asked.expires)
+        self._timer = asyncio.get_running_loop().call_later(asked.expires, self.forget)
         return msgspec.json.decode(checked, type=Ran)
 
     def is_for(self, start: str) -> bool:
@@ -56,7 +56,7 @@ class ReadyRun:
         """
         prepared, ticket = self._prepared, self._ticket
         self._drop()
-        if prepared is None or not self._stops.holds(ticket) or asyncio.get_running_loop().time() > ticket.until:
+        if prepared is None or not self._stops.holds(ticket) or time_with_sleep() > ticket.until:
             self.is_none.set()
             raise MotionRefused("the prepared run has expired; nothing was moved", reason=Reason.DEADLINE)
         try:

@@ -19,6 +19,7 @@ from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.engine.sending import PacketSender
+from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.stop_order import Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
@@ -66,6 +67,8 @@ class Hub:
         """Motion lease, as taken, given, requested and kept alive by programs."""
         self.stops = StopCounter()
         """Counter of stops; each stop cancels all motions requested before."""
+        self.standstill = Standstill(self._stood_still)
+        """Refusal of motions after a sleep of the computer, or a stop of the process."""
         sender = PacketSender(
             board,
             self.motions,
@@ -76,6 +79,7 @@ class Hub:
             self._exclusive,
             self._refused,
             self.programs,
+            self.standstill,
         )
         self._upstream = Upstream(board, sender)
         self._stopping = Stops(
@@ -158,6 +162,7 @@ class Hub:
         if program.session_id in self.programs:
             raise ValueError("this session has begun already")
         self.programs[program.session_id] = program
+        self.standstill.begin()
         joined = ProgramNotice("joined", program.session_id, program.who, program.door, str(program.role))
         self.tell(joined, program.session_id)
 
@@ -174,6 +179,8 @@ class Hub:
             return
         self.leases.left(program.session_id)  # which names it
         del self.programs[program.session_id]
+        if not self.programs:
+            self.standstill.end()
         self._responses_to_left += program.counters.responses
         self._upstream.waiting.drop(program.queue)
         if program.session_id in self._buttons.subscribers:
@@ -249,6 +256,9 @@ class Hub:
         if program is None:
             raise ConnectionLost("the session has ended; connect again")
         return program
+
+    def _stood_still(self, reason: str) -> None:
+        self._stopping.stood_still(reason)
 
     def _stop_unwatched(self, reason: str) -> None:
         self._stopping.begin_unwatched(reason)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import count
 from typing import NamedTuple
 
 _FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coincide
+
+STOPPED = "a stop came first"
+"""Reason of a stop, for people."""
 
 
 class Ticket(NamedTuple):
@@ -19,7 +23,7 @@ class Ticket(NamedTuple):
     epoch: int
     """Stops until then, as `StopCounter.epoch` counts them; a later stop ends the motion."""
     until: float = math.inf
-    """Time by which the motion must have begun, on the clock of the event loop; infinite for any time."""
+    """Time by which the motion must have begun, time asleep included; infinite for any time."""
     who: str = ""
     """Session that asked, where several programs share a board; else empty."""
     units_sent: int | None = None
@@ -35,31 +39,43 @@ class Ticket(NamedTuple):
 
 
 class StopCounter:
-    """Counter of stops on a connection, in a hub or of a bridge of a fleet."""
+    """Counter of stops on a connection, in a hub or of a bridge of a fleet; a sleep of the computer counts as one."""
 
-    def __init__(self) -> None:
-        """Start with an epoch that no other counter has."""
+    def __init__(self, sleeps: Callable[[], int] = lambda: 0) -> None:
+        """Start with an epoch that no other counter has; `sleeps` returns how often the computer has slept."""
         self._first = self.epoch = next(_FIRST_EPOCHS)
+        self.reason = ""
+        """Reason of the latest stop, for people."""
         self._ticket = Ticket(self.epoch)
+        self._sleeps = sleeps
+        self._slept = sleeps()
 
     @property
     def count(self) -> int:
         """Number of stops so far."""
         return self.epoch - self._first
 
-    def stop(self) -> None:
+    def stop(self, reason: str = STOPPED) -> None:
         """Count a stop: tickets issued before are no longer valid."""
+        self.reason = reason
         self.epoch += 1
         self._ticket = Ticket(self.epoch)
 
     def ticket(self, *, until: float = math.inf, who: str = "") -> Ticket:
         """Return the ticket of a motion requested now."""
+        self._look()
         return self._ticket if until == math.inf and not who else Ticket(self.epoch, until, who)
 
     def holds(self, ticket: Ticket) -> bool:
         """Return whether no stop came since `ticket` was issued, here and not by another counter."""
+        self._look()
         return ticket.epoch == self.epoch
 
     def issued(self, ticket: Ticket) -> bool:
         """Return whether `ticket` was issued here, and not on an earlier connection."""
         return self._first <= ticket.epoch <= self.epoch
+
+    def _look(self) -> None:
+        if (slept := self._sleeps()) != self._slept:
+            self._slept = slept
+            self.stop("this computer has slept since it was asked for")

@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from servolink.control import channel as channel_module
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
 from servolink.fleet import hub_session, join
@@ -97,7 +98,7 @@ def test_a_board_that_is_there_corrects_what_others_say_of_it(broker: Broker, pa
 
 
 def test_commands_that_waited_at_the_broker_find_the_hub(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    order, open_channel, run_broker = list[str](), hub_session.open_channel, BrokerConnection.run
+    order, open_channel, run_broker = list[str](), channel_module.open_channel, BrokerConnection.run
 
     async def opened(*arguments: Any) -> Any:
         channel = await open_channel(*arguments)

@@ -13,6 +13,7 @@ from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen,
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import record
 from tests.client.fake_board import FakeBoard, opened
+from tests.sleeping import HOUR, set_wall_clock
 from tests.virtual_time import run
 
 
@@ -47,6 +48,26 @@ def test_everything_is_in_the_file(tmp_path: Path) -> None:
     assert any(isinstance(message, ServosRead) for message in found)
     assert Event("mark", "begin") in found
     assert Event("connection", "connected") in found
+
+
+def test_a_clock_that_is_set_leaves_the_order_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "out.mcap"
+
+    async def main() -> None:
+        async with opened(FakeBoard(), angle_unit=None) as board, record(path, board) as recorder:
+            for number, jump in enumerate((HOUR, -2 * HOUR, HOUR)):
+                set_wall_clock(monkeypatch, jump)
+                recorder.mark(f"{number}")
+                await board.move({1: 30}, duration=0.2, wait=True)
+
+    run(main())
+    entries = list(Recording(path).entries())
+    times = [entry.time for entry in entries]
+    assert times == sorted(times)
+    assert times[-1] - times[0] < HOUR * 1e9 / 2
+    events = [entry.message for entry in entries if isinstance(entry.message, Event)]
+    marks = [event.what for event in events if event.kind == "mark"]
+    assert marks == ["0", "1", "2"]
 
 
 def test_the_library_of_others_reads_it_by_its_index(tmp_path: Path) -> None:

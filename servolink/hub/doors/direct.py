@@ -20,7 +20,7 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, RequestTime
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, refuse_ticket
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.motion.angles import AngleUnit
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
@@ -139,7 +139,7 @@ class DirectConnection:
         self.gates = Gates(
             exclusive_use=self._refuse_other_use,
             lease=self._refuse_lease,
-            ticket=lambda packet, ticket: _nothing_moved(refuse_ticket(packet, ticket, self.stops, self._loop.time())),
+            ticket=lambda packet, ticket: _nothing_moved(hub.standstill.refuse(packet, ticket, self.stops)),
             limits=limits_gate(lambda: self.units_sent),
         )
         self._hub = hub

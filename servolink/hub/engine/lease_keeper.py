@@ -18,6 +18,7 @@ from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.motion.ticket import Ticket
+from servolink.platforms.clock import seconds_asleep
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ExecuteActionRequest
@@ -62,7 +63,10 @@ class LeaseKeeper:
         lease = self._lease
         if lease.holder is None:
             return None
-        return LeaseStatus(lease.holder, self._who_of(lease.holder), self._loop.time() - lease.since, lease.dead_man)
+        return LeaseStatus(lease.holder, self._who_of(lease.holder), self._now() - lease.since, lease.dead_man)
+
+    def _now(self) -> float:
+        return self._loop.time() + seconds_asleep()  # a program that has slept for hours watches over nothing
 
     def close(self) -> None:
         """Cancel the timer: leases do not end any more."""
@@ -74,16 +78,16 @@ class LeaseKeeper:
     def take_for_motion(self, session: str) -> bool:
         """Give a free lease to a program that is about to move servos. Return whether the program has the lease."""
         if self._lease.holder != session:
-            self._report(self._lease.take(session, self._loop.time(), is_beat=False))
+            self._report(self._lease.take(session, self._now(), is_beat=False))
         return self._lease.holder == session
 
     def refuse(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
         """Refuse a motion while another program holds the lease."""
-        return self._gate.refuse(packet, ticket, self._loop.time())
+        return self._gate.refuse(packet, ticket, self._now())
 
     def moved(self, exchange: Exchange) -> None:
         """Count a sent motion: the lease lasts until some time after the end of the motion."""
-        packet, session, sent_at = exchange.packet, exchange.program.session_id, self._loop.time()
+        packet, session, sent_at = exchange.packet, exchange.program.session_id, self._now()
         self._motions_sent += 1
         if isinstance(packet, ExecuteActionRequest):
             self._count(session, sent_at + self._motions.seconds_of_steps(packet))
@@ -102,7 +106,7 @@ class LeaseKeeper:
         for counting in self._counting:
             counting.cancel()
         self._units.release()
-        self._report(self._lease.stopped(self._loop.time()))
+        self._report(self._lease.stopped(self._now()))
 
     def take(self, session: str, *, dead_man: float | None = None, force: bool = False, is_beat: bool = True) -> bool:
         """Give the lease to `session` if free, or with `force`. Return whether `session` has the lease now.
@@ -110,28 +114,28 @@ class LeaseKeeper:
         If the program then sends no beat for `dead_man` seconds (0.05..60), or leaves, the board is stopped. With
         `is_beat` this counts as one.
         """
-        self._report(self._lease.take(session, self._loop.time(), dead_man=dead_man, force=force, is_beat=is_beat))
+        self._report(self._lease.take(session, self._now(), dead_man=dead_man, force=force, is_beat=is_beat))
         return self._lease.holder == session
 
     def reason(self, session: str) -> str:
         """Return the reason why `session` may not move the servos, with a remedy; empty if allowed."""
-        return self._gate.reason(session, self._loop.time())
+        return self._gate.reason(session, self._now())
 
     def give(self, session: str) -> None:
         """Free the lease of `session`, if held. The motion goes on to its end."""
-        self._report(self._lease.give(session, self._loop.time()))
+        self._report(self._lease.give(session, self._now()))
 
     def ask(self, session: str) -> None:
         """Tell the holder that `session` asks for the lease."""
-        self._report(self._lease.asked(session, self._loop.time()))
+        self._report(self._lease.asked(session, self._now()))
 
     def beat(self, session: str) -> None:
         """Count a sign of life of the holder."""
-        self._report(self._lease.beat(session, self._loop.time()))
+        self._report(self._lease.beat(session, self._now()))
 
     def left(self, session: str) -> None:
         """Free the lease of a session that has ended."""
-        self._report(self._lease.left(session, self._loop.time()))
+        self._report(self._lease.left(session, self._now()))
 
     # --- what time does -----------------------------------------------------------------------------------------
 
@@ -150,7 +154,7 @@ class LeaseKeeper:
         self._count(exchange.program.session_id, ends_at)
 
     def _count(self, session: str, ends_at: float | None) -> None:
-        self._report(self._lease.moved(session, ends_at, self._loop.time()))
+        self._report(self._lease.moved(session, ends_at, self._now()))
         if self._lease.is_end_unknown and not self._is_reading:
             self._is_reading = True
             self._tasks.begin(self._read_until_rest())
@@ -164,7 +168,7 @@ class LeaseKeeper:
         finally:
             self._is_reading = False
         self._units.rested()
-        self._report(self._lease.rested(self._loop.time()))
+        self._report(self._lease.rested(self._now()))
 
     def _report(self, changes: Iterable[LeaseChange]) -> None:
         """Notify all programs about a change of the lease, and look again when something is due."""
@@ -179,9 +183,13 @@ class LeaseKeeper:
             self._timer.cancel()
             self._timer = None
         if (due := self._lease.next_due()) is not None:
-            self._timer = self._loop.call_at(due, self._look)
+            self._timer = self._loop.call_at(due - seconds_asleep(), self._timed_out)
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """End the lease if its time is over, as after a sleep, in which timers stand still."""
+        self._report(self._lease.advance(self._now()))
+
+    def _timed_out(self) -> None:
         self._timer = None
         # Timers may fire a little early: nothing would be due then.
-        self._report(self._lease.advance(max(self._loop.time(), self._lease.next_due() or 0.0)))
+        self._report(self._lease.advance(max(self._now(), self._lease.next_due() or 0.0)))

@@ -16,9 +16,10 @@ from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import Program
+from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import refuse_role, refuse_ticket
+from servolink.hub.rules.hub_gates import refuse_role
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.motion.units import carries_angles
 from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
@@ -50,6 +51,7 @@ class PacketSender:
         exclusive: Callable[[Exchange], AbstractContextManager[None]],
         on_refused: Callable[[Exchange, str], None],
         programs: Mapping[str, Program],
+        standstill: Standstill,
     ) -> None:
         """Send to `board` the requests of `programs`, in the units that `units` sets.
 
@@ -69,7 +71,7 @@ class PacketSender:
         self._exclusive = exclusive
         self._on_refused = on_refused
         self._programs = programs
-        self._now = asyncio.get_running_loop().time
+        self._standstill = standstill
         self._guarded: Connection | None = None
 
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
@@ -158,6 +160,8 @@ class PacketSender:
             return refusal
         if is_motion(packet) and not exchange.may_wait:
             return None
+        if late := self._standstill.refuse(packet, exchange.ticket, self._stops):
+            return late
         try:
             await connection.prepare(packet, connection.stops.ticket(who=program.session_id))
         except WrongBoard as error:
@@ -186,7 +190,7 @@ class PacketSender:
 
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless forbidden by a limit, or by a stop or another holder since the request."""
-        if refusal := refuse_ticket(exchange.packet, exchange.ticket, self._stops, self._now()):
+        if refusal := self._standstill.refuse(exchange.packet, exchange.ticket, self._stops):
             return await self.refused(exchange, refusal)
         stops, until = self._board.connection.stops, exchange.ticket.until
         try:
@@ -223,7 +227,7 @@ class PacketSender:
         def stop(packet: Packet, ticket: Ticket) -> ServolinkError | None:
             if not ticket.who:
                 return inner(packet, ticket)
-            return refuse_ticket(packet, ticket, connection.stops, self._now())
+            return self._standstill.refuse(packet, ticket, connection.stops)
 
         connection.gates = connection.gates._replace(lease=lease, ticket=stop)
         connection.preparations += (self._take_lease,)

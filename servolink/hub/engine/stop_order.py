@@ -20,7 +20,7 @@ from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import stops_all
-from servolink.motion.ticket import StopCounter
+from servolink.motion.ticket import STOPPED, StopCounter
 from servolink.protocol.servos import (
     ALL_SERVOS,
     QueryServoRequest,
@@ -143,11 +143,18 @@ class Stops:
         self._sender.is_stopped = True
         self._keeper.stopped()
 
-    def _drop_motions(self, session_id: str, *, are_all: bool) -> None:
+    def stood_still(self, reason: str) -> None:
+        """Cancel all motions requested until now, and end the lease if its time is over: the hub stood still."""
+        _logger.warning("%s", reason)
+        self._drop_motions("", are_all=True, reason=reason)
+        self._keeper.look()
+        self._tell(ProblemNotice(f"{reason}: what was asked for before moves nothing"), "")
+
+    def _drop_motions(self, session_id: str, *, are_all: bool, reason: str = STOPPED) -> None:
         """Cancel all motions requested until now, and notify programs with unsent motions."""
-        self._stops.stop()
-        self._board.connection.stops.stop()  # also motions under way in the connection, even before the stop is sent
-        self._upstream.drop_motions()
+        self._stops.stop(reason)
+        self._board.connection.stops.stop(reason)  # motions under way in the connection, even before a stop is sent
+        self._upstream.drop_motions(reason)
         self._tell(MotionsCancelled(are_all), session_id)
 
     def _send(self, packet: SetServoParameterRequest) -> asyncio.Task[SetServoParameterResponse]:

@@ -87,10 +87,10 @@ class Upstream:
             exchange.error = outcome
         _finish(exchange, outcome if isinstance(outcome, Packet) else None)
 
-    def drop_motions(self) -> None:
-        """Give up waiting motions: a stop comes first."""
+    def drop_motions(self, reason: str) -> None:
+        """Give up waiting motions, with the reason for people."""
         for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
-            self._tasks.begin(self._finish_stopped(exchange))
+            self._tasks.begin(self._finish_stopped(exchange, reason))
 
     def send_waiting(self) -> None:
         """Send waiting requests while the connection has room."""
@@ -146,10 +146,10 @@ class Upstream:
             self._tell(exchange, outcome)
             _finish(exchange, response)
 
-    async def _finish_stopped(self, exchange: Exchange) -> None:
+    async def _finish_stopped(self, exchange: Exchange, reason: str) -> None:
         response: Packet | None = None
         try:
-            response = await self._sender.refused(exchange, MotionOver("a stop came first", reason=Reason.STOP))
+            response = await self._sender.refused(exchange, MotionOver(reason, reason=Reason.STOP))
         finally:
             self._tell(exchange, response)
             exchange.program.finish(exchange, response)

@@ -28,6 +28,7 @@ from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import StopCounter, Ticket
+from servolink.platforms.clock import time_with_sleep
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 
@@ -144,7 +145,7 @@ class Control:
         """
         board = with_ticket(self._own_board(), ticket)
         try:
-            async with asyncio.timeout_at(None if ticket.until == math.inf else ticket.until):
+            async with asyncio.timeout(None if ticket.until == math.inf else ticket.until - time_with_sleep()):
                 while self.holder is not None and self.stops.holds(ticket):
                     self._changed.clear()
                     await self._changed.wait()

@@ -38,6 +38,7 @@ from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.ticket import Ticket
+from servolink.platforms.clock import seconds_asleep
 from servolink.protocol.servos import ALL_SERVOS
 
 
@@ -54,7 +55,7 @@ class Caller(NamedTuple):
 
     async def board_to_move(self, until: float | None) -> Board:
         """Return the board for a motion, which must begin by `until` (see `Control.board_to_move`)."""
-        ticket = self.ticket if until is None else self.ticket._replace(until=until)
+        ticket = self.ticket if until is None else self.ticket._replace(until=until + seconds_asleep())
         return await self.control.board_to_move(ticket)
 
 

@@ -42,7 +42,7 @@ def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float
     if not is_motion(packet):
         return None
     if not stops.holds(ticket):
-        return MotionOver("a stop came first", reason=Reason.STOP)
+        return MotionOver(stops.reason, reason=Reason.STOP)
     if now > ticket.until:
         return MotionOver("the time by which it was to begin has passed", reason=Reason.DEADLINE)
     return None

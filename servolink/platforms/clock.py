@@ -1,0 +1,41 @@
+"""Time in which the computer sleeps: the clock of an event loop stands still meanwhile on Linux and macOS."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import time
+
+_SHORTEST = 1.0  # seconds; two clocks cannot be read at the same moment
+
+
+def seconds_asleep() -> float:
+    """Return the seconds that the computer has slept so far; 0 on Windows, where the clock of event loops goes on."""
+    if sys.platform == "linux":
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - time.clock_gettime(time.CLOCK_MONOTONIC)
+    elif sys.platform == "darwin":
+        return time.clock_gettime(time.CLOCK_MONOTONIC) - time.clock_gettime(time.CLOCK_UPTIME_RAW)
+    else:
+        return 0.0
+
+
+def time_with_sleep() -> float:
+    """Return the time of the running event loop, plus the seconds asleep: deadlines of motions are on this clock."""
+    return asyncio.get_running_loop().time() + seconds_asleep()
+
+
+class SleepCounter:
+    """Counter of the times that the computer has slept for more than a second."""
+
+    def __init__(self) -> None:
+        """Start at 0."""
+        self._count = 0
+        self._asleep = seconds_asleep()
+
+    def __call__(self) -> int:
+        """Return the number of times so far."""
+        asleep = seconds_asleep()
+        if asleep - self._asleep > _SHORTEST:
+            self._count += 1
+            self._asleep = asleep
+        return self._count
