@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from servolink.platforms import clock
+from servolink.platforms import time_asleep
 
 HOUR = 3600.0
 
@@ -20,9 +20,9 @@ class Computer:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self._asleep = 12.0  # since it was switched on
-        monkeypatch.setattr(clock, "time", self)
+        monkeypatch.setattr(time_asleep, "time", self)
         if sys.platform == "win32":
-            monkeypatch.setattr(clock, "sys", SimpleNamespace(platform="linux"))
+            monkeypatch.setattr(time_asleep, "sys", SimpleNamespace(platform="linux"))
 
     def sleep(self, seconds: float = HOUR) -> None:
         """Sleep: no program runs, and only some clocks go on."""

@@ -33,7 +33,7 @@ from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_
 from servolink.motion.set_points import FRESH, SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.numeric import checked_flag, is_number
-from servolink.platforms.clock import time_with_sleep
+from servolink.platforms.time_asleep import time_with_sleep
 from servolink.protocol.records import Step
 from servolink.protocol.servos import (
     ALL_SERVOS,

@@ -26,7 +26,7 @@ from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.clock import SleepCounter, time_with_sleep
+from servolink.platforms.time_asleep import SleepCounter, time_with_sleep
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
 from servolink.protocol.servos import SetServoParameterRequest

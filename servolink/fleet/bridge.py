@@ -25,7 +25,7 @@ from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, BoardTopic, Topics
 from servolink.motion.ticket import StopCounter
-from servolink.platforms.clock import SleepCounter
+from servolink.platforms.time_asleep import SleepCounter
 
 SESSION_SECONDS = 300
 """Seconds for which the broker keeps commands for a board after a lost connection; most expire long before."""

@@ -36,7 +36,7 @@ from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, TRANSFER
 from servolink.hub import METHODS
 from servolink.json_text import read_json
 from servolink.motion.ticket import Ticket
-from servolink.platforms.clock import seconds_asleep, time_with_sleep
+from servolink.platforms.time_asleep import seconds_asleep, time_with_sleep
 from servolink.protocol.json_errors import convert
 from servolink.tasks import Tasks
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from servolink.errors import ConnectionLost, ServolinkError
-from servolink.platforms.clock import time_with_sleep
+from servolink.platforms.time_asleep import time_with_sleep
 
 INTERVAL = 1.0
 SLACK = 1.5

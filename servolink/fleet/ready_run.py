@@ -11,7 +11,7 @@ from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare
 from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.clock import seconds_asleep, time_with_sleep
+from servolink.platforms.time_asleep import seconds_asleep, time_with_sleep
 
 
 class ReadyRun:

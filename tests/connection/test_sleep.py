@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from servolink.errors import RequestError
-from servolink.platforms.clock import SleepCounter, seconds_asleep, time_with_sleep
+from servolink.platforms.time_asleep import SleepCounter, seconds_asleep, time_with_sleep
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest

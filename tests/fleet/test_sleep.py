@@ -12,7 +12,7 @@ from servolink.fleet.pulse import Pulse, PulseLink
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import Prepare
 from servolink.motion.ticket import StopCounter
-from servolink.platforms.clock import SleepCounter, time_with_sleep
+from servolink.platforms.time_asleep import SleepCounter, time_with_sleep
 from tests.sleeping import Computer, computer
 
 __all__ = ["computer"]

@@ -18,7 +18,7 @@ from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.motion.ticket import Ticket
-from servolink.platforms.clock import seconds_asleep
+from servolink.platforms.time_asleep import seconds_asleep
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ExecuteActionRequest

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from servolink.errors import Reason
 from servolink.hub.rules.hub_gates import MotionOver, refuse_ticket
 from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.clock import time_with_sleep
+from servolink.platforms.time_asleep import time_with_sleep
 from servolink.protocol.packet import Packet, is_motion
 
 LONGEST_GAP = 5.0

@@ -28,7 +28,7 @@ from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.clock import time_with_sleep
+from servolink.platforms.time_asleep import time_with_sleep
 from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
 

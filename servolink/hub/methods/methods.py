@@ -38,7 +38,7 @@ from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.ticket import Ticket
-from servolink.platforms.clock import seconds_asleep
+from servolink.platforms.time_asleep import seconds_asleep
 from servolink.protocol.servos import ALL_SERVOS
 
 
