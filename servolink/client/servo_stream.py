@@ -14,6 +14,7 @@ from servolink.escaping import quote
 from servolink.motion.angles import Degrees
 from servolink.motion.set_points import SetPoints, checked_set_points
 from servolink.numeric import as_number, is_number
+from servolink.platforms.time_asleep import time_with_sleep
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest
 
 if TYPE_CHECKING:  # imported late: most programs stream nothing
@@ -38,12 +39,12 @@ class ServoStream:
         """Least time from one movement to the next, in seconds."""
         self._gap = gap
         """Longest time from one set-point to the next, in seconds."""
-        self._clock = asyncio.get_running_loop().time
+        self._clock = time_with_sleep
         self._turn = asyncio.Lock()
         self._newest = 0
         """Number of the latest set-point; earlier ones are dropped."""
         self._given_at: float | None = None
-        """Time of the latest set-point on the clock of the event loop; None before the first."""
+        """Time of the latest set-point on the clock of deadlines; None before the first."""
         self._due = 0.0
         """Earliest time of the next movement, on the same clock."""
         self._servo_ids: frozenset[int] = frozenset()

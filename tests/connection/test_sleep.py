@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from servolink.errors import RequestError
+from servolink.errors import RequestError, RequestRefused
 from servolink.platforms.time_asleep import SleepCounter, seconds_asleep, time_with_sleep
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Step
@@ -71,3 +71,13 @@ async def test_a_movement_asked_for_after_a_sleep_is_sent(computer: Computer) ->
         await asyncio.gather(moving, later, return_exceptions=True)
         assert later.exception() is None
         assert len(fake.executed_of(ExecuteActionRequest)) == 2
+
+
+async def test_a_stream_of_set_points_ends_with_a_sleep(computer: Computer) -> None:
+    async with opened(fake := FakeBoard()) as board:
+        stream = board.stream(50, gap=0.5)
+        assert await stream.send({1: 30}) == {1: 30}
+        computer.sleep()
+        with pytest.raises(RequestRefused, match="the stream has ended"):
+            await stream.send({1: 60})
+        assert len(fake.executed_of(ExecuteActionRequest)) == 1
