@@ -1,8 +1,13 @@
-"""docs/reference/api.md names everything that is public, and describes it as the code does."""
+"""The public reference: docs/reference/api.md as the code is, and `help(Board)` with arguments and errors."""
 
 from __future__ import annotations
 
+import inspect
 import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
 
 import servolink
 from docs.api_tables import PAGE, with_tables
@@ -17,3 +22,32 @@ def test_every_public_name_is_on_the_page() -> None:
 def test_the_tables_are_made_from_the_code() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert with_tables(page) == page, "run `python -m docs.api_tables`"
+
+
+METHODS = [function for name, function in inspect.getmembers(servolink.Board, inspect.isfunction) if name[0] != "_"]
+
+
+def listed(function: Callable[..., Any], section: str) -> list[str]:
+    """Return the names in a section of a docstring."""
+    text = inspect.getdoc(function) or ""
+    _, found, rest = text.partition(f"\n\n{section}:\n")
+    return re.findall(r"^    (\w+): \S", rest.partition("\n\n")[0], re.MULTILINE) if found else []
+
+
+@pytest.mark.parametrize("function", [*METHODS, servolink.connect], ids=lambda function: function.__name__)
+def test_help_lists_the_arguments_of_a_method_with_options(function: Callable[..., Any]) -> None:
+    parameters = inspect.signature(function).parameters.values()
+    names = [each.name for each in parameters if each.name != "self"]
+    has_options = any(each.default is not each.empty for each in parameters if each.name not in {"servo_id", "folder"})
+    described = listed(function, "Args")
+    assert described in ([], names)
+    assert described or not has_options, "methods with options have a section Args"
+
+
+@pytest.mark.parametrize("function", [*METHODS, servolink.Board, servolink.connect], ids=lambda each: each.__name__)
+def test_help_lists_errors_that_exist_and_several_in_a_section(function: Callable[..., Any]) -> None:
+    named = listed(function, "Raises")
+    assert [name for name in named if not issubclass(getattr(servolink, name), servolink.ServolinkError)] == []
+    assert (
+        named or len(re.findall(r"\bRaise \w+|, \w+(?:Error|Refused|Rejected|NotFound) ", function.__doc__ or "")) <= 1
+    )

@@ -71,9 +71,6 @@ Remarks are docstrings and comments. Neither deleting nor shortening a riddle to
 """
 REMARKS_ELSEWHERE = (141, 14)
 BACKLOG: dict[str, dict[str, float]] = {
-    "client": {"riddles": 2.5, "lines": 170},
-    "connection": {"short": 23},
-    "control": {"riddles": 4, "pronouns": 7.5, "lines": 175, "short": 31},
     "studio/web": {"pronouns": 8.5, "lines": 80},
 }
 """Figures of packages that do not hold the measure yet, each as the bound of that package."""

@@ -34,7 +34,7 @@ class Alarm(Struct, frozen=True):
     """
 
     quantity: Quantity
-    """`current_raw` or `temperature_raw`."""
+    """Value to compare: `current_raw` or `temperature_raw`."""
     sign: Literal["<", ">"]
     """Whether values below or above the limit are bad."""
     limit: int

@@ -75,21 +75,27 @@ class Board:
     - 4 projects: `export_project`, `plan_project`, `apply_project`, `rollback_project`, `has_unfinished_import`
 
     Numbers in parentheses are sections of the document. Servo ids are 0..254, and 255 (`ALL_SERVOS`) stands for all;
-    other ids are 32-bit integers. A method that asks the board raises RequestTimeout if it does not answer,
-    OutcomeUnknown if a command was sent and not answered, ConnectionLost if the connection is lost, and EncodeError,
-    before anything is sent, for a value that does not fit the protocol.
+    other ids are 32-bit integers.
 
-    In place of an id, methods take a caption, such as `"hip"`, and for all servos `"all"`. A text of digits is an id,
-    `"name:3"` the caption `3`. A caption that is written exactly so comes first, then one that differs in case only.
-    Captions are read from the board each time; for an integer nothing more is sent. An unknown caption raises NotFound,
-    one that several things have AmbiguousName.
+    Captions: methods take a caption in place of an id, such as `"hip"`, and `"all"` for all servos. Digits are an id,
+    `"name:3"` is the caption `3`. An exact match of upper and lower case comes first. Each call with a caption reads
+    the captions from the board; a call with an integer does not.
 
-    Limits (`angle_limits`, `speed_cap` and `soft_start`, of `connect` or of the board's profile) hold for everything
-    that moves servos. What a run uses is read first, and each step is checked from where those before it end, the first
-    from where the servos are. A step beyond a limit raises MotionRefused, with nothing moved. With `soft_start`, servos
-    whose first movement this would be (see `move`) then go to their first angles in the run, no faster than that. When
-    they have arrived, everything is checked again, and the run begins. A stop in between raises RequestRefused, a servo
-    that does not arrive TargetNotReached. With `dry_run`, everything is checked and nothing moves.
+    Limits: `angle_limits`, `speed_cap` and `soft_start`, of `connect` or of the board's profile, hold for all
+    movements. Before a run of stored records, the records are read and each step is checked from the end of the step
+    before. With `soft_start`, servos in their first movement (see `move`) then go to their first angles in the run;
+    after the arrival everything is checked again, and the run begins.
+
+    Raises:
+        RequestTimeout: The board does not answer a query, or a command was not sent. Any method that asks the board.
+        OutcomeUnknown: A command was sent, and the board did not answer.
+        ConnectionLost: The connection is lost.
+        EncodeError: A value does not fit the protocol; nothing was sent.
+        NotFound: The board has no servo or record with this id or caption.
+        AmbiguousName: Several servos or records have this caption.
+        MotionRefused: A step is beyond a limit, or another program moves the board; nothing moved.
+        RequestRefused: A stop came before or during a run, or the role of the program does not allow the request.
+        TargetNotReached: A servo did not arrive at the first angle of a run in time.
     """
 
     def __init__(
@@ -193,33 +199,41 @@ class Board:
     def states(self) -> AsyncGenerator[ConnectionState, None]:
         """Yield the present state (`connected`, `lost` or `closed`), then each change up to `closed`.
 
-        A board that a hub shares is lost while the hub has lost it.
+        The board of a hub is lost as long as the hub has lost the board.
         """
         return self._session.states()
 
     async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:
-        """Send any packet that the board answers, and return the response, whatever it says.
+        """Send any packet that the board answers, and return the response, also a negative one.
 
-        `timeout` (0.001..3600 seconds) limits the whole call, waiting for other requests included; None leaves it to
-        the `patience` of the connection. `unchecked` allows values that only a board sends, such as control characters
-        in captions, to give back what was read from it. With limits, an ExecuteMacroRequest is treated as by
-        `run_macro`; `timeout` then counts from when it is sent.
+        With limits, an ExecuteMacroRequest is treated as by `run_macro`.
+
+        Args:
+            packet: Request to send.
+            timeout: Limit of the whole call, 0.001..3600 seconds, including the wait for other requests; None for the
+                `patience` of the connection. For an ExecuteMacroRequest with limits it counts from the sending.
+            unchecked: Whether values are allowed that only a board sends, such as control characters in captions. For
+                writing back records that were read from the board.
         """
         return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked, ticket=self._ticket)
 
     async def send(self, packet: Command) -> None:
-        """Send any packet that the board does not answer. Raise EncodeError if a movement has a servo twice.
+        """Send any packet that the board does not answer.
 
-        With limits, an ExecuteActionRequest beyond one is refused with MotionRefused, not changed; its angles are in
-        the unit that is set for each servo. An ExecuteActionExRequest is treated as by `run_action`.
+        With limits, an ExecuteActionExRequest is treated as by `run_action`, and an ExecuteActionRequest is checked,
+        with angles in the unit that is set for each servo.
+
+        Raises:
+            EncodeError: A movement has a servo twice.
+            MotionRefused: A movement is beyond a limit.
         """
         await self._packets.send(packet, ticket=self._ticket)
 
     async def took_effect(self, request: Packet) -> bool | None:
-        """Return whether the board is now as `request` would have made it, to follow up on OutcomeUnknown.
+        """Return whether the board is now in the state that `request` asks for, to follow up on OutcomeUnknown.
 
-        Return None for requests that leave no readable trace: motion, angle units, the transmission mode and the
-        event subscription.
+        Return None for requests without a readable effect: motions, angle units, the transmission mode and the event
+        subscription.
         """
         return await self._records.took_effect(request)
 
@@ -243,7 +257,7 @@ class Board:
     # --- 3.1 settings -------------------------------------------------------------------------------------------
 
     async def set_transmission_mode(self, mode: int) -> None:
-        """Set mode 1, this protocol, or 0, an older one that servolink does not support (3.1.1).
+        """Set mode 1 for this protocol, or 0 for an older protocol without support (3.1.1).
 
         Raise Rejected if the board reports another mode.
         """
@@ -259,7 +273,7 @@ class Board:
     async def memory(self) -> QueryMemorySizeResponse:
         """Return the memory in bytes: `size` is free, `total_size` is None if the board does not report it (3.1.3).
 
-        If the profile of the board knows the unit in which it counts, its numbers are converted.
+        Numbers of a board whose profile has a memory unit are converted.
         """
         found = await self._session.request(QueryMemorySizeRequest())
         unit = (self.profile and self.profile.settings.memory_unit) or 1
@@ -285,11 +299,14 @@ class Board:
         return await self._servos.servos()
 
     def watch(self, hz: float | None = None, *, alarms: Iterable[Alarm] = ()) -> ServoReadings:
-        """Return an iterator over readings of all servos (3.2.2), `hz` times a second (0 < hz <= 1000).
+        """Return an iterator over readings of all servos (3.2.2), each with `seconds`, `servos`, `missed` and `alarms`.
 
-        Without `hz`, as often as the line allows; a `depth` above 1 (see `connect`) makes that more. All iterators of
-        a board share what is read. A reading has `seconds`, `servos`, `missed` and `alarms` (see `ServoReading`): which
-        of the given alarms were raised. An alarm with `stops` stops all servos at once.
+        All iterators of a board share the same queries (see `ServoReading`).
+
+        Args:
+            hz: Readings per second, above 0 and at most 1000; None for as many as the line allows. A `depth` above 1
+                (see `connect`) makes more possible.
+            alarms: Alarms to compare with each reading. An alarm with `stops` stops all servos at once.
         """
         from servolink.client.alarms import checked_alarms
         from servolink.client.servo_readings import ServoReadings
@@ -301,21 +318,30 @@ class Board:
         return await self._servos.servo(servo_id)
 
     async def set_servo(self, servo_id: int | str, *, start: bool, hold: bool) -> None:
-        """Start a servo or stop it, hold its angle or release it (3.2.3).
+        """Start or stop a servo, and hold its angle or release it (3.2.3).
 
-        A stopped servo ignores movements; a released one is limp. Raise Rejected if the board reports another state.
+        Args:
+            servo_id: Id or caption of a servo, 255 or `"all"` for all servos.
+            start: Whether the servo obeys movements; a stopped servo ignores them.
+            hold: Whether the servo holds its angle; a released servo is limp.
+
+        Raises:
+            Rejected: The board reports another state.
         """
         await self._servos.set_servo(servo_id, start=start, hold=hold, ticket=self._ticket)
 
     async def release(self, servo_id: int | str = ALL_SERVOS) -> None:
-        """Stop and release a servo, or all (3.2.3). It goes limp, and a raised limb falls."""
+        """Stop and release a servo, or all servos (3.2.3). A released servo is limp, and a raised limb falls."""
         await self._servos.set_servo(servo_id, start=False, hold=False, ticket=self._ticket)
 
     async def stop(self) -> None:
-        """Stop all servos where they are and hold them, ahead of every other request (3.2.3).
+        """Stop all servos at their present angles and hold them, ahead of all other requests (3.2.3).
 
-        Confirmed by reading the servos. Raise OutcomeUnknown if they do not all report that they are stopped and held.
-        A stopped servo ignores movements until `set_servo(..., start=True, hold=True)`.
+        Returns when all servos report that they are stopped and held. A stopped servo ignores movements until
+        `set_servo(..., start=True, hold=True)`.
+
+        Raises:
+            OutcomeUnknown: Some servos do not report that they are stopped and held.
         """
         await self._servos.stop()
 
@@ -324,12 +350,12 @@ class Board:
         await self._servos.units.set(unit, servo_id)
 
     def unit_of(self, servo_id: int) -> AngleUnit | None:
-        """Return the unit of a servo's angles, None if it is unknown. Does not ask the board: takes no caption."""
+        """Return the unit of a servo's angles by its id, None if unknown. Asks nothing of the board."""
         return self._servos.units.of(servo_id)
 
     @property
     def units(self) -> ServoUnits:
-        """The units that are known to be set on the board. Change them with `set_angle_unit` only."""
+        """Angle units known to be set on the board. Only `set_angle_unit` changes the units."""
         return self._servos.units.current
 
     async def move(
@@ -341,36 +367,45 @@ class Board:
         wait: bool = False,
         dry_run: bool = False,
     ) -> float:
-        """Move servos together to angles in degrees (or `Adc`) and return the duration in seconds (3.2.5).
+        """Move servos together to angles in degrees (or `Adc`), and return the duration in seconds (3.2.5).
 
-        Give either `duration`, 0.01..327.67 seconds, or `speed` in degrees per second, one for all servos or a mapping
-        by servo id: then the present angles are read first, and each servo turns at its speed. Raise MotionRefused,
-        before anything moves, for an angle outside `angle_limits` or a speed above `speed_cap`. Without `angle_limits`
-        any angle is sent, as the protocol gives no range.
+        Returns when the movement is sent, or with `wait`, when all servos have arrived. The board reports no errors of
+        movements, and a servo turns only as far as the robot lets it.
 
-        With `soft_start`, the first movement of a servo is no faster than that: if need be, the whole movement takes
-        longer, for all of its servos alike, and so does the returned duration. The first movement is that on a new
-        connection, or after the servo was stopped or released; it lasts until its planned end, whatever is sent until
-        then.
+        The first movement of a servo is the first on a new connection, or after a stop or release of the servo, and
+        lasts until its planned end. With `soft_start`, the whole movement takes longer if a servo in its first movement
+        would be too fast.
 
-        Returns when the movement was sent, which says nothing about the servos: the board reports no errors, and a
-        servo turns only as far as it can. With `wait`, returns when all have arrived, and raises TargetNotReached for
-        one that is not within 2 degrees of its target a second after the planned end.
+        Args:
+            targets: Angles by id or caption. Without `angle_limits` any angle is sent, as the protocol gives no range.
+            duration: Seconds, 0.01..327.67. Give either `duration` or `speed`.
+            speed: Degrees per second for all servos, or by servo id. The present angles are read first.
+            wait: Whether to wait until the servos are within 2 degrees of their targets.
+            dry_run: Whether to check and return the duration, and send nothing.
+
+        Raises:
+            MotionRefused: An angle is outside `angle_limits` or a speed above `speed_cap`, or another program moves the
+                board. Nothing moved.
+            TargetNotReached: With `wait`, a servo has not arrived a second after the planned end.
         """
         return await self._servos.move(
             targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run, ticket=self._ticket
         )
 
     def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
-        """Return a stream of set-points (3.2.5), at most `hz` a second (0 < hz <= 100), as from a gamepad or a policy.
+        """Return a stream of set-points (3.2.5), as from a gamepad or a policy.
 
-        `await stream.send({1: 30.5})` turns servos toward angles in degrees and returns the angles sent. Limits refuse
-        nothing there: an angle is replaced by the nearest whole one within `angle_limits`, and a way too long for
-        `speed_cap` or `soft_start` is shortened. The way begins where the last target has brought the servo by now, or
-        at a reading if nothing was sent for 0.5 s or something else has moved.
+        `await stream.send({1: 30.5})` turns servos toward angles in degrees, and returns the angles sent. Limits shorten
+        a movement in place of refusing it: each target is the nearest whole angle within `angle_limits`, no farther than
+        `speed_cap` and `soft_start` allow. A movement begins at the present angle on the way to the last target, or at a
+        reading after 0.5 s without a set-point and after any other movement.
 
-        A set-point that is not sent yet is dropped when a newer one comes. The stream ends with a stop, with a loss of
-        the connection, and when no set-point is given for `gap` seconds, at most 10; servos keep their last targets.
+        A newer set-point replaces an unsent one. A stop, a loss of the connection, or a gap ends the stream; the servos
+        keep their last targets.
+
+        Args:
+            hz: Most set-points per second, above 0 and at most 100.
+            gap: Seconds without a set-point that end the stream, above 0 and at most 10.
         """
         from servolink.client.servo_stream import stream_on
 
@@ -379,21 +414,34 @@ class Board:
     def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Read all servos every 40 ms (3.2.2): for `seconds`, and until those in `targets` have arrived there.
+        """Read all servos every 40 ms (3.2.2), until `seconds` are over and the servos in `targets` have arrived.
 
-        For a movement that takes `seconds`, as returned by `move`. With `settle`, reading goes on until two readings
-        are equal. Raise TargetNotReached for a servo that has not arrived a second after the planned end, and
-        OutcomeUnknown if the board does not answer meanwhile.
+        Args:
+            targets: Angles by id or caption, as given to `move`.
+            seconds: Duration of the movement, as returned by `move`.
+            settle: Whether to read on until two readings are equal.
+
+        Raises:
+            TargetNotReached: A servo has not arrived a second after the planned end.
+            OutcomeUnknown: The board does not answer during the movement.
         """
         return self._servos.follow(targets, as_number(seconds), settle=settle)
 
     async def run_action(self, action_id: int | str, *, wait: bool = False, dry_run: bool = False) -> float:
-        """Run a stored action (3.2.6) and return its duration in seconds. Raise NotFound if there is none.
+        """Run a stored action (3.2.6), and return its duration in seconds.
 
-        Returns when the command is sent: the board does not answer it. With `wait`, returns when the duration is over
-        and the servos rest at their last angles. Raise TargetNotReached that names the servos that are not within 2
-        degrees of them a second later, and RequestRefused if `stop` ends the run. A cancelled wait stops nothing.
-        Raise MotionRefused, with nothing moved, for a step beyond a limit (see `Board`).
+        Returns when the command is sent, as the board does not answer it. A cancelled wait stops nothing.
+
+        Args:
+            action_id: Id or caption.
+            wait: Whether to wait until the duration is over and the servos rest at their last angles.
+            dry_run: Whether to check and return the duration, and send nothing.
+
+        Raises:
+            NotFound: The board has no such action.
+            MotionRefused: A step is beyond a limit (see `Board`). Nothing moved.
+            TargetNotReached: With `wait`, servos are not within 2 degrees of their last angles a second after the end.
+            RequestRefused: A stop ended the run.
         """
         return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
 
@@ -402,17 +450,25 @@ class Board:
     ) -> float:
         """Play an action or a macro of a project without storing it (3.2.5), and return its duration in seconds.
 
-        `name` is a caption, an id, or as in `macro:3`. Each step is sent as a movement when its time comes; the board
-        runs no macro. Returns when the servos rest at their last angles.
+        Each step is sent as a movement at its time, and never twice; the board runs no macro. Returns when the servos
+        rest at their last angles. After a cancellation no further step is sent, and the servos finish the present step
+        unless `stop` is called.
 
-        Everything is checked before anything moves. Raise ProjectError for a name that is not in the project,
-        MotionRefused for a step beyond a limit, NotFound for a record or a servo that is missing, EncodeError for
-        values that do not fit, RequestRefused for a servo that is stopped or released, set to ADC, or for a macro that
-        never ends.
+        Args:
+            project: Project with the record.
+            name: Caption, id, or both kinds as in `macro:3`.
+            playback: Control of the run: `playback.pause()` lets the servos finish the present steps, and
+                `playback.resume()` continues.
+            dry_run: Whether to check and return the duration, and send nothing.
 
-        `playback.pause()` lets the servos finish the steps that have begun, and `playback.resume()` goes on. A stop, a
-        change of an angle unit (RequestRefused) and a lost connection (ConnectionLost) end it: no step is sent twice.
-        After a cancellation no further step is sent; the servos finish the one that has begun, unless `stop` is called.
+        Raises:
+            ProjectError: The project has no such record.
+            NotFound: A record or a servo in the run is missing.
+            EncodeError: A value does not fit the protocol.
+            MotionRefused: A step is beyond a limit. Nothing moved.
+            RequestRefused: A servo is stopped, released or set to ADC, a macro never ends, a stop ended the run, or an
+                angle unit was set meanwhile.
+            ConnectionLost: The connection was lost during the run.
         """
         return await self._playing.play(project, name, playback=playback, dry_run=dry_run)
 
@@ -427,9 +483,10 @@ class Board:
         return await self._records.get(ACTION, action_id)
 
     async def add_action(self, action: Action) -> Action:
-        """Store an action and return it (3.3.3). If its id is 0, it gets the lowest free one.
+        """Store an action (3.3.3), and return the stored action: an id of 0 becomes the lowest free id.
 
-        Raise Rejected if the board refuses: its memory may be full, or the id may be taken.
+        Raises:
+            Rejected: The board refuses; its memory may be full, or the id may be taken.
         """
         return await self._records.add(ACTION, action)
 
@@ -446,10 +503,12 @@ class Board:
         return await self._records.get(MACRO, macro_id)
 
     async def add_macro(self, macro: Macro) -> Macro:
-        """Store a macro and return it (3.3.7). If its id is 0, it gets the lowest free one.
+        """Store a macro (3.3.7), and return the stored macro: an id of 0 becomes the lowest free id.
 
-        Raise EncodeError if it refers to an action or a macro without an id: add that first, and refer to what
-        `add_action` or `add_macro` returned. Raise Rejected if the board refuses.
+        Raises:
+            EncodeError: The macro refers to an action or a macro without an id. Add that record first, and refer to the
+                result of `add_action` or `add_macro`.
+            Rejected: The board refuses; its memory may be full, or the id may be taken.
         """
         return await self._records.add(MACRO, macro)
 
@@ -458,14 +517,22 @@ class Board:
         await self._records.delete(MACRO, macro_id)
 
     async def run_macro(self, macro_id: int | str, *, wait: bool = False, dry_run: bool = False) -> None:
-        """Start a stored macro (3.3.9). Raise NotFound if the board lists none, Rejected if it does not start.
+        """Start a macro that is stored on the board (3.3.9).
 
-        Returns when the board has answered. With `wait`, everything that the macro runs is read first, and it returns
-        when the motion is over, as `run_action` does.
+        Returns when the board has answered. Without limits, `wait` and `dry_run`, only the list of macros is read
+        first; otherwise all records in the run. Each step is checked at the speed that its ratios give.
 
-        With limits (see `Board`), each step is checked at the speed that ratios give it. Raise NotFound if a record is
-        missing, MotionRefused also for a macro that runs itself. Without limits, `wait` and `dry_run`, only the list of
-        macros is read.
+        Args:
+            macro_id: Id or caption.
+            wait: Whether to wait for the end of the motion, as `run_action` does.
+            dry_run: Whether to check only, and send nothing.
+
+        Raises:
+            NotFound: The board has no such macro, or a record in the run is missing.
+            Rejected: The board does not start the macro.
+            MotionRefused: A step is beyond a limit, or with limits, the macro runs itself. Nothing moved.
+            TargetNotReached: With `wait`, servos are not within 2 degrees of their last angles a second after the end.
+            RequestRefused: A stop ended the run.
         """
         await self._runs.run_macro(macro_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
 
@@ -484,7 +551,7 @@ class Board:
     async def project_id(self) -> int:
         """Return the project id, 0 if there is none (3.3.13).
 
-        The first time that it marks an unfinished import, a warning is logged.
+        A warning is logged the first time that the id marks an unfinished import.
         """
         return await self._projects.project_id()
 
@@ -499,9 +566,11 @@ class Board:
         return await self._records.get(TABLE, table_id)
 
     async def add_joystick_table(self, table: JoystickTable) -> JoystickTable:
-        """Store a joystick table and return it (3.4.3). If its id is 0, it gets the lowest free one.
+        """Store a joystick table (3.4.3), and return the stored table: an id of 0 becomes the lowest free id.
 
-        Raise EncodeError if it refers to a macro without an id, Rejected if the board refuses.
+        Raises:
+            EncodeError: A button refers to a macro without an id.
+            Rejected: The board refuses; its memory may be full, or the id may be taken.
         """
         return await self._records.add(TABLE, table)
 
@@ -518,9 +587,10 @@ class Board:
         return await self._records.active_table()
 
     def button_events(self, limit: int = 256) -> ButtonEvents:
-        """Return an iterator over button events, which subscribes when it is first used (3.4.7, 3.4.8).
+        """Return an iterator over button events, which subscribes on first use (3.4.7, 3.4.8).
 
-        Up to `limit` unread events are kept; the oldest are dropped and counted.
+        Args:
+            limit: Most unread events to keep; then the oldest are dropped and counted.
         """
         from servolink.client.button_events import ButtonEvents
 
@@ -529,9 +599,13 @@ class Board:
     # --- 4 projects: everything stored on the board at once --------------------------------------------------------
 
     async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
-        """Return everything stored on the board, each part from two readings that agree (4.3).
+        """Return everything stored on the board, each part from two equal readings (4.3).
 
-        Raise ProjectError if they never agree, or if the board lists a record that it does not return.
+        Args:
+            on_progress: Function called with the progress.
+
+        Raises:
+            ProjectError: Two readings are never equal, or the board lists a record that it does not return.
         """
         return await self._projects.export(on_progress)
 
@@ -543,9 +617,13 @@ class Board:
         unchecked: bool = False,
         on_progress: ProgressCallback = ignore_progress,
     ) -> Plan:
-        """Return what `apply_project` would change and what that costs, without changing anything.
+        """Return the changes by `apply_project` and their cost, and change nothing.
 
-        `unchecked` is for a project read from a board, which may hold values that servolink does not write by itself.
+        Args:
+            project: Project to compare with the board.
+            replace: As for `apply_project`.
+            unchecked: As for `apply_project`.
+            on_progress: Function called with the progress.
         """
         return await self._projects.plan(project, replace=replace, unchecked=unchecked, on_progress=on_progress)
 
@@ -559,13 +637,21 @@ class Board:
         unchecked: bool = False,
         on_progress: ProgressCallback = ignore_progress,
     ) -> ApplyResult:
-        """Make the board hold exactly `project` (4.2): what differs is written, what is not in it is deleted.
+        """Make the board hold exactly `project` (4.2): write the differences, and delete all other records.
 
-        With `replace` everything is deleted and written again. First the content of the board is saved in `folder`
-        (by default the user's data folder). After any interruption, a cancellation too, applying again finishes the
-        import and `rollback_project` undoes it. `unchecked` is as for `plan_project`. If the project seems not to fit
-        the board's memory, a warning is logged. Raise ProjectError if the project cannot be written, if the backup
-        fails, or if the board refuses.
+        After any interruption, also a cancellation, another call finishes the import, and `rollback_project` undoes it.
+        A warning is logged for a project that seems too large for the board's memory.
+
+        Args:
+            project: Project to write.
+            replace: Whether to delete everything and write all records again.
+            backup: Whether to save the content of the board first.
+            folder: Folder of the backups and journals; None for the user's data folder.
+            unchecked: Whether values are allowed that only a board sends. For a project that was read from a board.
+            on_progress: Function called with the progress.
+
+        Raises:
+            ProjectError: The project cannot be written, the backup fails, or the board refuses.
         """
         return await self._projects.apply(
             project, replace=replace, backup=backup, folder=folder, unchecked=unchecked, on_progress=on_progress
@@ -574,17 +660,26 @@ class Board:
     async def rollback_project(
         self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
     ) -> ApplyResult:
-        """Make the board hold what it held before the last import at this address, or what the file `backup` holds.
+        """Restore the content of the board before the last import at this address, or a backup.
 
-        Raise ProjectError if there is no such backup, or if the board was changed since that import.
+        Args:
+            backup: File of the backup; None for that of the last import.
+            folder: Folder of the backups and journals; None for the user's data folder.
+            on_progress: Function called with the progress.
+
+        Raises:
+            ProjectError: There is no such backup, or the board was changed since that import.
         """
         return await self._projects.roll_back(backup, folder=folder, on_progress=on_progress)
 
     async def has_unfinished_import(self, *, folder: Path | None = None) -> bool:
         """Return whether an import was interrupted: `apply_project` finishes it, `rollback_project` undoes it.
 
-        The project id of the board says so. Of a board that keeps fewer than 32 bits of it, only the journals in
-        `folder` (by default the user's data folder) say so, for this address.
+        The project id of the board marks an unfinished import. For a board that keeps fewer than 32 bits of the id, the
+        journals of this address decide.
+
+        Args:
+            folder: Folder of the journals; None for the user's data folder.
         """
         return await self._projects.has_unfinished_import(folder)
 
@@ -595,7 +690,7 @@ async def send_set_points(board: Board, targets: Mapping[int, float], points: Se
 
 
 def with_ticket(board: Board, ticket: Ticket) -> Board:
-    """Return `board` for a motion that was asked for when `ticket` was issued, and not when its method is called."""
+    """Return `board` with `ticket` for all motions, in place of a new ticket at each call."""
     one = copy(board)
     one._ticket = ticket  # noqa: SLF001 - a board that only this function makes
     return one

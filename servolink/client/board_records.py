@@ -76,7 +76,7 @@ class RecordStore:
     async def add_servo_parameters(self, servos: Iterable[ServoParameter]) -> None:
         """Store caption and angle correction of servos (3.3.11). Raise Rejected if the board refuses."""
         request = AddServoParameterRequest(tuple(servos))
-        await self._session.command(request, "its memory may be full, or it has no such servo")
+        await self._session.command(request, "the memory may be full, or the servo absent")
 
     async def set_active_table(self, table: int | str) -> None:
         """Activate a joystick table (3.4.5). Raise Rejected for a missing table."""

@@ -59,9 +59,9 @@ class Servo(Struct, frozen=True):
     angle: int
     """`Degrees` or `Adc`; a plain number if the unit is unknown."""
     current: int
-    """Raw reading."""
+    """Raw reading, without a unit in the document."""
     temperature: int
-    """Raw reading."""
+    """Raw reading, without a unit in the document."""
     servo_type: int
     is_start: bool
     """Whether the servo may move; a stopped servo ignores movements."""
@@ -184,7 +184,9 @@ class ServoController:
             goals, intervals, moving = await self._planned(angles, duration, speed)
             steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
             request = ExecuteActionRequest(steps)
-            longest = round(max(intervals.values()) * self._interval_unit, 9)  # 0.07 s, not 0.07000000000000001
+            longest = round(
+                max(intervals.values()) * self._interval_unit, 9
+            )  # 0.07 s rather than 0.07000000000000001 s
             if dry_run:
                 return longest
             # The movement may wait for its turn. If a unit is sent meanwhile, its numbers mean other angles.
@@ -291,7 +293,7 @@ class ServoController:
         doubt = ""
         for _ in range(_STOP_TRIES):
             connection = self._session.connection
-            # Not a normal request: it waits for nothing, and its response cannot be told from that of an earlier
+            # Not a normal request: nothing is waited for, and the response looks like that of an earlier
             # `set_servo`. So the state of the servos is what counts.
             await connection.send_stop(request)
             if connection.hub is not None and connection.is_suspended:

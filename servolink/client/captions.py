@@ -21,7 +21,7 @@ from servolink.protocol.record_types import TABLE, RecordType
 from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest
 
 ALL = "all"
-"""The name of all servos; one with this caption is `name:all`."""
+"""Name of all servos; a servo with this caption is `name:all`."""
 
 Targets: TypeAlias = Mapping[int, float] | Mapping[str, float] | Mapping[int | str, float]
 """Angles by id or caption of the servo.

@@ -49,35 +49,38 @@ _HOW = (
 class connect:  # noqa: N801 - reads as the function it stands for
     """`async with connect(url) as board:` opens a board and closes it again; `await connect(url)` only opens it.
 
-    `url` is an address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), a device path, a name given by
-    `servolink use`, or a transport; without it, the only board that `discover` finds.
+    Connecting begins with a handshake: a few queries that prove that no response to an earlier program is
+    outstanding. The options up to `write_depth` can also stand in the address
+    (`serial:///dev/ttyACM0?byte_order=big`). Arguments come first, then the address, then the profile; limits of
+    the profile only tighten those given.
 
-    The first six options can also be given in the address (`serial:///dev/ttyACM0?byte_order=big`); the arguments
-    override it. `byte_order` is "little" unless given, `caption_encoding` "utf-8". `transmission_mode` says when mode 1
-    (3.1.1), which this protocol needs, is set on connecting: "auto", if the board does not answer; 1, always; "keep",
-    never. `patience` (0.001..3600 seconds, 3 unless given) is the time to ask for one response, repeats included,
-    counted from the first time that the request is sent. `depth` (1..64) is how many queries may be under way at once,
-    and `write_depth` how many requests while something is changed: both 1 unless the board queues them. They are upper
-    bounds; as many are used as make the responses come faster.
+    Args:
+        url: Address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), device path, name given by
+            `servolink use`, or transport; None for the only board that `discover` finds.
+        byte_order: "little" unless given.
+        caption_encoding: "utf-8" unless given.
+        transmission_mode: When to set mode 1 (3.1.1), which this protocol needs: "auto", if the board does not
+            answer; 1, always; "keep", never.
+        patience: Time to ask for one response, 0.001..3600 seconds, repeats included, from the first sending; 3
+            unless given.
+        depth: Most queries under way at once, 1..64; 1 unless given, for a board that does not queue them. As many
+            are used as make responses come faster.
+        write_depth: Most requests under way while the board is changed, 1..64; 1 unless given.
+        angle_unit: Unit set on all servos before the first command with an angle; None leaves the units unchanged.
+        angle_limits: Degrees, for all servos or by servo id, not by caption: a new caption must not lift a limit.
+        speed_cap: Degrees per second, for all servos or by servo id.
+        soft_start: Highest speed of the first movement of each servo, degrees per second (see `Board.move`).
+        reconnect: Whether to restore a lost connection to the same board in the background. Waiting requests fail
+            all the same, and no movement is repeated (see `Board.states`).
+        handshake: False to begin the handshake with the first request, so that a `stop` can come first.
+        profile: Profile of the board (see `servolink board show`), or its name; None for the profile of the board's
+            name, also for the address of a named board.
 
-    `angle_unit` is set on all servos before the first command with an angle; None leaves them as they are.
-    `angle_limits` (degrees) and `speed_cap` (degrees per second) are those of all servos or mappings by servo id, and
-    are checked before anything moves, by itself or by a stored record. They take ids only: with captions, a program
-    that renames a servo would lift its limits. `soft_start` (degrees per second) is the highest speed of the first
-    movement of each servo (see `Board.move`).
-
-    `profile` is what is known of the board (see `servolink board show`): unless given, the profile of the board's name,
-    also if the address is recognised as that of a named board. The options above and those in the address override it;
-    limits in it only tighten. With another board than that of the profile, what moves or changes it raises WrongBoard.
-
-    With `reconnect`, a lost connection to the same board is restored in the background. Requests that were waiting
-    have failed, and no movement is repeated (see `Board.states`).
-
-    Connecting begins with a handshake: a few queries that prove that no response to an earlier program is still to
-    come. With `handshake` False they are sent before the first request instead, so that a `stop` goes out before them.
-
-    Raise OpenError or TransportUnavailable, which say what to do. Raise ProfileError, which is one of the latter, with
-    file and line of a damaged profile.
+    Raises:
+        OpenError: The address cannot be opened, or no board answers; the text gives the remedy.
+        TransportUnavailable: A library is missing, or the address is written wrongly.
+        ProfileError: The profile is damaged; the text names the file and the line.
+        WrongBoard: Later, from a method that moves or changes a board other than that of the profile.
     """
 
     def __init__(
@@ -98,7 +101,6 @@ class connect:  # noqa: N801 - reads as the function it stands for
         handshake: bool = True,
         profile: BoardProfile | str | None = None,
     ) -> None:
-        """Check the arguments. Nothing is opened yet."""
         given = {
             "byte_order": byte_order,
             "caption_encoding": caption_encoding,
@@ -284,7 +286,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Close the board."""
+        """Close the board and free the port."""
         board, self._board, self._is_entered = self._board, None, False
         if board is not None:
             await board.close()
@@ -374,7 +376,7 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     _refuse_transport(url, "reconnecting")
     pauses = Pauses()
     async for board in Reconnecting(connect(url, **options).open, pauses, _may_come_back):
-        with suppress(OpenError, ConnectionLost):  # unplugged in the body
+        with suppress(OpenError, ConnectionLost):  # unplugged in the body of the `async with`
             try:
                 yield board
             finally:

@@ -101,7 +101,7 @@ class HubLink:
 
     @asynccontextmanager
     async def exclusive(self, reason: str) -> AsyncIterator[None]:
-        """Take exclusive use of the board in this context, after other programs; not for a program that only reads."""
+        """Take exclusive use of the board in this context, after other programs; readers only wait."""
         self._holds += 1
         try:
             if self._holds == 1 and self._welcome.role == "edit":
@@ -161,7 +161,7 @@ class HubLink:
         )
 
     def _hear(self, method: str, params: Raw) -> None:
-        """Take a notification."""
+        """Take a notification of the hub; log unreadable ones."""
         try:
             if method == "lease":
                 notice = msgspec.json.decode(params, type=LeaseNotice)
@@ -211,7 +211,7 @@ class HubLink:
 
 async def open_link(connection: Connection, transport: ShareTransport) -> HubLink | None:
     """Tie an open connection to the control interface of its hub; None for a hub without one. Raise OpenError."""
-    welcome = await transport.greet()  # known by now
+    welcome = await transport.greet()  # known from the greeting on opening
     if not welcome.has_control:
         return None
     link = HubLink(connection, welcome)

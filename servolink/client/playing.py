@@ -100,7 +100,7 @@ class Playing:
             self._check_values(one)
         run = RecordRun(stored, record, self._interval_unit)
         servos = await self._servos.servos()
-        check_can_wait(run, servos)  # from here on nothing is endless
+        check_can_wait(run, servos)  # endless runs were refused above
         for action, speed in run.slowest():
             try:
                 self._session.codec.encode(_movement(action.steps, speed))
@@ -149,11 +149,11 @@ class _Player:
         self._ticket = ticket
         self._playback = playback
         self._waiting: list[ExecuteActionRequest] = []
-        """Movements to begin now."""
+        """Movements to begin at the present time."""
         self._due = asyncio.get_running_loop().time()
         """Time of the next step, seconds of the event loop's clock."""
         self.latest = ExecuteActionRequest()
-        """Latest movement sent."""
+        """Latest movement sent to the board."""
         self._has_begun = False
 
     def lost(self, error: ConnectionLost) -> ConnectionLost:

@@ -85,7 +85,7 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
 
     @abstractmethod
     def _new_reader(self) -> ReaderT:
-        """Return a new reader."""
+        """Return a new reader of all later items."""
 
     def __aiter__(self) -> Self:
         """Return the iterator itself."""
@@ -106,14 +106,14 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
         return item
 
     async def __aenter__(self) -> Self:
-        """Join."""
+        """Join: keep items for this reader from now on."""
         await self._join()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Leave."""
+        """Leave: keep no further items for this reader."""
         await self.aclose()
 
     async def aclose(self) -> None:
@@ -124,7 +124,7 @@ class SharedIterator(AsyncIterator[T], Generic[T, ReaderT]):
 
     def __del__(self) -> None:
         """Leave after `break` has left an `async for` loop."""
-        if getattr(self, "_joined", False):  # missing after refused arguments
+        if getattr(self, "_joined", False):  # the attribute is missing after refused arguments
             self._source.leave_later(self._reader)
 
     async def _join(self) -> None:

@@ -16,7 +16,7 @@ from servolink.protocol.editing import QueryProjectIDRequest
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
 """After these errors the board is unchanged: nothing was sent, or the board says so."""
 SETTLES_AFTER = 3.0
-"""Seconds for which a write may not last: a board that loses power sooner may come back as it was before."""
+"""Seconds until a write lasts: a board that loses power sooner may come back without the write."""
 _logger = logging.getLogger(__name__)
 
 
@@ -78,7 +78,7 @@ class Reconnector:
         return not self._stopped
 
     async def stop(self) -> None:
-        """Cancel reconnecting, for good."""
+        """Cancel reconnecting, and never begin again."""
         self._stopped = True
         if self._task is not None:
             self._task.cancel()
@@ -117,7 +117,7 @@ class Reconnector:
 
 
 class BoardIdentity:
-    """Project ids that the board may have now; more than one after a write whose outcome is unknown.
+    """Possible project ids of the board; several after a write with an unknown outcome.
 
     A board has no serial number in the protocol, so it is recognised by its project id.
     """

@@ -89,7 +89,7 @@ class ServoWatch(Source[_RatedReader]):
         self._timer: asyncio.TimerHandle | None = None
         self._period: float | None = None  # as fast as possible if None
         self._began_at = 0.0
-        self._ticks = 0  # periods since then
+        self._ticks = 0  # periods counted since the first reading
         self._is_late = False  # whether there was no room for the latest
         self._has_read = False  # whether there was a reading
         self._ended = False
@@ -110,7 +110,7 @@ class ServoWatch(Source[_RatedReader]):
         self.leave_soon(reader)
 
     def leave_soon(self, reader: _RatedReader) -> None:
-        """Leave now."""
+        """Leave now, without waiting for the next reading."""
         reader.end()
         reader.items.clear()
         self._readers.discard(reader)

@@ -1,4 +1,4 @@
-"""Session: one board across all connections to it. The parts of `Board` send through it."""
+"""Session: one board across all connections to the board, used by all parts of `Board`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Session:
 
     @property
     def state(self) -> ConnectionState:
-        """The present state."""
+        """Present state of the connection to the board."""
         return self._states.now
 
     def states(self) -> AsyncGenerator[ConnectionState, None]:
@@ -139,7 +139,7 @@ class Session:
         if not (await self.request(packet)).result:
             raise Rejected(f"{self.url} refused {described(packet)}: {likely_cause}", packet)
 
-    # --- commands that change what has to be restored, or by which the board is recognised ------------------------
+    # --- commands that change restored settings or the project id of the board ------------------------------------
 
     async def set_transmission_mode(self, mode: int) -> None:
         """Set the transmission mode (3.1.1). Raise Rejected if the board stays in another."""
@@ -177,7 +177,7 @@ class Session:
                 await self.project_id()
 
     async def project_id(self) -> int:
-        """Return the project id (3.3.13)."""
+        """Return the project id of the board (3.3.13)."""
         changes = self.identity.changes
         project_id = (await self.request(QueryProjectIDRequest())).project_id
         self.identity.learn(project_id, changes)
@@ -210,7 +210,7 @@ class Session:
         return loop is home
 
     async def stop_reconnecting(self) -> None:
-        """Stop replacing lost connections."""
+        """Stop replacing lost connections by new connections."""
         if self._reconnector is not None:
             await self._reconnector.stop()
 
@@ -259,7 +259,7 @@ class Session:
         # First this protocol, if a mode was ever set: a restarted board in mode 0 would not answer the check.
         if self._mode is not None:
             await set_mode(connection, 1)
-        # Before anything is changed: another board may be plugged in at this address.
+        # First, as another board may be plugged in at this address.
         await self.identity.check(connection)
         # Before the swap: a caller who sees `connected` must find units and events as they were.
         for restore in self._restorers:

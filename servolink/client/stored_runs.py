@@ -127,7 +127,7 @@ class StoredRuns:
     async def prepare(
         self, read: Callable[[], Awaitable[RecordRun]], ticket: Ticket, *, wait: bool = False, dry_run: bool = False
     ) -> tuple[RecordRun, Ticket]:
-        """Return the run from `read` if it may begin now, with a ticket as of this check.
+        """Return the run from `read` if allowed to begin now, with a ticket of this check.
 
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.

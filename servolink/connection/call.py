@@ -30,7 +30,7 @@ class Lane:
         self.equal = True
         """Whether all slots have the same repeatable request: the usual case, without a search."""
         self.overdue = 0
-        """Number of overdue slots."""
+        """Number of slots whose response is overdue."""
         self.unmatched: list[Content] = []
         """Responses with several possible slots, in order of arrival."""
         self.stopped = False
@@ -133,7 +133,7 @@ class Call(Struct, eq=False):
     open_slots: int = 0
     """Slots open for a response, fences excluded."""
     latest: Slot | None = None
-    """Latest slot, fences included."""
+    """Latest slot of the call, fences included."""
     woken: asyncio.Future[None] | None = None
     on_wake: Callable[[Call], None] | None = None
     """Called in place of waking a task, while none waits."""

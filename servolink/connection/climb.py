@@ -26,7 +26,7 @@ _HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than bef
 
 
 class Epoch:
-    """Measurement at one depth."""
+    """Measurement of responses at one depth."""
 
     def __init__(self, depth: int) -> None:
         """Start without responses."""
@@ -44,7 +44,7 @@ class Epoch:
 
     @property
     def rate(self) -> float:
-        """Responses per second."""
+        """Responses per second at this depth."""
         return self.responses / max(self.seconds, 1e-9)
 
     @property
@@ -148,7 +148,7 @@ class DepthClimb:
         self._go_to(depth)
 
     def _return_to(self, rival: Epoch) -> None:
-        """End an unsuccessful trial."""
+        """End an unsuccessful trial of a greater depth."""
         if rival.depth < self.depth:
             self._wait = min(max(FIRST_WAIT, 2 * self._wait), LONGEST_WAIT)
             self._epochs_to_trial = self._wait

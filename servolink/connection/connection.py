@@ -71,7 +71,7 @@ class Connection:
         self.codec = codec
         self.patience = patience
         self.stats = stats or Stats()
-        """Counters of everything seen."""
+        """Counters of all frames and bytes seen."""
         self.taps = taps or Taps()
         """Listeners to bytes and requests."""
         self.stops = StopCounter(SleepCounter())
@@ -103,7 +103,7 @@ class Connection:
         self._window = Window(depth, write_depth, learn=learn, bytes_per_second=pace)
         self._scheduler = RequestScheduler(self._window, self._slots)
         self.lifecycle = Lifecycle(outlasts_silence=not repeats)
-        """State of the connection."""
+        """State in the life of the connection."""
         self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
         self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(

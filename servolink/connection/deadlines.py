@@ -57,7 +57,7 @@ class DeadlineTimer:
             self._timer = self._loop.call_at(deadline, self._reached, deadline)
 
     def stop(self) -> None:
-        """Forget all deadlines."""
+        """Forget all deadlines, and stop the timer."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None

@@ -24,7 +24,7 @@ class LineEvidence(Struct, frozen=True):
 
     byte_order: ByteOrder
     received: int = 0
-    """Number of bytes."""
+    """Number of bytes received in all."""
     frames: int = 0
     """Responses and events with the right sum, in the byte order of the connection."""
     echoes: int = 0

@@ -42,7 +42,7 @@ class ConnectionOptions(Struct, frozen=True):
     """The same for requests while something is changed."""
 
     def __post_init__(self) -> None:
-        """Check all options."""
+        """Check all options, as documented for `connect`."""
         if self.byte_order not in ("little", "big"):
             raise ValueError(f"byte_order must be 'little' or 'big', not {quote(self.byte_order)}")
         check_encoding(self.caption_encoding)

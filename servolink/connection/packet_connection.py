@@ -47,7 +47,7 @@ class PacketConnection(Protocol):
 
     @property
     def url(self) -> str:
-        """The address."""
+        """Address of the board, for texts of errors."""
         ...
 
     @property

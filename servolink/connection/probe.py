@@ -28,7 +28,7 @@ _UNASKED_FOR = bytes(265)  # ends a frame whose length is too great by 256 bytes
 
 @dataclass(frozen=True, slots=True)
 class ProbeResponse:
-    """How a board responded."""
+    """Outcome of a probe: how a board responded."""
 
     byte_order: ByteOrder
     transmission_mode: int

@@ -130,7 +130,7 @@ class RequestScheduler:
         self._busy: list[Lane] = []  # lanes with permits
         self._paused = False
         self.waiting: deque[Waiting] = deque()
-        """Queue for permits."""
+        """Queue of calls that wait for permits."""
         self.aside = 0
         """Number of callers who have given their permit back for a pause."""
         self.on_aside: Callable[[], None] = lambda: None
@@ -220,7 +220,7 @@ class RequestScheduler:
         self._paused = True
 
     def resume(self) -> None:
-        """Grant permits again."""
+        """Grant permits again after a pause."""
         self._paused = False
         self.grant()
 

@@ -36,4 +36,4 @@ class BoardSharing(Protocol):
         ...
 
     async def close(self) -> None:
-        """Leave the hub."""
+        """Leave the hub, which frees the lease."""

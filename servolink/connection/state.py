@@ -22,7 +22,7 @@ class State(Enum):
     OPENING = "opening"
     """The handshake is under way and gets all responses; requests wait."""
     READY = "ready"
-    """Requests are sent."""
+    """Requests are sent, and responses arrive."""
     SUSPENDED = "suspended"
     """Another program has exclusive use of a shared board; requests wait, and nothing is late."""
     REOPENING = "reopening"

@@ -25,7 +25,7 @@ class Stats(Struct, eq=False):
     hidden: int = 0
     """Rejected frames inside another frame, such as in a caption."""
     unsolicited: int = 0
-    """Frames without a request."""
+    """Frames without a request, other than events."""
     mismatched: int = 0
     """Responses about another servo, action, macro or table than requested."""
     late_responses: int = 0
@@ -33,7 +33,7 @@ class Stats(Struct, eq=False):
     timeouts: int = 0
     """Sendings not answered in time."""
     retries: int = 0
-    """Requests sent again."""
+    """Requests sent again after a missing response."""
     reopenings: int = 0
     """Openings because of a stray response."""
     reconnects: int = 0

@@ -104,7 +104,7 @@ class RpcChannel(asyncio.Protocol):
         self._lost = asyncio.get_running_loop().create_future()
 
     async def open(self, greeting: Greeting) -> Welcome:
-        """Connect to the hub. Raise OpenError, which says what to do."""
+        """Connect to the hub. Raise OpenError with the remedy."""
         self._pipe, welcome = await greet(self._name, greeting, self)
         self._pipe.resume_reading()
         return welcome

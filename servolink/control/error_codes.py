@@ -27,7 +27,7 @@ class Code(IntEnum):
 REMEDIES = {
     Code.PARSE_ERROR: "send one JSON object a message, in UTF-8 and at most 1 MiB",
     Code.INVALID_REQUEST: "send jsonrpc, method, params (an object) and id; batches are not supported",
-    Code.METHOD_NOT_FOUND: "use one of the methods of this reference",
+    Code.METHOD_NOT_FOUND: "use a method of this reference",
     Code.INVALID_PARAMS: "correct the params; `path` says where",
     Code.INTERNAL_ERROR: "report it: this is a defect of the hub, whose log has the details",
     Code.BUSY: "wait for responses before sending more; a stop is always carried out",
@@ -50,7 +50,7 @@ KINDS = (
     Kind(101, errors.TransportUnavailable, "install what the message names, or correct the address"),
     Kind(102, errors.InvalidAddress, "correct the address"),
     Kind(103, errors.ProfileError, "repair the profile of the board: `servolink board show`"),
-    Kind(104, errors.OpenError, "do what the message says"),
+    Kind(104, errors.OpenError, "follow the remedy in the message"),
     Kind(105, errors.ConnectionLost, "wait for the notification `connection`; nothing is sent twice"),
     Kind(200, errors.PacketError, "correct the value that the message names"),
     Kind(201, errors.EncodeError, "correct the value that the message names; nothing was sent"),
@@ -62,10 +62,10 @@ KINDS = (
     Kind(303, errors.NotFound, "list what is there: `servos.list`, `records.list`"),
     Kind(304, errors.AmbiguousName, "give the id instead of the caption"),
     Kind(305, errors.WrongBoard, "connect the right board"),
-    Kind(306, errors.OutcomeUnknown, "read back before sending it again: it may have been done"),
+    Kind(306, errors.OutcomeUnknown, "read the state back before sending again: the board may have obeyed"),
     Kind(307, errors.RequestRefused, "read `reason` and the message: it was not sent, or a stop ended it"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
-    Kind(401, errors.RecordingError, "do what the message says; `recorder.status` says what goes on"),
+    Kind(401, errors.RecordingError, "follow the message; `recorder.status` describes the recording"),
     Kind(500, errors.TargetNotReached, "the motion was sent: look at the robot, and do not simply repeat it"),
 )
 """One code for each kind of error of the library."""

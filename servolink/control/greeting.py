@@ -9,11 +9,11 @@ from msgspec import Meta, Raw, Struct
 from servolink.control.roles import RoleName
 
 VERSION = 1
-"""The version of greeting and welcome, and of everything that follows them."""
+"""Version of greeting, welcome, and all later messages."""
 MOST_GREETING = 4096
 """Bytes of a greeting, at most."""
 GREETING_LIMIT = 2.0
-"""Seconds after which a hub disconnects a program that has not sent its greeting."""
+"""Seconds until a hub disconnects a program without a greeting."""
 
 
 class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):

@@ -24,10 +24,10 @@ MOST_STREAM_HZ = 100.0
 MOST_GAP = 10.0
 """Longest time between two set-points of a stream, in seconds."""
 CREDIT = 2
-"""Frames of servos that a program may leave unacknowledged before it gets no more."""
+"""Unacknowledged frames of servos after which a program gets no further frames."""
 
 RecordKind = Literal["action", "macro", "joystick_table"]
-"""The types of records."""
+"""Names of the types of stored records."""
 
 
 Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
@@ -37,16 +37,16 @@ _ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
 
 Until: TypeAlias = Annotated[
     float | None,
-    about("seconds, by the clock that `monotonic` tells; after it the motion is not begun; null: it may wait"),
+    about("seconds on the clock of `monotonic`, after which the motion does not begin; null for any time"),
 ]
 
 
 class NoParams(Struct, forbid_unknown_fields=True):
-    """No params."""
+    """Params of a method without any params."""
 
 
 class Done(Struct, frozen=True):
-    """Success without a result."""
+    """Result of a method that returns nothing."""
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------
@@ -55,7 +55,7 @@ class Done(Struct, frozen=True):
 class LeaseTake(Struct, forbid_unknown_fields=True):
     """Options for taking the lease."""
 
-    force: Annotated[bool, about("take it over from another program, which is told who did")] = False
+    force: Annotated[bool, about("take the lease over from another program, which is told by whom")] = False
     dead_man: Annotated[
         Annotated[float, Meta(ge=0.1, le=60)] | None,
         about("seconds without lease.beat after which the hub stops the board; null: as in the greeting"),
@@ -97,7 +97,7 @@ class ServosWatch(Struct, forbid_unknown_fields=True):
 
 
 class TapStart(Struct, forbid_unknown_fields=True):
-    """Filter of the tap."""
+    """Filter of the frames in a tap."""
 
     wire_only: Annotated[bool, about("only bytes")] = False
 
@@ -112,14 +112,14 @@ class Tapping(Struct, frozen=True):
 
 
 class RecorderStart(Struct, forbid_unknown_fields=True):
-    """Content of a recording."""
+    """Content and size of a new recording."""
 
     hz: Annotated[float, Meta(ge=0, le=MOST_HZ, description="readings of the servos a second; 0: none")] = 20.0
     wire_only: Annotated[bool, about("only bytes")] = False
 
 
 class RecorderMark(Struct, forbid_unknown_fields=True):
-    """Mark in a recording."""
+    """Mark of a moment in a recording."""
 
     text: Annotated[str, Meta(max_length=200)] = ""
 
@@ -153,9 +153,9 @@ class RecordingList(Struct, frozen=True):
 
 
 class ServosAck(Struct, forbid_unknown_fields=True):
-    """Acknowledgement of servo readings."""
+    """Acknowledgement of a notification of servo readings."""
 
-    number: Annotated[int, Meta(ge=0, description="the `number` of a notification `servos`; those before it too")]
+    number: Annotated[int, Meta(ge=0, description="`number` of a notification `servos`; acknowledges earlier ones too")]
 
 
 class Watching(Struct, frozen=True):
@@ -166,7 +166,7 @@ class Watching(Struct, frozen=True):
 
 
 class ServoList(Struct, frozen=True):
-    """All servos."""
+    """All servos with their latest readings."""
 
     servos: tuple[ServoNow, ...]
 
@@ -178,7 +178,7 @@ class ServoParameters(Struct, frozen=True):
 
 
 class Battery(Struct, frozen=True):
-    """Charge of the battery."""
+    """Remaining charge of the board's battery."""
 
     percent: Annotated[float, about("to 0.1")]
 
@@ -195,19 +195,19 @@ class Move(Struct, forbid_unknown_fields=True):
 
 
 class Moved(Struct, frozen=True):
-    """Planned duration."""
+    """Planned duration of a motion in seconds."""
 
     seconds: float
 
 
 class MoveEnd(Struct, forbid_unknown_fields=True):
-    """Servos to stop."""
+    """Servos to stop at their present angles."""
 
     servos: Annotated[tuple[_ServoId, ...] | None, about("ids of the servos that may move; null: all servos")] = None
 
 
 class Release(Struct, forbid_unknown_fields=True):
-    """Servos to release."""
+    """Servos to release, limp from then on."""
 
     servo: Servos = "all"
     until: Until = None
@@ -231,7 +231,7 @@ class Tighten(Struct, forbid_unknown_fields=True):
     speed_cap: Annotated[float | None, about("highest speed in degrees per second; null for no further cap")] = None
     speed_caps: Annotated[dict[str, float], about("the same for single servos, by id")] = {}
     soft_start: Annotated[float | None, about("highest speed of a servo's first movement; null for any")] = None
-    source: Annotated[str, Meta(max_length=200, description="where they come from, as errors say")] = ""
+    source: Annotated[str, Meta(max_length=200, description="source named in errors")] = ""
 
 
 # --- streams ----------------------------------------------------------------------------------------------------------
@@ -268,7 +268,7 @@ class StreamSent(Struct, frozen=True):
 
 
 class Runnable(Struct, forbid_unknown_fields=True):
-    """Stored action or macro."""
+    """Action or macro stored on the board."""
 
     type: Literal["action", "macro"]
     id: Which
@@ -299,12 +299,12 @@ class RunStart(Struct, forbid_unknown_fields=True):
 
     at: Annotated[
         float | None,
-        about("seconds, by the clock that `monotonic` tells; at most 1 s ahead; at once if it is over or null"),
+        about("seconds, by the clock that `monotonic` tells; at most 1 s ahead; at once for a past time or null"),
     ] = None
 
 
 class RunStarted(Struct, frozen=True):
-    """Start of a run."""
+    """Start of a run prepared by `run.prepare`."""
 
     monotonic: Annotated[float, about("seconds; when it was sent to the board, by the clock of the hub's computer")]
 
@@ -392,7 +392,7 @@ class ProjectApply(ProjectPlan, forbid_unknown_fields=True):
 
 
 class ProjectRollback(Struct, forbid_unknown_fields=True):
-    """Backup to restore."""
+    """Backup to restore on the board."""
 
     backup: Annotated[int | None, about("the number of a backup; null: what was there before the last import")] = None
 
@@ -401,8 +401,8 @@ class Changed(Struct, frozen=True):
     """Difference between board and project."""
 
     what: Annotated[str, about("such as `action 3` or `project id`")]
-    old: Annotated[Any, about("null if it is added")]
-    new: Annotated[Any, about("null if it is removed")]
+    old: Annotated[Any, about("null for an added record")]
+    new: Annotated[Any, about("null for a removed record")]
 
 
 class MemoryNow(Struct, frozen=True):
@@ -416,7 +416,7 @@ class MemoryNow(Struct, frozen=True):
 
 
 class Planned(Struct, frozen=True):
-    """Planned import."""
+    """Planned import of a project, with its cost."""
 
     changes: tuple[Changed, ...]
     inconsistencies: Annotated[tuple[str, ...], about("faults that an import repairs too")]
@@ -428,16 +428,16 @@ class Planned(Struct, frozen=True):
 
 
 class Applied(Struct, frozen=True):
-    """Outcome of an import."""
+    """Outcome of an import into the board."""
 
     changed: Annotated[bool, about("false: the board held the project already")]
-    resumed: Annotated[bool, about("it continued an import that had been interrupted")]
+    resumed: Annotated[bool, about("continues an interrupted import")]
     backup: Annotated[str | None, about("file with what the board held before")]
     project_id_bits: Annotated[Literal[32, 16, 0] | None, about("bits of the project id that the board keeps")]
 
 
 class BackupEntry(Struct, frozen=True):
-    """Backup of a board."""
+    """Backup of a board before an import."""
 
     number: int
     time: Annotated[str, about("ISO 8601, UTC")]

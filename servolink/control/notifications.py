@@ -16,7 +16,7 @@ class ServosFrame(Struct, frozen=True):
     number: Annotated[int, about("counts up")]
     seconds: Annotated[float, about("when they were read; only differences have a meaning")]
     servos: tuple[ServoNow, ...]
-    missed: Annotated[int, about("readings left out directly before this one")]
+    missed: Annotated[int, about("number of readings left out before")]
 
 
 class ButtonPressed(Struct, frozen=True):
@@ -32,7 +32,7 @@ class ConnectionNow(Struct, frozen=True):
 
     state: ConnectionState
     another: Annotated[
-        str, about("a different board that answers in place of the lost one, and the expected one; empty if none does")
+        str, about("description of a different board in place of the lost one, and of the expected one; else empty")
     ] = ""
 
 
@@ -40,7 +40,7 @@ class LeaseNotice(Struct, frozen=True):
     """Change of the lease, or a program asks for the lease."""
 
     event: Annotated[str, about("taken, taken over, asked for, given back, left, over, beats stopped")]
-    by: Annotated[str | None, about("the program that took it or asks for it")]
+    by: Annotated[str | None, about("program that took the lease or asks for the lease")]
     lease: LeaseStatus | None
 
 
@@ -79,14 +79,14 @@ class ProgressNotice(Struct, frozen=True):
 
 
 class RefusedNotice(Struct, frozen=True):
-    """Packet of this program that was not sent to the board."""
+    """Unsent packet of this program, with the reason."""
 
     packet: Annotated[str, about("such as `ExecuteActionRequest`")]
     reason: str
 
 
 class ProblemNotice(Struct, frozen=True):
-    """Problem that needs attention."""
+    """Problem that needs the attention of a person."""
 
     text: str
 
@@ -103,7 +103,7 @@ class RecordingNotice(Struct, frozen=True):
 class TapItem(Struct, frozen=True):
     """Message of the tap, in the form of a recording."""
 
-    seconds: Annotated[float, about("when it was; only differences have a meaning")]
+    seconds: Annotated[float, about("time of the frame; only differences have a meaning")]
     channel: Annotated[str, about("/wire, /commands, /events or /problems")]
     message: Annotated[Any, about("as in a recording; bytes are in base64")]
 

@@ -1,4 +1,4 @@
-"""JSON-RPC 2.0 for one program: messages in, messages out, whatever carries them and whatever the methods do.
+"""JSON-RPC 2.0 for one program: messages in, messages out, for any transport and any methods.
 
 Batches are refused: a program need not wait for a response before it sends the next request, so they would add nothing.
 Params are given by name only. A request without id is carried out and not answered, as the specification says.
@@ -28,17 +28,17 @@ from servolink.protocol.json_errors import convert, quote_json
 MOST_BYTES = 1024 * 1024
 """The longest message that a program may send."""
 MOST_WAITING = 64
-"""Requests of one program that may wait, and responses that it may leave unread."""
+"""Waiting requests, and unread responses, allowed to one program."""
 MOST_HELD = 2 * MOST_BYTES
-"""Bytes of the requests of one program that may wait."""
+"""Bytes of waiting requests allowed to one program."""
 MOST_BEGUN = 128
-"""Requests of one program that were begun at once and wait for their outcome; more are begun, but not followed."""
+"""Followed outcomes of requests of one program that were begun at once; further outcomes are not followed."""
 MOST_READING = 8
-"""Requests of one program, of those that change nothing, that are carried out at the same time."""
+"""Requests without changes carried out at the same time for one program."""
 MOST_NOTIFICATIONS = 256
 """Notifications kept for a program that does not read; the oldest are dropped and counted."""
 
-_MOST_ID = 2**53  # beyond it, JavaScript rounds
+_MOST_ID = 2**53  # JavaScript rounds larger integers
 _LONGEST_ID = 128
 _FIELDS = ("jsonrpc", "method", "params", "id")
 
@@ -68,7 +68,7 @@ class Method(Generic[C]):
 
     @property
     def summary(self) -> str:
-        """The docstring."""
+        """Docstring of the method, for the reference."""
         return inspect.cleandoc(self.handler.__doc__ or "")
 
 
@@ -154,7 +154,7 @@ def _wrong_request(value: dict[str, Any]) -> str:
 
 
 def encode(value: Any) -> bytes:
-    """Return `value` as JSON in ASCII, so that no caption in it can do anything to a terminal or a log."""
+    """Return `value` as JSON in ASCII, so that captions cannot control a terminal or a log."""
     with suppress(UnicodeEncodeError):  # a caption with a byte that is not text
         if (text := msgspec.json.encode(value)).isascii():
             return text
@@ -239,7 +239,7 @@ class Peer(Generic[C]):
     def resume(self) -> None:
         """Send what was kept: the program reads again."""
         self.is_paused, self._unread = False, 0
-        while self._notifications and not self.is_paused:  # sending may pause again
+        while self._notifications and not self.is_paused:  # sending may pause again after a response
             self._send(self._notifications.popleft())
         if not self.is_paused:
             self._room.set()
@@ -291,8 +291,8 @@ class Peer(Generic[C]):
             outcome.close()
             raise RpcError(
                 Code.BUSY,
-                f"this {request.method} was carried out, but {self._begun} of this program wait for their outcome "
-                "already: it is told to them alone",
+                f"this {request.method} was carried out, but no outcome is reported: {self._begun} earlier requests of "
+                "this program still wait for outcomes",
             )
         self._begun += 1
         task = asyncio.get_running_loop().create_task(outcome)
@@ -351,6 +351,6 @@ class Peer(Generic[C]):
         self._unread += self.is_paused
         if self._unread > MOST_WAITING:
             self._is_closed = True
-            self._abort(f"{MOST_WAITING} responses wait and it does not read them")
+            self._abort(f"{MOST_WAITING} responses wait unread")
             return
         self._send(encode({"jsonrpc": "2.0", **response}))

@@ -13,10 +13,10 @@ RoleName = Literal["watch", "run", "move", "edit"]
 
 
 class Role(IntEnum):
-    """Rights of a program. Each role includes those before it."""
+    """Rights of a program. Each role includes all earlier roles."""
 
     WATCH = 1
-    """Read and stop."""
+    """Read everything, and stop all servos."""
     RUN = 2
     """Also run stored actions and macros."""
     MOVE = 3

@@ -102,7 +102,7 @@ async def greet(
 
 
 class _Listener(asyncio.Protocol):
-    """Waits for one line."""
+    """Protocol waiting for a single line of text."""
 
     def __init__(self) -> None:
         self.line: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()

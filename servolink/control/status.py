@@ -72,9 +72,9 @@ class HubStatus(Struct, frozen=True):
     noise: int
     """Bytes from the board that belong to no frame."""
     doors: tuple[str, ...] = ()
-    """Addresses of the doors."""
+    """Addresses of the doors of the hub."""
     another: str = ""
-    """Description of a different board that answers in place of the lost one; empty if none does."""
+    """Description of a different board in place of the lost one; else empty."""
 
 
 class BoardState(Struct, frozen=True):
@@ -84,7 +84,7 @@ class BoardState(Struct, frozen=True):
     lease: LeaseStatus | None
     hold: HoldStatus | None
     another: Annotated[
-        str, about("a different board that answers in place of the lost one, and the expected one; empty if none does")
+        str, about("description of a different board in place of the lost one, and of the expected one; else empty")
     ]
 
 
