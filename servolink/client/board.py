@@ -395,10 +395,10 @@ class Board:
     def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
         """Return a stream of set-points (3.2.5), as from a gamepad or a policy.
 
-        `await stream.send({1: 30.5})` turns servos toward angles in degrees, and returns the angles sent. Limits shorten
-        a movement in place of refusing it: each target is the nearest whole angle within `angle_limits`, no farther than
-        `speed_cap` and `soft_start` allow. A movement begins at the present angle on the way to the last target, or at a
-        reading after 0.5 s without a set-point and after any other movement.
+        `await stream.send({1: 30.5})` turns servos toward angles in degrees, and returns the angles sent. Limits
+        shorten a movement in place of refusing it: each target is the nearest whole angle within `angle_limits`, and no
+        farther than `speed_cap` and `soft_start` allow. A movement begins at the present angle on the way to the last
+        target, or at a reading after 0.5 s without a set-point and after any other movement.
 
         A newer set-point replaces an unsent one. A stop, a loss of the connection, or a gap ends the stream; the servos
         keep their last targets.
