@@ -20,7 +20,7 @@ from servolink.connection.handshake import (
     Handshake,
 )
 
-KINDS = (1, 2, 3, 4)
+KINDS: Sequence[int] = (1, 2, 3, 4)
 NEVER: Iterator[bool] = iter(())
 
 
