@@ -162,7 +162,7 @@ class McapReader:
             return
         try:
             data = memoryview(self._decompressed(content))
-        except _Unusable as error:
+        except UnusableChunk as error:
             self.remarks[str(error)] += 1
             return
         except (struct.error, ValueError):
@@ -201,27 +201,27 @@ class McapReader:
         self._channels[number] = topic, encoding
 
     def _decompressed(self, content: bytes) -> bytes:
-        """Return the records in a chunk. Raise _Unusable, struct.error or ValueError for a damaged chunk."""
+        """Return the records in a chunk. Raise UnusableChunk, struct.error or ValueError for a damaged chunk."""
         _, _, size, crc = _CHUNK.unpack_from(content)
         fields = _Fields(memoryview(content), _CHUNK.size)
         compression = fields.text(_LONGEST_NAME)
         packed = fields.raw(fields.take(_LONG))
         self._sure += _HEAD.size - 1 + fields.at  # the inner lengths agree, so the next record is behind the chunk
         if size > LARGEST:
-            raise _Unusable(f"chunks larger than {LARGEST // MIB} MiB were left out")
+            raise UnusableChunk(f"chunks larger than {LARGEST // MIB} MiB were left out")
         try:
-            data = _decompress(compression, packed, size)
+            data = decompress(compression, packed, size)
         except ImportError as error:
             raise RecordingError(
                 f"{self.path} is compressed with {compression}, and the library for {compression} is missing; "
                 f"{install_extra('record')}"
             ) from error
         if len(data) != size or (crc and zlib.crc32(data) != crc):
-            raise _Unusable(_DAMAGED)
+            raise UnusableChunk(_DAMAGED)
         return data
 
 
-class _Unusable(Exception):
+class UnusableChunk(Exception):
     """Unusable chunk; the text of the error is the remark."""
 
 
@@ -259,14 +259,14 @@ def _metadata(fields: _Fields) -> Metadata:
     return Metadata(name, texts)
 
 
-def _decompress(compression: str, packed: bytes, size: int) -> bytes:
-    """Return at most `size` + 1 bytes. Raise _Unusable for data not compressed in this way."""
+def decompress(compression: str, packed: bytes, size: int) -> bytes:
+    """Return at most `size` + 1 bytes. Raise UnusableChunk for data not compressed in this way."""
     if compression == "zstd":
         return _zstd(packed, size)
     if compression == "lz4":
         return _lz4(packed, size)
     if compression:
-        raise _Unusable(f"chunks compressed with {quote(compression)} were left out")
+        raise UnusableChunk(f"chunks compressed with {quote(compression)} were left out")
     return packed
 
 
@@ -278,7 +278,7 @@ def _zstd(packed: bytes, size: int) -> bytes:
         with zstandard.ZstdDecompressor(max_window_size=LARGEST).stream_reader(BytesIO(packed)) as stream:
             return stream.read(size + 1)
     except zstandard.ZstdError as error:
-        raise _Unusable(_DAMAGED) from error
+        raise UnusableChunk(_DAMAGED) from error
 
 
 def _lz4(packed: bytes, size: int) -> bytes:
@@ -288,7 +288,7 @@ def _lz4(packed: bytes, size: int) -> bytes:
     try:
         return bytes(decompressor.decompress(packed, max_length=size + 1))
     except (RuntimeError, EOFError) as error:
-        raise _Unusable(_DAMAGED) from error
+        raise UnusableChunk(_DAMAGED) from error
 
 
 # --- behind a damaged record, whose length cannot be trusted ----------------------------------------------------------

@@ -14,6 +14,7 @@ from msgspec import Struct
 from servolink.errors import RecordingError
 from servolink.files import reason
 from servolink.recorder.channels import CHANNELS, MESSAGE_ENCODING, METADATA, Recorded
+from servolink.recorder.mcap_check import has_sound_index
 from servolink.recorder.mcap_reader import McapReader, Message, Metadata
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.recording_file import RecordingFile, is_being_written
@@ -21,6 +22,7 @@ from servolink.recorder.writer import CHUNK_BYTES
 
 _UNKNOWN = Recorded("", "", "", "board")
 _FOREIGN = "messages of foreign channels were left out"
+_NEW_INDEX = "the index, by which other programs find messages, was damaged; it was made anew"
 _NEW, _OLD = ".repairing", ".cut"
 
 
@@ -62,8 +64,11 @@ def _repair(path: Path, mending: Mending) -> Repaired:
             if not file.put(block):
                 raise RecordingError(f"cannot write {new}: {file.problem}")
         file.close()
+        remarks = mending.remarks
         if mending.was_whole:
-            return Repaired(mending.messages, "")
+            if not mending.is_ours or has_sound_index(path):
+                return Repaired(mending.messages, "")
+            remarks = (_NEW_INDEX,)
         if not mending.is_ours:
             raise RecordingError(f"nothing of a recording is left in {path}; the file was not changed")
         if old.exists():
@@ -73,7 +78,7 @@ def _repair(path: Path, mending: Mending) -> Repaired:
     finally:
         file.close()
         new.unlink(missing_ok=True)
-    return Repaired(mending.messages, str(old), mending.remarks)
+    return Repaired(mending.messages, str(old), remarks)
 
 
 class Mending:

@@ -14,7 +14,7 @@ from servolink.errors import RecordingError
 from servolink.recorder.channels import WIRE_ONLY, Event, Recorded, Wire
 from servolink.recorder.child import LENGTH, ChildWriter, Order
 from servolink.recorder.clock import Clock
-from servolink.recorder.mcap_stream import MAGIC
+from servolink.recorder.mcap_reader import MAGIC
 from servolink.recorder.reading import Recording
 from tests import processes
 

@@ -7,10 +7,11 @@ import struct
 from pathlib import Path
 
 import pytest
+from mcap.reader import NonSeekingReader, make_reader
 
 from servolink.recorder.channels import Event, Message, encode
-from servolink.recorder.mcap_reader import LARGEST, McapReader, find_record
-from servolink.recorder.mcap_stream import MAGIC, McapStream
+from servolink.recorder.mcap_reader import LARGEST, MAGIC, McapReader, find_record
+from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.reading import Entry, Recording
 from servolink.recorder.repair import repair
 from tests.recorder.test_reading import CHANNEL, MARK, chunk, record
@@ -55,6 +56,51 @@ def test_one_wrong_bit_loses_nothing_silently(bit: int, step: int, tmp_path: Pat
         path.write_bytes(wrong)
         found, said = read(path)
         assert found == messages or said, f"byte {at} of {len(whole)}"
+
+
+def read_by_others(path: Path) -> list[int]:
+    """Return the times of all messages as the library `mcap` reads them, by the index and one after the other."""
+    with path.open("rb") as file:
+        by_index = [message.log_time for _, _, message in make_reader(file, validate_crcs=True).iter_messages()]
+        file.seek(0)
+        in_order = [message.log_time for _, _, message in NonSeekingReader(file).iter_messages()]
+    assert by_index == in_order
+    return by_index
+
+
+@every(101)
+@pytest.mark.parametrize("bit", range(8))
+def test_others_read_all_that_repair_calls_whole_or_writes(bit: int, step: int, tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    made = blocks(2, 3)
+    whole = b"".join(made)
+    times = [0, 1, 2, 1000, 1001, 1002]
+    for at in some(len(MAGIC), len(whole), step):
+        wrong = bytearray(whole)
+        wrong[at] ^= 1 << bit
+        path.write_bytes(wrong)
+        done = repair(path)
+        found = read_by_others(path)
+        assert len(found) == done.messages, f"byte {at} of {len(whole)}"
+        assert found == times or (done.original and set(found) <= set(times)), f"byte {at} of {len(whole)}"
+        assert done.original or path.read_bytes() == wrong
+        if done.original:
+            assert done.remarks
+            assert not repair(path).original
+            Path(done.original).unlink()
+
+
+def test_a_wrong_offset_in_the_index_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "out.mcap"
+    made = blocks(2, 3)
+    start = len(made[0]).to_bytes(8, "little")  # of the first chunk
+    path.write_bytes(b"".join((*made[:-1], made[-1].replace(start, (len(made[0]) + 1).to_bytes(8, "little")))))
+    done = repair(path)
+    assert (done.messages, done.remarks) == (
+        6,
+        ("the index, by which other programs find messages, was damaged; it was made anew",),
+    )
+    assert len(read_by_others(path)) == 6
 
 
 @pytest.mark.parametrize("bit", range(8))

@@ -15,8 +15,8 @@ from mcap.writer import Writer
 import servolink
 from servolink.errors import RecordingError
 from servolink.recorder.channels import Event, Recorded, Wire, decode, encode
-from servolink.recorder.mcap_reader import McapReader
-from servolink.recorder.mcap_stream import MAGIC, McapStream
+from servolink.recorder.mcap_reader import MAGIC, McapReader
+from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.reading import Recording
 from servolink.recorder.recording_file import RecordingFile
 from servolink.recorder.repair import Mending, repair
