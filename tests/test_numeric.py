@@ -163,7 +163,7 @@ def test_options_and_limits_hold_plain_numbers() -> None:
     assert [type(servo_id) for servo_id in (*limits.angles, *limits.speed_caps)] == [int, int]
     assert motion_limits((whole(-90), whole(90)), measure(50)) == MotionLimits((-90, 90), 50.0)
     options = ConnectionOptions(patience=measure(2.5), depth=whole(4), write_depth=whole(2))
-    assert [type(value) for value in astuple(options)[3:]] == [float, int, int]
+    assert [type(value) for value in astuple(options)[3:6]] == [float, int, int]
     assert Alarm("current_raw", ">", whole(800), measure(0.5)) == Alarm("current_raw", ">", 800, 0.5)
     assert Wanted(__file__, measure(5)).rate == 5  # type: ignore[arg-type]
     connect("virtual://", patience=measure(2.5), depth=whole(4), soft_start=measure(30))

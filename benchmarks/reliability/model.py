@@ -1,8 +1,8 @@
 """All that can happen to a few requests: every order of sendings, losses, delays, repeats, cancels, fences and stops.
 
-A perfect oracle stands for the board. It responds in order and at most once, and every response says which sending it
-answers. Any of them may be lost, request or response, or come as late as it likes. In each state that `Slots` can be
-in, everything that may happen next is tried; after each step must hold:
+A perfect oracle stands for the board. It responds in order and at most once, or twice where a case says so, and every
+response says which sending it answers. Any of them may be lost, request or response, or come as late as it likes. In
+each state that `Slots` can be in, everything that may happen next is tried; after each step must hold:
 
 * what a caller gets answers its question, and was asked for after its first sending; a command's result belongs to
   its one sending;
@@ -23,7 +23,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from benchmarks.measuring import Result, table
+from benchmarks.reliability import openings
 from servolink.connection.call import Slot
+from servolink.connection.repeating_slots import RepeatingSlots
 from servolink.connection.slots import Obstacle, Slots
 from servolink.protocol.editing import (
     AddActionRequest,
@@ -34,7 +36,7 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
 )
 from servolink.protocol.packet import Request, Response
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, SetServoParameterRequest
+from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoRequest, SetServoParameterRequest
 from servolink.protocol.settings import QueryRemainPowerRequest
 from tests.client.numbered_board import numbered
 
@@ -43,6 +45,7 @@ A, B = QueryActionRequest(1), QueryActionRequest(2)
 C, D, E = AddActionRequest(1), AddActionRequest(2), AddActionRequest(3)
 P, W = QueryProjectIDRequest(), WriteProjectIDRequest(1)
 M, S = ExecuteMacroRequest(1), SetServoParameterRequest(1, 1, 1)
+ONE, SERVOS = QueryServoRequest(3), QueryServoListRequest()
 POWER, STOP = QueryRemainPowerRequest(), SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 _FENCE, _STOP = -1, -2
@@ -60,6 +63,8 @@ class Case:
     fences: int = 0
     stops: int = 0
     fence: Request[Any] = POWER
+    copies: int = 1
+    """How often each sending is answered, at most."""
 
 
 SHORT = (
@@ -72,6 +77,14 @@ SHORT = (
     Case("a setting and a fence", (W, P, W), repeats=1, fences=1),
     Case("stop", (S, T), fences=1, stops=2),
     Case("alone", (T, M, T), fences=1),
+    Case("one servo, fenced by all of them", (ONE, SERVOS, ONE), repeats=1, fences=1, fence=T),
+    Case("equal queries, answered twice", (T, T), repeats=2, cancels=1, fences=2, copies=2),
+    Case("keyed queries, answered twice", (A, B), repeats=1, cancels=1, fences=2, copies=2),
+    Case("commands, answered twice", (C, D), cancels=1, fences=2, copies=2),
+    Case("a fence that is asked for, answered twice", (P, T, P), fences=2, fence=P, copies=2),
+    Case("a setting, answered twice", (W, P), repeats=1, fences=2, copies=2),
+    Case("stop, answered twice", (S, T), fences=1, stops=1, copies=2),
+    Case("alone, answered twice", (T, M), fences=1, copies=2),
 )
 LONG = (
     Case("equal queries", (T, T, T), repeats=1, cancels=1, fences=1),
@@ -84,6 +97,10 @@ LONG = (
     Case("a setting and a fence", (W, P, W), repeats=2, cancels=1, fences=1),
     Case("stop", (S, T, S, T), fences=1, stops=2),
     Case("alone", (T, M, T, M), repeats=1, fences=2),
+    Case("equal queries, answered twice", (T, T, T), repeats=2, cancels=1, fences=3, copies=2),
+    Case("keyed queries, answered twice", (A, B, A), repeats=1, fences=3, copies=2),
+    Case("command, read-back and telemetry, answered twice", (C, A, T), repeats=1, fences=2, copies=2),
+    Case("stop, answered twice", (S, T, S), fences=1, stops=2, copies=2),
 )
 
 
@@ -127,7 +144,7 @@ class State:
             self.coming,
             tuple(self.callers),
             tuple(self.left.values()),
-            tuple((slot.sent_at, slot.overdue) for lane in lanes for slot in lane.slots),
+            tuple((slot.sent_at, slot.overdue, slot.answered) for lane in lanes for slot in lane.slots),
             tuple((lane.response_id, lane.stopped, tuple(lane.unmatched)) for lane in lanes),
         )
 
@@ -135,8 +152,9 @@ class State:
 class Model:
     """Goes through all states of a case, with `rules` in place of `Slots`."""
 
-    def __init__(self, case: Case, rules: type[Slots] = Slots) -> None:
+    def __init__(self, case: Case, rules: type[Slots] | None = None) -> None:
         """Begin with nothing sent."""
+        rules = rules or (Slots if case.copies == 1 else RepeatingSlots)
         self.states = 0
         self.steps = 0
         self._case = case
@@ -162,7 +180,7 @@ class Model:
     def _steps(self, state: State) -> Iterator[State]:
         yield from self._begin_next(state)
         yield from self._deliver(state)
-        live = [slot for lane in state.slots.lanes.values() for slot in lane.slots if not slot.overdue]
+        live = [slot for lane in state.slots.lanes.values() for slot in lane.slots if not _is_over(slot)]
         for slot in live:
             after = state.copy(f"#{slot.sent_at:g} overdue")
             after.slots.expire(_twin(slot, after))
@@ -192,7 +210,8 @@ class Model:
         after = state.copy(f"begin {caller}")
         if obstacle is Obstacle.FENCE_BESIDE:
             self._send(after, _FENCE, self._case.fence if self._case.fence != request else POWER)
-        open_slots = [slot for lane in after.slots.lanes.values() for slot in lane.slots]
+        lanes = after.slots.lanes.values()
+        open_slots = [slot for lane in lanes for slot in lane.slots if not slot.answered]
         if open_slots and (request.exclusive or any(_is_exclusive(slot, after) for slot in open_slots)):
             raise Violation(_told(after, f"{request} beside others"))
         after.callers.append(_WAITING)
@@ -208,8 +227,9 @@ class Model:
             yield after
         request = self._case.requests[caller]
         lane = state.slots.lanes[request.packet_id + 1]
-        under_way = any(not slot.overdue and state.sent[int(slot.sent_at)][0] == caller for slot in lane.slots)
-        if state.left["repeat"] and request.repeatable and not under_way:
+        under_way = any(not _is_over(slot) and state.sent[int(slot.sent_at)][0] == caller for slot in lane.slots)
+        must_wait = state.slots.answer_twice and lane.slots
+        if state.left["repeat"] and request.repeatable and not under_way and not must_wait:
             after = self._spend(state, "repeat", f" {caller}")
             self._send(after, caller, request)
             yield after
@@ -222,7 +242,7 @@ class Model:
     def _send(self, state: State, owner: int, request: Request[Any]) -> None:
         number = len(state.sent)
         state.sent.append((owner, request))
-        state.coming = (*state.coming, number)
+        state.coming = (*state.coming, *[number] * self._case.copies)
         slot = Slot(request, state.slots.lanes[request.packet_id + 1], None, number)
         if owner == _STOP:
             state.slots.open_stop(slot)
@@ -246,7 +266,7 @@ class Model:
         for slot, got in settled:
             number = int(slot.sent_at)
             caller = state.sent[number][0]
-            if slot.open or number in state.coming:
+            if slot.open or (number in state.coming and (got is None or self._case.copies == 1)):
                 raise Violation(_told(state, f"#{number} is said to be over, but is not"))
             if caller < 0 or state.callers[caller] == _OVER:
                 continue
@@ -270,13 +290,16 @@ class Model:
             state.callers[caller] = _OVER
 
     def _check(self, state: State) -> None:
-        unmatched = 0
+        unmatched, known = 0, set[int]()
         for lane in state.slots.lanes.values():
             numbers = [int(slot.sent_at) for slot in lane.slots]
+            known.update(numbers)
             unmatched += len(lane.unmatched)
             for content in lane.unmatched:
                 if not any(content in _responses(state.sent[number][1], number) for number in numbers):
                     raise Violation(_told(state, f"{content} is unmatched, but belongs to no open slot"))
+        if lost := set(state.coming) - known:
+            raise Violation(_told(state, f"{lost} may still be answered, but are not open"))
         if unmatched != state.slots.unmatched:
             raise Violation(_told(state, f"{unmatched} responses are unmatched, not {state.slots.unmatched}"))
         self._check_fence(state.copy("one more fence is answered"))
@@ -288,7 +311,8 @@ class Model:
                 return  # not on an idle lane
         self._send(state, _FENCE, self._case.fence)
         state.slots.settle(self._case.fence.packet_id + 1, numbered(self._case.fence, len(state.sent) - 1))
-        if state.slots.unmatched or any(lane.slots for lane in state.slots.lanes.values()):
+        still_open = [slot for lane in state.slots.lanes.values() for slot in lane.slots]
+        if state.slots.unmatched or len(still_open) > state.slots.answer_twice:
             raise Violation(_told(state, "something is still open"))
 
 
@@ -299,6 +323,11 @@ def _responses(request: Request[Any], number: int) -> tuple[Response, ...]:
         caption = str(number)
         return QueryActionResponse(request.action_id, caption), QueryActionResponse(0, caption)
     return (numbered(request, number),)
+
+
+def _is_over(slot: Slot) -> bool:
+    """Return whether nothing waits for a slot: it is overdue, or what is left of an answered one."""
+    return slot.overdue or slot.answered
 
 
 def _is_exclusive(slot: Slot, state: State) -> bool:
@@ -328,7 +357,8 @@ def _copy(slots: Slots) -> Slots:
     def twin(slot: Slot) -> Slot:
         if (known := twins.get(id(slot))) is None:
             lane = copy.lanes[slot.lane.response_id]
-            known = Slot(slot.request, lane, None, slot.sent_at, open=slot.open, overdue=slot.overdue)
+            known = Slot(slot.request, lane, None, slot.sent_at, open=slot.open)
+            known.overdue, known.answered = slot.overdue, slot.answered
             twins[id(slot)] = known
         return known
 
@@ -364,6 +394,12 @@ def run(*, short: bool) -> Result:
             )
         )
         sys.stderr.write(f"{case.name}: {model.states:,} states in {time.monotonic() - begun:.0f} s\n")
+    for opening in openings.SHORT:
+        states, faults = openings.walk(opening)
+        wrong += faults[:3]
+        figures[f"opening: {opening.name}"] = {"states": states}
+        rows.append((f"opening: {opening.name}", opening.kinds, f"{opening.owed} owed", f"{states:,}", ""))
+        sys.stderr.write(f"opening, {opening.name}: {states:,} states\n")
     quote = table(
         "all interleavings, losses and delays of a few requests",
         ("requests", "number", "beside them", "states", "steps"),

@@ -52,7 +52,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
     Connecting begins with a handshake: a few queries that prove that no response to an earlier program is
     outstanding. The options up to `write_depth` can also stand in the address
     (`serial:///dev/ttyACM0?byte_order=big`). Arguments come first, then the address, then the profile; limits of
-    the profile only tighten those given.
+    the profile only tighten those given. An address or a profile can also have `answers_twice=yes`, for a board
+    that answers requests twice, and `ignore_extra=yes`, for responses longer than documented.
 
     Args:
         url: Address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), device path, name given by
@@ -240,6 +241,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
             write_depth=options.write_depth,
             transmission_mode=options.transmission_mode,
             unsupported=(profile and profile.settings.unsupported) or (),
+            answers_twice=options.answers_twice and hub is None,
+            ignore_extra=options.ignore_extra,
             repeats=hub is None,
             stats=stats,
             taps=self.taps,

@@ -92,6 +92,8 @@ class Slot(Struct, eq=False):
     open: bool = True
     """Whether the response may still come."""
     overdue: bool = False
+    answered: bool = False
+    """Whether the response has come, and a second one may follow: see `RepeatingSlots`."""
     holds_permit_of: Request[Any] | Command | None = None
     """Packet of an ended call, counted as under way until this slot is over or overdue."""
 

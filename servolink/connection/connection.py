@@ -17,6 +17,7 @@ from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
 from servolink.connection.opening import Opening
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE, TransmissionMode
+from servolink.connection.repeating_slots import RepeatingSlots
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
 from servolink.connection.sharing import BoardSharing
@@ -54,6 +55,8 @@ class Connection:
         learn: bool = True,
         transmission_mode: TransmissionMode = "auto",
         unsupported: Collection[str] = (),
+        answers_twice: bool = False,
+        ignore_extra: bool = False,
         repeats: bool = True,
         stats: Stats | None = None,
         taps: Taps | None = None,
@@ -63,6 +66,8 @@ class Connection:
 
         `transmission_mode` says when the handshake sets mode 1, and `unsupported` names queries that are not used for
         it, such as `QueryMemorySize`. `random` draws the handshake.
+        With `answers_twice` each sending may be answered twice, and one request is under way. `ignore_extra` ignores
+        what responses have behind the content of the document.
         `write_depth` holds while one of them is a change. How many pay is learnt, unless `learn` is False: then as many
         as allowed are sent from the beginning. Without `repeats` each request is sent once, and given up a second
         later: a hub repeats by itself.
@@ -98,7 +103,9 @@ class Connection:
         seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
         self._loop = asyncio.get_running_loop()
-        self._slots = Slots()
+        self._slots = RepeatingSlots() if answers_twice else Slots()
+        if answers_twice:
+            depth = write_depth = 1
         pace = getattr(transport, "bytes_per_second", 0.0)
         self._window = Window(depth, write_depth, learn=learn, bytes_per_second=pace)
         self._scheduler = RequestScheduler(self._window, self._slots)
@@ -116,6 +123,7 @@ class Connection:
             self._loop.time,
             self.stats,
             self.taps,
+            ignore_extra=ignore_extra,
         )
         self._sender = RequestSender(
             transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
@@ -154,6 +162,11 @@ class Connection:
     def units_sent(self) -> int:
         """Number of angle units sent; an angle has another meaning after a new unit."""
         return self._sender.units_sent
+
+    @property
+    def fences(self) -> tuple[Query[Any], ...]:
+        """Short queries that the board answers, as far as it is known; at least two."""
+        return self._sender.fences
 
     @property
     def depth(self) -> int:
@@ -249,6 +262,7 @@ class Connection:
             transmission_mode=self._mode,
             random=self._random,
             unsupported=self.unsupported,
+            twice=self._slots.answer_twice,
         )
         self.lifecycle.begin_opening(event, opening)
         self._scheduler.pause()

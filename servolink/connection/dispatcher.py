@@ -21,6 +21,7 @@ from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.lenient import LenientParser
 from servolink.protocol.parser import FrameParser
 
 _PAUSE = 0.05
@@ -89,6 +90,8 @@ class ResponseDispatcher:
         now: Callable[[], float],
         stats: Stats,
         taps: Taps,
+        *,
+        ignore_extra: bool = False,
     ) -> None:
         """Settle `slots` with responses from `url`; after `patience` seconds of silence the board is gone."""
         self.stats = stats
@@ -121,7 +124,7 @@ class ResponseDispatcher:
         self._silence = Silence()
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the connection has ended."""
-        self._parser = FrameParser(codec.byte_order)
+        self._parser = (LenientParser if ignore_extra else FrameParser)(codec.byte_order)
         self._parser.skipped = stats.skipped
         self._nested = NestedFrameFilter(codec.byte_order)
         self._timer = DeadlineTimer(self._look, lambda: self.stats.bytes_received, self._earliest_due)
@@ -244,6 +247,7 @@ class ResponseDispatcher:
         if self._learns and self._load is None:
             self._load = self._scheduler.load()
         settled = self._slots.settle(packet_id, decoded)
+        self.stats.repeated = self._slots.repeated
         if settled is None:
             self.stats.mismatched += 1
             return

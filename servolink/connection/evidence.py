@@ -60,10 +60,7 @@ class LineEvidence(Struct, frozen=True):
         if self.other_frames:
             return f"answers in {other} byte order ({effort}): use byte_order={other}"
         if self.longer:
-            return (
-                f"sends frames of this protocol with more content than the document says, such as packet {self.longer} "
-                f"({effort}): use ignore_extra=yes"
-            )
+            return self._explain_longer(effort)
         if self.echoes:
             return (
                 f"returns the requests that are sent to it, and no response ({effort}): the two data lines are "
@@ -87,6 +84,8 @@ class LineEvidence(Struct, frozen=True):
 
     def explain_too_little(self, effort: str) -> str:
         """Return why a board that answers could not be opened after `effort`, and the remedy."""
+        if self.longer:
+            return self._explain_longer(effort)
         if self.answers_twice:
             return (
                 f"answers requests more than once ({self.answered} responses to {effort}): use answers_twice=yes, "
@@ -100,6 +99,12 @@ class LineEvidence(Struct, frozen=True):
         return (
             f"answers, but too little to be sure whose responses they are ({effort}): the line is bad, or the board is "
             "busy; try again, or run `servolink doctor`"
+        )
+
+    def _explain_longer(self, effort: str) -> str:
+        return (
+            f"sends frames of this protocol with more content than the document says, such as packet {self.longer} "
+            f"({effort}): use ignore_extra=yes"
         )
 
 

@@ -40,6 +40,10 @@ class ConnectionOptions(Struct, frozen=True):
     """How many queries may be under way at once, at most."""
     write_depth: int = 1
     """The same for requests while something is changed."""
+    answers_twice: bool = False
+    """Whether the board may answer each request twice, as a repeating adapter makes it."""
+    ignore_extra: bool = False
+    """Whether responses may have more content than the document says, which is ignored."""
 
     def __post_init__(self) -> None:
         """Check all options, as documented for `connect`."""
@@ -51,6 +55,9 @@ class ConnectionOptions(Struct, frozen=True):
         for name in ("patience", "depth", "write_depth"):
             force_setattr(self, name, as_number(getattr(self, name)))
         check_seconds("patience", self.patience)
+        for name in ("answers_twice", "ignore_extra"):
+            if not isinstance(getattr(self, name), bool):
+                raise TypeError(f"{name} must be True or False, not {quote(getattr(self, name))}")
         for name, depth in (("depth", self.depth), ("write_depth", self.write_depth)):
             if not is_integer(depth):
                 raise TypeError(f"{name} must be an integer, not {quote(depth)}")
@@ -74,5 +81,7 @@ def options_in(url: str) -> dict[str, Any]:
         "patience": address.number("patience", default.patience, LEAST_SECONDS, MOST_SECONDS),
         "depth": address.integer("depth", default.depth, 1, MOST_DEPTH),
         "write_depth": address.integer("write_depth", default.write_depth, 1, MOST_DEPTH),
+        "answers_twice": address.choice("answers_twice", "no", ("no", "yes")) == "yes",
+        "ignore_extra": address.choice("ignore_extra", "no", ("no", "yes")) == "yes",
     }
     return {name: options[name] for name in address.connection_options}

@@ -142,7 +142,7 @@ class RequestScheduler:
         if self.waiting or self._paused or self._granted or (self._permits and not self._has_room(packet)):
             return False
         slots = self._slots
-        if (slots.live or slots.overdue) and slots.obstacle(packet) is not NO_OBSTACLE:
+        if (slots.live or slots.overdue or slots.answer_twice) and slots.obstacle(packet) is not NO_OBSTACLE:
             return False
         self._take(packet)
         return True

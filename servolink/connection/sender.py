@@ -224,6 +224,8 @@ class RequestSender:
         lane = self._slots.lanes[call.packet.packet_id + 1]
         if not call.packet.repeatable or lane.unmatched or self._slots.overdue >= FENCES_ONLY:
             return True
+        if self._slots.answer_twice and lane.slots:  # a second response could be taken for the one to the repeat
+            return True
         # Silent for long: a board without this request answers a fence, and is not given up as dead.
         fenced = call.latest is not None and call.latest.is_fence
         if call.unanswered:  # apparently again

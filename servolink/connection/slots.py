@@ -39,6 +39,9 @@ NO_OBSTACLE = Obstacle.NONE  # a global is faster than a member of an enum
 class Slots:
     """All open slots of a connection."""
 
+    answer_twice = False
+    """Whether an answered slot stays open for a second response (see `RepeatingSlots`)."""
+
     def __init__(self) -> None:
         """Start with none."""
         self.lanes = {
@@ -52,6 +55,8 @@ class Slots:
         """How many open slots are overdue."""
         self.unmatched = 0
         """How many responses are unmatched."""
+        self.repeated = 0
+        """How many responses were second ones, or may have been."""
         self.unproved = 0
         """How many slots were opened since a response had one possible origin, or since a fence that may have it."""
         self.unanswerable = 0
@@ -117,10 +122,10 @@ class Slots:
             return []
         oldest = slots[0]
         if lane.equal or len(slots) == 1:
-            if not _fits(oldest.request, content):
+            if not fits(oldest.request, content):
                 return None
             return self._settle_exact(oldest, content) if len(slots) == 1 else self._settle_oldest(oldest, content)
-        candidates = [slot for slot in slots if _fits(slot.request, content)]
+        candidates = [slot for slot in slots if fits(slot.request, content)]
         if not candidates:
             return None
         oldest = candidates[0]
@@ -248,7 +253,8 @@ class Slots:
         return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else NO_OBSTACLE
 
 
-def _fits(request: Request[Any], content: Content) -> bool:
+def fits(request: Request[Any], content: Content) -> bool:
+    """Return whether a response, with the id of the lane of `request`, can answer it."""
     return isinstance(content, DecodeError) or request.accepts(content)
 
 

@@ -28,6 +28,8 @@ class Stats(Struct, eq=False):
     """Frames without a request, other than events."""
     mismatched: int = 0
     """Responses about another servo, action, macro or table than requested."""
+    repeated: int = 0
+    """Second responses to a request, or responses that may be one, of a board that is known to answer twice."""
     late_responses: int = 0
     """Responses after the end of their request, not mistaken for the response to a later request."""
     timeouts: int = 0

@@ -165,6 +165,14 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = None
     depth: Annotated[_Depth | None, FieldHelp("most queries in progress at the same time", _DEPTH)] = None
     write_depth: Annotated[_Depth | None, FieldHelp("most writes in progress at the same time", _DEPTH)] = None
+    answers_twice: Annotated[
+        bool | None,
+        FieldHelp("whether the board may answer a request twice", "true or false"),
+    ] = None
+    ignore_extra: Annotated[
+        bool | None,
+        FieldHelp("whether to ignore content beyond the document", "true or false"),
+    ] = None
     memory_unit: Annotated[Literal[1, 1024] | None, FieldHelp("bytes in one unit of reported memory", "1 or 1024")] = (
         None
     )

@@ -114,11 +114,17 @@ def parse_profile(text: str) -> BoardProfile:
         raise TextError(fault.text, line_of(text, fault.path)) from None
 
 
+_BOOLEANS = {"true": True, "false": False}
+"""Settings of two values, written in a shell as in TOML."""
+
+
 def setting_from_text(name: str, text: str) -> Any:
     """Return the value in `text`, lists with commas, for the setting `name`. Raise ValueError for a wrong value."""
     value: object = text
     if name == "unsupported":
         value = [each for each in text.split(",") if each]
+    elif text in _BOOLEANS:
+        value = _BOOLEANS[text]
     else:
         with suppress(ValueError):
             value = float(text)

@@ -77,6 +77,8 @@ def toml_value(name: str, value: object) -> str:
     """Return a value as TOML, with USB ids in hexadecimal and control characters escaped."""
     if isinstance(value, str):
         return '"' + _UNUSUAL.sub(_escape_match, value) + '"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(toml_value(name, each) for each in value)}]"
     if isinstance(value, datetime):
@@ -133,7 +135,9 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
 
 
 def _is_same(found: object, value: object) -> bool:
-    return found == (list(value) if isinstance(value, tuple) else value) and type(found) is not bool
+    return found == (list(value) if isinstance(value, tuple) else value) and isinstance(found, bool) == isinstance(
+        value, bool
+    )
 
 
 def _add_table(table: Any, name: str, values: Mapping[str, object]) -> None:

@@ -178,6 +178,17 @@ class Layout:
 
         return decode if head.values else decode_bare
 
+    def documented(self, content: bytes) -> bytes:
+        """Return the beginning of `content` that the document describes, if more than that was sent."""
+        base, unit = self.rule.base, self.rule.unit
+        if len(content) <= base:
+            return content
+        if self._item is not None:
+            count = int(self._head.format.unpack_from(content)[-1])
+        else:
+            count = min(self.rule.limit, (len(content) - base) // unit) if unit else 0
+        return content[: base + count * unit]
+
     def _wrong_length(self, content: bytes) -> DecodeError:
         """Return the error for a content length that breaks the rule."""
         rule = self.rule

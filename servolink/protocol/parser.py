@@ -251,13 +251,17 @@ class FrameParser:
         declared = PACKETS.get(packet_id)
         if declared is None:
             return UNKNOWN_ID
-        if not layout(declared, self.byte_order).rule.admits(length):
+        if not self._admits(packet_id, length):
             return LENGTH
         if len(self._entries) >= _MAX_CACHED_HEADERS:
             self._entries.clear()
         cut = _cutter(length) if length <= _SHORT else None
         self._entries[header] = length + OVERHEAD, packet_id, sum(header) & 0xFF, cut
         return ""
+
+    def _admits(self, packet_id: int, length: int) -> bool:
+        """Return whether a content may have so many bytes."""
+        return layout(PACKETS[packet_id], self.byte_order).rule.admits(length)
 
     def _skip(self, data: bytes, start: int, end: int, frames: list[Frame]) -> None:
         """Count bytes as skipped, except bytes read again and counted before."""

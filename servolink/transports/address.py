@@ -21,7 +21,16 @@ _HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
 _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
-CONNECTION_OPTIONS = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth")
+CONNECTION_OPTIONS = (
+    "byte_order",
+    "caption_encoding",
+    "transmission_mode",
+    "patience",
+    "depth",
+    "write_depth",
+    "answers_twice",
+    "ignore_extra",
+)
 """Options of every address, for the connection and not for the transport (see `servolink.connection.options`)."""
 
 

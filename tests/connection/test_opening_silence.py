@@ -9,13 +9,15 @@ import pytest
 from servolink.connection.connection import Connection
 from servolink.connection.evidence import HandshakeFailed
 from servolink.errors import ConnectionLost, OpenError
+from servolink.protocol.codec import Codec
 from servolink.protocol.editing import (
     AddActionRequest,
 )
-from servolink.protocol.frame import ByteOrder
+from servolink.protocol.frame import ByteOrder, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import (
+    QueryServoListRequest,
     QueryServoListResponse,
 )
 from servolink.protocol.settings import (
@@ -199,3 +201,38 @@ def test_a_program_that_ends_meanwhile_is_quiet(caplog: pytest.LogCaptureFixture
 
     asyncio.run(main())
     assert caplog.messages == []
+
+
+# --- what came instead of a response ------------------------------------------------------------------------------
+
+
+def longer(frame: bytes) -> bytes:
+    """Return `frame` with one more byte of content than the document says."""
+    packet_id = int.from_bytes(frame[4:6], "little")
+    return encode_frame(packet_id, frame[8:-1] + b"\x01", "little")
+
+
+async def test_contents_that_are_longer_than_in_the_document_are_named_and_can_be_ignored() -> None:
+    board = FakeBoard(usual=Fate(mangle=longer))
+    async with opening(board) as connection:
+        with pytest.raises(OpenError, match=r"more content than the document says, .*use ignore_extra=yes"):
+            await connection.shake_hands()
+    board.gone = None
+    async with opening(board, ignore_extra=True) as connection:
+        assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (Codec("big").encode(QueryServoListResponse((1,))), "answers in big byte order .*use byte_order=big"),
+        (Codec().encode(QueryServoListRequest()), "returns the requests that are sent to it"),
+        (b"ets Jun  8 2016 00:22:57\r\nrst:0x1\r\n", r"sends text, 'ets Jun  8 2016 00:22:57 / rst:0x1"),
+    ],
+)
+async def test_what_came_is_named(answer: bytes, words: str) -> None:
+    board = FakeBoard(usual=Fate(mangle=lambda frame: answer))
+    async with opening(board) as connection:
+        with pytest.raises(HandshakeFailed, match=words) as caught:
+            await connection.shake_hands()
+    assert caught.value.evidence.is_board == answer.startswith(b"\x13\x4c\x05\x1d\x4e\x2b")

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.reliability import openings
 from benchmarks.reliability.model import SHORT, A, B, C, Case, D, Model, T, Violation, W
 from servolink.connection.call import Content, Lane, Settled, Slot
+from servolink.connection.handshake import Handshake
 from servolink.connection.slots import Slots
 from servolink.protocol.editing import QueryActionResponse
 
@@ -36,6 +38,25 @@ def test_nothing_can_go_wrong(case: Case) -> None:
     model = Model(case)
     model.run()
     assert model.steps > model.states > 50
+
+
+@pytest.mark.parametrize("case", openings.SHORT, ids=lambda case: case.name)
+def test_no_opening_is_wrong(case: openings.OpeningCase) -> None:
+    smaller = replace(case, owed=min(case.owed, 1), words=1, sendings=min(case.sendings, 8))
+    states, wrong = openings.walk(smaller)
+    assert (states > 2, wrong) == (True, [])
+
+
+def test_openings_that_forget_second_responses_are_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = next(case for case in openings.SHORT if case.copies == 2)
+    monkeypatch.setattr(openings, "Handshake", lambda *arguments, **options: Handshake(*arguments, is_quiet=False))
+    assert openings.walk(replace(case, owed=0, words=1))[1]
+
+
+def test_the_usual_rules_are_found_out_on_a_board_that_answers_twice() -> None:
+    case = next(case for case in SHORT if case.copies == 2)
+    with pytest.raises(Violation):
+        Model(case, Slots).run()
 
 
 class Simpler(Slots):

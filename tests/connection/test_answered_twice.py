@@ -1,0 +1,100 @@
+"""Boards that answer requests twice: with the setting, no second response is taken for the one to another request."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+import pytest
+
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryProjectIDRequest
+from servolink.protocol.packet import Packet, Request
+from servolink.protocol.servos import QueryServoRequest
+from servolink.protocol.settings import QueryMemorySizeRequest
+from tests.client.fake_board import LATENCY, FakeBoard, Fate, now
+from tests.connection.openings import LIST, STOP, opening
+from tests.virtual_time import run
+
+TWICE = {"answers_twice": True}
+
+
+class Echo(FakeBoard):
+    """It answers some requests twice, loses some, and shows in each project id how many it has answered."""
+
+    def __init__(self, chance: Random, twice: float, lost: float) -> None:
+        super().__init__()
+        self.chance, self.twice, self.lost = chance, twice, lost
+
+    def _take(self, packet: Packet, frame: bytes) -> None:
+        draw = self.chance.random()
+        copies = 2 if self.chance.random() < self.twice else 1
+        self.plan(type(packet), Fate(after=None if draw < self.lost else LATENCY, copies=copies))
+        super()._take(packet, frame)
+
+
+REQUESTS: tuple[Request[Any], ...] = (
+    LIST,
+    QueryProjectIDRequest(),
+    QueryMemorySizeRequest(),
+    QueryServoRequest(255),
+    QueryServoRequest(2),
+    QueryActionRequest(1),
+    QueryActionRequest(2),
+)
+
+
+@pytest.mark.parametrize("twice", [1.0, 0.5, 0.1, 0.0])
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(4))
+def test_each_request_gets_a_response_to_itself(twice: float, lost: float, seed: int) -> None:
+    async def main() -> None:
+        chance = Random(seed)
+        board = Echo(chance, twice, lost)
+        async with opening(board, seed=seed, **TWICE) as connection:
+            assert (await connection.request(AddActionRequest(1, "wave"))).result == 1
+            for _ in range(60):
+                request = chance.choice(REQUESTS)
+                response = await connection.request(request)
+                assert request.accepts(response)
+                if request == QueryActionRequest(2):
+                    assert response.action_id == 0
+                if request == QueryActionRequest(1):
+                    assert response.action_id == 1
+            assert connection.stats.reopenings == 0
+            assert connection.stats.unsolicited == 0
+            assert (connection.stats.repeated > 0) == (twice > 0)
+
+    run(main())
+
+
+async def test_a_healthy_board_is_opened_in_six_round_trips_all_the_same() -> None:
+    board = FakeBoard()
+    async with opening(board, **TWICE) as connection:
+        begun = now()
+        await connection.shake_hands()
+        assert now() == pytest.approx(begun + 6 * LATENCY)
+        assert connection.depth_bound == connection.write_depth_bound == 1
+
+
+async def test_the_same_query_waits_for_a_fence_and_another_one_does_not() -> None:
+    board = FakeBoard(usual=Fate(copies=2))
+    async with opening(board, **TWICE) as connection:
+        await connection.shake_hands()
+        await connection.request(LIST)
+        board.sent.clear()
+        await connection.request(QueryServoRequest(255))
+        assert len(board.sent) == 1
+        await connection.request(QueryServoRequest(255))
+        assert len(board.sent) == 3
+
+
+async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
+    board = FakeBoard(usual=Fate(copies=2))
+    async with opening(board, **TWICE) as connection:
+        await connection.shake_hands()
+        await connection.request(QueryServoRequest(255))
+        for _ in range(3):
+            begun = now()
+            await connection.send_stop(STOP)
+            assert board.sent[-1] == (begun, STOP)
+        assert len((await connection.request(QueryServoRequest(255))).servos) == 4
