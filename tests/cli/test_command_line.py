@@ -128,27 +128,27 @@ def test_the_version_is_that_of_the_package() -> None:
     assert re.fullmatch(r"servolink \d+\.\d+\S* on \w+ 3\.\d+\.\d+, \w+ \w+\n", said.out)
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_examples_work(
-    example: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", [name for name in ALL if name not in UNTIL_CTRL_C | SLOW | NEED_A_BROKER])
+def test_examples_of_a_page_work_one_after_the_other(
+    name: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name = EXAMPLES[example]
-    assert example.startswith(name)
-    if name in UNTIL_CTRL_C | SLOW | NEED_A_BROKER:
-        assert parser_of().parse_args(shlex.split(example)).run
-        return
     _prepare(robot, tmp_path, monkeypatch, stored=ALL[name].needs_records)
-    if example == "export robot.servolink.json":  # without --yes, it writes a new file only
+    if name == "export":  # without --yes, it writes a new file only
         (tmp_path / "robot.servolink.json").unlink()
     if name == "rollback":
         call(capsys, "apply", "robot.servolink.json", "--yes")
-    if example.startswith("use --remove"):
-        call(capsys, "use", example.rsplit(maxsplit=1)[-1], "virtual://")
     if name.startswith("board"):
         call(capsys, "use", "rex", "virtual://")
         call(capsys, "board", "set", "rex", "--depth", "2")
-    said = call(capsys, *shlex.split(example))
-    assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), said.err
+    for example in ALL[name].examples:
+        said = call(capsys, *shlex.split(example))
+        assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), f"{example}: {said.err}"
+
+
+@pytest.mark.parametrize("name", sorted(UNTIL_CTRL_C | SLOW | NEED_A_BROKER))
+def test_examples_of_commands_that_do_not_end_are_understood(name: str) -> None:
+    for example in ALL[name].examples:
+        assert parser_of().parse_args(shlex.split(example)).run
 
 
 def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, stored: bool) -> None:
