@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING
 
 from servolink.client.captions import CaptionSource, Targets, servo_targets
@@ -15,7 +15,7 @@ from servolink.motion.angles import Degrees
 from servolink.motion.set_points import SetPoints, checked_set_points
 from servolink.numeric import as_number, is_number
 from servolink.platforms.time_asleep import time_with_sleep
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest
+from servolink.protocol.servos import ExecuteActionRequest
 
 if TYPE_CHECKING:  # imported late: most programs stream nothing
     from servolink.client.board_servos import ServoController
@@ -30,10 +30,21 @@ class ServoStream:
     Any number of tasks may send set-points: the latest one counts, whoever has given it.
     """
 
-    def __init__(self, source: CaptionSource, send_points: SendPoints, hz: float, gap: float) -> None:
-        """Send at most `hz` set-points a second with `send_points`; captions are read from `source`."""
+    def __init__(
+        self,
+        source: CaptionSource,
+        read_ids: Callable[[], Awaitable[tuple[int, ...]]],
+        send_points: SendPoints,
+        hz: float,
+        gap: float,
+    ) -> None:
+        """Send at most `hz` set-points a second with `send_points` to the servos that `read_ids` returns.
+
+        Captions are read from `source`.
+        """
         check_rate(hz, gap)
         self._source = source
+        self._read_ids = read_ids
         self._send_points = send_points
         self._period = 1 / hz
         """Least time from one movement to the next, in seconds."""
@@ -91,7 +102,7 @@ class ServoStream:
         if names != self._names:
             places = await servo_targets(self._source, {name: place for place, name in enumerate(names)})
             if not self._servo_ids:
-                self._servo_ids = frozenset((await self._source.request(QueryServoListRequest())).servo_id_list)
+                self._servo_ids = frozenset(await self._read_ids())
             self._names, self._places = names, places
         return {servo_id: values[int(place)] for servo_id, place in self._places.items()}
 
@@ -130,4 +141,9 @@ def stream_on(
             return await through_hub(angles, until)
         return await servos.stream(angles, points, begun._replace(until=until))
 
-    return ServoStream(session, send_points, hz, gap)
+    async def read_ids() -> tuple[int, ...]:
+        # The unit is set before the first set-point is given, which would be late on a slow board.
+        await servos.units.ensure()
+        return await servos.servo_ids()
+
+    return ServoStream(session, read_ids, send_points, hz, gap)

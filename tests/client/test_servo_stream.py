@@ -276,6 +276,12 @@ async def test_a_stream_that_was_made_before_a_stop_never_begins() -> None:
     assert movements(fake) == []
 
 
+async def test_a_slow_board_is_prepared_before_the_first_set_point_which_is_not_late_then() -> None:
+    fake = FakeBoard(usual=late(0.3))
+    async with opened(fake, speed_cap=100) as board:
+        assert await board.stream().send({1: 0})
+
+
 async def test_a_lost_connection_ends_the_stream() -> None:
     fake = FakeBoard()
     async with opened(fake) as board:

@@ -54,6 +54,19 @@ async def test_a_way_too_long_for_the_cap_is_shortened_by_the_hub() -> None:
         assert here.hub.programs["session of pad"].counters.refused == 0
 
 
+async def test_a_servo_outside_its_limits_comes_back_by_small_moves_and_by_a_stream() -> None:
+    async with shared(angle_limits=(-90, 90), speed_cap=200) as here, here.program("pad") as pad:
+        here.virtual.servos[1].angle = 170.0
+        for angle in (172, 150):
+            with pytest.raises(RpcFailed, match=r"outside its limits -90\.\.90"):
+                await pad.call("move", targets={"1": angle}, duration=1)
+        await pad.call("move", targets={"1": 161}, duration=1, wait=True)
+        number = (await pad.call("stream.begin"))["stream"]
+        for _ in range(40):
+            sent = await pad.call("stream.send", stream=number, targets={"1": 170})
+        assert sent == {"sent": {"1": 90}}
+
+
 async def test_of_set_points_that_come_too_fast_the_latest_is_sent() -> None:
     async with shared() as here, here.program("pad") as pad:
         number = (await pad.call("stream.begin", hz=10))["stream"]

@@ -105,6 +105,26 @@ def test_movements_that_are_checked_first_are_not_disturbed_by_programs_with_oth
     on_hub(use, SafetyLimits(speed_cap=60), depth=4)
 
 
+def test_a_servo_outside_its_limits_comes_back_in_small_steps_of_any_program() -> None:
+    async def use(there: World) -> None:
+        program = there.join("program")
+        there.fake.virtual.servos[1].angle = 170.0
+        for angle, is_sent in (
+            (172, False),
+            (150, False),
+            (161, True),
+            (140, False),
+            (152, True),
+            (-91, False),
+            (20, True),
+        ):
+            assert await there.move(program, ExecuteActionRequest((Step(1, angle, 100),))) == is_sent, angle
+            await asyncio.sleep(2)
+        assert all("outside its limits -90..90" in one.reason for one in there.of(RefusedNotice))
+
+    on_hub(use, SafetyLimits(angles={1: (-90, 90)}))
+
+
 def test_a_unit_that_is_perhaps_set_is_set_again_before_limits_are_checked() -> None:
     async def use(there: World) -> None:
         program = there.join("program")

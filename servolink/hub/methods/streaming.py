@@ -32,7 +32,7 @@ def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
         return await control.hub.stream(control.session, angles, points, ticket._replace(until=until))
 
-    control.stream = ServoStream(board, send_points, params.hz, params.gap)
+    control.stream = ServoStream(board, board.servo_ids, send_points, params.hz, params.gap)
     control.streams += 1
     return StreamBegun(control.streams)
 
