@@ -1,4 +1,7 @@
-"""Errors: safe to print whatever boards and files contain, on one side or the other, with a reason for programs."""
+"""Errors: safe to print whatever boards and files contain, on one side or the other, with a reason for programs.
+
+Module: servolink.escaping.
+"""
 
 from __future__ import annotations
 

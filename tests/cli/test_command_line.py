@@ -1,4 +1,7 @@
-"""The parser: what it suggests, what its help shows, and that every example in it works."""
+"""The parser: what it suggests, what its help shows, and that every example in it works.
+
+Modules: servolink.cli.arguments, servolink.cli.command, servolink.cli.first_steps.help, servolink.cli.usage.
+"""
 
 from __future__ import annotations
 

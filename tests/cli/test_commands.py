@@ -1,4 +1,7 @@
-"""Each command against a board in another process, over a real terminal, as text and as JSON."""
+"""Each command against a board in another process, over a real terminal, as text and as JSON.
+
+Module: servolink.cli.developers.bench.
+"""
 
 from __future__ import annotations
 

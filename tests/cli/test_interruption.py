@@ -1,4 +1,7 @@
-"""Ctrl-C: at once, without a traceback, and with the truth about the servos."""
+"""Ctrl-C: at once, without a traceback, and with the truth about the servos.
+
+Modules: servolink.cli.command_session, servolink.platforms.signals.
+"""
 
 from __future__ import annotations
 

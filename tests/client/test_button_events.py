@@ -1,4 +1,7 @@
-"""Button events: one subscription on the board, any number of readers here."""
+"""Button events: one subscription on the board, any number of readers here.
+
+Module: servolink.client.readers.
+"""
 
 from __future__ import annotations
 

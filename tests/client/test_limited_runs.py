@@ -1,4 +1,7 @@
-"""Stored actions, macros and packets of one's own are kept within the limits of movements."""
+"""Stored actions, macros and packets of one's own are kept within the limits of movements.
+
+Modules: servolink.client.collect, servolink.client.raw_packets, servolink.client.stored_runs.
+"""
 
 from __future__ import annotations
 

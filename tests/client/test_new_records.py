@@ -1,4 +1,7 @@
-"""Records are added without an id: the lowest free one is chosen, and references must lead to something."""
+"""Records are added without an id: the lowest free one is chosen, and references must lead to something.
+
+Module: servolink.client.board_records.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A profile guards its board: another one in its place is not moved or written."""
+"""A profile guards its board: another one in its place is not moved or written.
+
+Module: servolink.client.identity_guard.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Reconnecting: a board that is unplugged and comes back."""
+"""Reconnecting: a board that is unplugged and comes back.
+
+Module: servolink.client.session.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A board that a hub shares: who may move it, who has it alone, and what a program is told."""
+"""A board that a hub shares: who may move it, who has it alone, and what a program is told.
+
+Modules: servolink.client.hub_link, servolink.connection.sharing.
+"""
 
 from __future__ import annotations
 

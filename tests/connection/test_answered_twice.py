@@ -1,4 +1,7 @@
-"""Boards that answer requests twice: with the setting, no second response is taken for the one to another request."""
+"""Boards that answer requests twice: with the setting, no second response is taken for the one to another request.
+
+Module: servolink.connection.repeating_slots.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Connection.ask: queries for which no task waits."""
+"""Connection.ask: queries for which no task waits.
+
+Module: servolink.connection.connection.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Which slot a response belongs to: what proves it, and when a fence is sent to prove it."""
+"""Which slot a response belongs to: what proves it, and when a fence is sent to prove it.
+
+Module: servolink.connection.fences.
+"""
 
 from __future__ import annotations
 

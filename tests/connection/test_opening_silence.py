@@ -1,4 +1,7 @@
-"""Opening: a board that is silent, in another mode, or lost meanwhile."""
+"""Opening: a board that is silent, in another mode, or lost meanwhile.
+
+Module: servolink.connection.evidence.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What waits while the computer sleeps moves nothing afterwards."""
+"""What waits while the computer sleeps moves nothing afterwards.
+
+Module: servolink.platforms.time_asleep.
+"""
 
 from __future__ import annotations
 

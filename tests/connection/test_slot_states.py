@@ -1,4 +1,7 @@
-"""Slots: which are live or overdue, what a stop does to them, and what stands in the way of a request."""
+"""Slots: which are live or overdue, what a stop does to them, and what stands in the way of a request.
+
+Module: servolink.connection.call.
+"""
 
 from __future__ import annotations
 

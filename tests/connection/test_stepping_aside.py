@@ -1,4 +1,7 @@
-"""A query that the board does not know lets other requests be sent between its tries."""
+"""A query that the board does not know lets other requests be sent between its tries.
+
+Module: servolink.connection.sender.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink.control.notifications` and `status`: what a program decodes, also from a newer hub."""
+"""`servolink.control.notifications` and `status`: what a program decodes, also from a newer hub.
+
+Module: servolink.control.status.
+"""
 
 from __future__ import annotations
 

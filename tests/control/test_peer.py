@@ -1,4 +1,7 @@
-"""The JSON-RPC of the control interface: whatever a program sends, it gets one clear answer, and costs little."""
+"""The JSON-RPC of the control interface: whatever a program sends, it gets one clear answer, and costs little.
+
+Module: servolink.control.error_codes.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink.control.channel`: calls that wait for their response."""
+"""`servolink.control.channel`: calls that wait for their response.
+
+Module: servolink.control.channel.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink list` and `servolink use`, and other commands without an address."""
+"""`servolink list` and `servolink use`, and other commands without an address.
+
+Modules: servolink.cli.boards.find, servolink.cli.boards.known.
+"""
 
 from __future__ import annotations
 

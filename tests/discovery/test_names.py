@@ -1,4 +1,7 @@
-"""Names are kept safely, lead to their board on any port, and no name at all leads to the only board."""
+"""Names are kept safely, lead to their board on any port, and no name at all leads to the only board.
+
+Module: servolink.platforms.locks.
+"""
 
 from __future__ import annotations
 

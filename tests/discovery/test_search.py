@@ -1,4 +1,7 @@
-"""The search finds every kind and opens nothing; devices of one board are one board, and a single one is taken."""
+"""The search finds every kind and opens nothing; devices of one board are one board, and a single one is taken.
+
+Modules: servolink.transports.device_info, servolink.transports.serial_ports.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink doctor NAME --learn`, as it is typed."""
+"""`servolink doctor NAME --learn`, as it is typed.
+
+Module: servolink.cli.boards.learn.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What was measured is merged into what is kept."""
+"""What was measured is merged into what is kept.
+
+Module: servolink.doctor.learn_captions.
+"""
 
 from __future__ import annotations
 

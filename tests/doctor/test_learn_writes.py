@@ -1,4 +1,7 @@
-"""Writing tells the rest, and leaves the board as it was, however it ends."""
+"""Writing tells the rest, and leaves the board as it was, however it ends.
+
+Modules: servolink.doctor.learn_board, servolink.doctor.learn_line, servolink.doctor.learn_trial.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The rules give users at the machine access to the board only, and hold no text of a device that could change them."""
+"""The rules give users at the machine access to the board only, and hold no text of a device that could change them.
+
+Module: servolink.cli.boards.doctor.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Each cause is found in the facts of a system that has it, and not in those of one that has not."""
+"""Each cause is found in the facts of a system that has it, and not in those of one that has not.
+
+Modules: servolink.doctor.environment, servolink.doctor.examine, servolink.doctor.system.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The address of a broker, and what a program shows there."""
+"""The address of a broker, and what a program shows there.
+
+Module: servolink.cli.fleet.broker_options.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A board through a bridge and a real broker."""
+"""A board through a bridge and a real broker.
+
+Modules: servolink.fleet.join, servolink.fleet.telemetry.
+"""
 
 from __future__ import annotations
 

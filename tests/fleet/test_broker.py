@@ -1,4 +1,7 @@
-"""A connection with a real broker."""
+"""A connection with a real broker.
+
+Modules: servolink.fleet.mqtt_client, servolink.platforms.socket_watch.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Commands from afar: each is carried out once, in time, and answered, whatever comes."""
+"""Commands from afar: each is carried out once, in time, and answered, whatever comes.
+
+Modules: servolink.fleet.answers, servolink.fleet.hub_session, servolink.fleet.pulse, servolink.fleet.ready_run.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A real broker, a real bridge and a program that commands, while the broker and the network between them fail."""
+"""A real broker, a real bridge and a program that commands, while the broker and the network between them fail.
+
+Modules: servolink.fleet.client, servolink.fleet.outbox, servolink.fleet.roster.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""`servolink fleet` as a person runs it, with boards that only answer."""
+"""`servolink fleet` as a person runs it, with boards that only answer.
+
+Modules: servolink.cli.fleet.boards, servolink.cli.fleet.fleet_apply, servolink.cli.fleet.fleet_join,
+servolink.cli.fleet.fleet_run, servolink.cli.fleet.fleet_watch.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Which boards a stop of a whole fleet waits for, and what it says of those that are lost meanwhile."""
+"""Which boards a stop of a whole fleet waits for, and what it says of those that are lost meanwhile.
+
+Modules: servolink.fleet.pending_command, servolink.fleet.stop_handler, servolink.fleet.urgent.
+"""
 
 from __future__ import annotations
 

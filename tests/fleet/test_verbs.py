@@ -1,4 +1,7 @@
-"""What is done to many boards at once, with boards that misbehave."""
+"""What is done to many boards at once, with boards that misbehave.
+
+Modules: servolink.fleet.checks, servolink.fleet.each, servolink.fleet.together, servolink.fleet.transfer.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Programs of a hub that have exclusive use of the board, and what waits for them."""
+"""Programs of a hub that have exclusive use of the board, and what waits for them.
+
+Module: servolink.hub.methods.context.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Hostile programs at the control interface: each gets errors or is disconnected, and nobody else notices."""
+"""Hostile programs at the control interface: each gets errors or is disconnected, and nobody else notices.
+
+Modules: servolink.control.messages, servolink.hub.methods.control_session.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What programs can do through the control interface of a hub."""
+"""What programs can do through the control interface of a hub.
+
+Module: servolink.hub.methods.methods.
+"""
 
 from __future__ import annotations
 

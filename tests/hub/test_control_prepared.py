@@ -1,4 +1,7 @@
-"""Runs that are prepared first, and started when their moment has come."""
+"""Runs that are prepared first, and started when their moment has come.
+
+Module: servolink.hub.methods.prepared.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Stops through the control interface of a hub: of all servos, of some, and of a movement that is let go."""
+"""Stops through the control interface of a hub: of all servos, of some, and of a movement that is let go.
+
+Module: servolink.hub.engine.stop_order.
+"""
 
 from __future__ import annotations
 

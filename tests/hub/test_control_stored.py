@@ -1,4 +1,7 @@
-"""Records and projects through the control interface of a hub."""
+"""Records and projects through the control interface of a hub.
+
+Module: servolink.hub.methods.stored.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Streams of set-points through a hub: on the control interface, and from a board on share://."""
+"""Streams of set-points through a hub: on the control interface, and from a board on share://.
+
+Modules: servolink.control.tightening, servolink.hub.methods.streaming.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Programs in the process of the hub, whose packets do not become bytes."""
+"""Programs in the process of the hub, whose packets do not become bytes.
+
+Modules: servolink.connection.packet_connection, servolink.hub.doors.in_process.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The door for programs of this machine: what they say at first, and who they cannot harm."""
+"""The door for programs of this machine: what they say at first, and who they cannot harm.
+
+Modules: servolink.control.greeting, servolink.control.share_address.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The door for serial programs: one after the other, each with a fresh session."""
+"""The door for serial programs: one after the other, each with a fresh session.
+
+Module: servolink.listeners.pty.
+"""
 
 from __future__ import annotations
 

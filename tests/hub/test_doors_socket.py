@@ -1,4 +1,7 @@
-"""The door for programs of this machine: a socket that only this user may use."""
+"""The door for programs of this machine: a socket that only this user may use.
+
+Module: servolink.hub.doors.socket_door.
+"""
 
 from __future__ import annotations
 

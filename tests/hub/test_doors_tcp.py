@@ -1,4 +1,7 @@
-"""The TCP doors: programs in any language get in, web pages and strangers do not."""
+"""The TCP doors: programs in any language get in, web pages and strangers do not.
+
+Module: servolink.hub.doors.frame_doors.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What ends or interrupts the use of a shared board: other programs, losses, refusals, and the end of the hub."""
+"""What ends or interrupts the use of a shared board: other programs, losses, refusals, and the end of the hub.
+
+Modules: servolink.hub.engine.upstream, servolink.hub.hub.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink share` as a process: killed, started twice, and sought by another user."""
+"""`servolink share` as a process: killed, started twice, and sought by another user.
+
+Module: servolink.hub.serving.
+"""
 
 from __future__ import annotations
 

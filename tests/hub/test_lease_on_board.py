@@ -1,4 +1,7 @@
-"""The motion lease and stops through a hub: what reaches the board, when, and what each program gets."""
+"""The motion lease and stops through a hub: what reaches the board, when, and what each program gets.
+
+Module: servolink.hub.engine.lease_keeper.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Roles, limits and units through a hub: what is refused to raw programs, and what keeps its place."""
+"""Roles, limits and units through a hub: what is refused to raw programs, and what keeps its place.
+
+Module: servolink.hub.engine.unit_switch.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Programs of a hub: the order of their responses, their turns, joined queries, and what belongs to each of them."""
+"""Programs of a hub: the order of their responses, their turns, joined queries, and what belongs to each of them.
+
+Module: servolink.hub.engine.program.
+"""
 
 from __future__ import annotations
 

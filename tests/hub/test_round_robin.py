@@ -1,4 +1,7 @@
-"""RoundRobin against what it promises: nothing is lost, each program keeps its order, and nobody waits for a flood."""
+"""RoundRobin against what it promises: nothing is lost, each program keeps its order, and nobody waits for a flood.
+
+Module: servolink.hub.rules.exchanges.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Motion and stops of programs that share a board."""
+"""Motion and stops of programs that share a board.
+
+Module: servolink.hub.engine.sending.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The tap of a hub: who asked what, what became of it, and the bytes; it sends nothing and delays nobody."""
+"""The tap of a hub: who asked what, what became of it, and the bytes; it sends nothing and delays nobody.
+
+Modules: servolink.hub.methods.feeds, servolink.hub.methods.tap_methods.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Motion: what is checked and computed before a movement is sent."""
+"""Motion: what is checked and computed before a movement is sent.
+
+Module: servolink.motion.limits.
+"""
 
 from __future__ import annotations
 

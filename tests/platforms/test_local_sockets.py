@@ -1,4 +1,7 @@
-"""Sockets between programs of one user: what the system is asked, and who is let in."""
+"""Sockets between programs of one user: what the system is asked, and who is let in.
+
+Module: servolink.platforms.private_files.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A profile is kept whole, read back as it was, and refused by file and line when it is damaged."""
+"""A profile is kept whole, read back as it was, and refused by file and line when it is damaged.
+
+Module: servolink.profiles.profile.
+"""
 
 from __future__ import annotations
 

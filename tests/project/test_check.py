@@ -1,4 +1,7 @@
-"""What is wrong with a project."""
+"""What is wrong with a project.
+
+Modules: servolink.project.model, servolink.project.validate.
+"""
 
 from __future__ import annotations
 

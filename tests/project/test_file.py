@@ -1,4 +1,7 @@
-"""The project file: what it looks like, that nothing is lost in it, and what is said of a wrong one."""
+"""The project file: what it looks like, that nothing is lost in it, and what is said of a wrong one.
+
+Modules: servolink.json_text, servolink.project.project_file, servolink.project.single_record.
+"""
 
 from __future__ import annotations
 

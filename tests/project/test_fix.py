@@ -1,4 +1,7 @@
-"""Repairs: of what has one right answer, and of nothing else."""
+"""Repairs: of what has one right answer, and of nothing else.
+
+Module: servolink.project.naming.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Imports and rollbacks on boards that behave, and on boards that do not."""
+"""Imports and rollbacks on boards that behave, and on boards that do not.
+
+Modules: servolink.client.projects, servolink.project.transfer.import_run.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Poses become actions and a macro, with the times that they took."""
+"""Poses become actions and a macro, with the times that they took.
+
+Module: servolink.project.teaching.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Imports to boards that keep 16 bits of a project id, or none: less shows whose import it is, and nothing is lost."""
+"""Imports to boards that keep 16 bits of a project id, or none: less shows whose import it is, and nothing is lost.
+
+Modules: servolink.project.transfer.journal, servolink.project.transfer.marker, servolink.project.transfer.pinned.
+"""
 
 from __future__ import annotations
 

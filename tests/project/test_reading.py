@@ -1,4 +1,8 @@
-"""Exports and plans, of boards that behave and of boards that lie."""
+"""Exports and plans, of boards that behave and of boards that lie.
+
+Modules: servolink.project.transfer.import_plan, servolink.project.transfer.importing, servolink.project.transfer.read,
+servolink.project.transfer.results, servolink.project.transfer.writing.
+"""
 
 from __future__ import annotations
 

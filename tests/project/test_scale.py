@@ -1,4 +1,7 @@
-"""Times multiplied."""
+"""Times multiplied.
+
+Module: servolink.project.adjust.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""How long the commands of macros take: as long as a board that plays them."""
+"""How long the commands of macros take: as long as a board that plays them.
+
+Module: servolink.project.record_lookup.
+"""
 
 from __future__ import annotations
 

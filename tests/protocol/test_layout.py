@@ -1,4 +1,8 @@
-"""Compiled declarations: contents in both directions, and errors for values and lengths that do not fit."""
+"""Compiled declarations: contents in both directions, and errors for values and lengths that do not fit.
+
+Modules: servolink.protocol.editing, servolink.protocol.joystick, servolink.protocol.servos,
+servolink.protocol.settings.
+"""
 
 from __future__ import annotations
 

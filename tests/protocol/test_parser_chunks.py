@@ -2,6 +2,8 @@
 
 Frames that follow each other in long chunks are cut by another call than the last one, and a chunk that is one whole
 frame is not scanned at all.
+
+Module: servolink.protocol.recovery.
 """
 
 from __future__ import annotations

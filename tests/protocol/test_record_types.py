@@ -1,4 +1,7 @@
-"""Each record type finds the parts of its records and packets."""
+"""Each record type finds the parts of its records and packets.
+
+Module: servolink.protocol.records.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A disk that is slow or full: what is lost, that the file says so, and that nobody waits."""
+"""A disk that is slow or full: what is lost, that the file says so, and that nobody waits.
+
+Modules: servolink.recorder.backlog, servolink.recorder.writer.
+"""
 
 from __future__ import annotations
 

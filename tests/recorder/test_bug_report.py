@@ -1,4 +1,7 @@
-"""Nothing private is in a report: its bytes are searched, unpacked and decoded."""
+"""Nothing private is in a report: its bytes are searched, unpacked and decoded.
+
+Module: servolink.recorder.private_text.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Damage in a recording costs what it hits, and is told: by `show` and by `record --repair`."""
+"""Damage in a recording costs what it hits, and is told: by `show` and by `record --repair`.
+
+Modules: servolink.recorder.mcap_check, servolink.recorder.mcap_index, servolink.recorder.mcap_stream.
+"""
 
 from __future__ import annotations
 

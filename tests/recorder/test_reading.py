@@ -1,4 +1,7 @@
-"""A recording is read in order and in bounded memory, however its file is cut, damaged or made up."""
+"""A recording is read in order and in bounded memory, however its file is cut, damaged or made up.
+
+Modules: servolink.recorder.mcap_reader, servolink.recorder.readings.
+"""
 
 from __future__ import annotations
 

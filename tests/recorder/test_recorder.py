@@ -1,4 +1,7 @@
-"""Recording a board of this program: what is in the file, and that other tools read it."""
+"""Recording a board of this program: what is in the file, and that other tools read it.
+
+Module: servolink.recorder.new_file.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A recorder on a hub: a process of its own, beside running programs, which its end does not disturb."""
+"""A recorder on a hub: a process of its own, beside running programs, which its end does not disturb.
+
+Module: servolink.recorder.hub_source.
+"""
 
 from __future__ import annotations
 

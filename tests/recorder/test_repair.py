@@ -1,4 +1,7 @@
-"""Repair: a file that was cut anywhere keeps all of its whole chunks."""
+"""Repair: a file that was cut anywhere keeps all of its whole chunks.
+
+Module: servolink.recorder.recording_file.
+"""
 
 from __future__ import annotations
 

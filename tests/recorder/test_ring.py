@@ -1,4 +1,7 @@
-"""The ring: what it keeps, in how much memory, and when it is written."""
+"""The ring: what it keeps, in how much memory, and when it is written.
+
+Modules: servolink.recorder.board_source, servolink.recorder.clock.
+"""
 
 from __future__ import annotations
 

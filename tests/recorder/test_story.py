@@ -1,4 +1,7 @@
-"""The story of a recording names who asked for what, what came of it, and what is missing."""
+"""The story of a recording names who asked for what, what came of it, and what is missing.
+
+Modules: servolink.recorder.conversation, servolink.recorder.recording_summary, servolink.recorder.round_trips.
+"""
 
 from __future__ import annotations
 

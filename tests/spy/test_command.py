@@ -1,4 +1,7 @@
-"""`servolink spy`, with a board and a program on real pseudo-terminals."""
+"""`servolink spy`, with a board and a program on real pseudo-terminals.
+
+Modules: servolink.cli.developers.spy, servolink.spy.watching.
+"""
 
 from __future__ import annotations
 

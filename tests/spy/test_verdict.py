@@ -1,4 +1,7 @@
-"""What is learnt of virtual boards of all kinds, from raw bytes of a client that knows nothing of servolink."""
+"""What is learnt of virtual boards of all kinds, from raw bytes of a client that knows nothing of servolink.
+
+Module: servolink.spy.learning.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Pages that send too much, read nothing, or show their secret where it does not belong."""
+"""Pages that send too much, read nothing, or show their secret where it does not belong.
+
+Modules: servolink.studio.connections, servolink.studio.page.
+"""
 
 from __future__ import annotations
 

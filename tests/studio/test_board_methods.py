@@ -1,4 +1,7 @@
-"""The studio says what keeps it from the board, and whom it lets in from other machines."""
+"""The studio says what keeps it from the board, and whom it lets in from other machines.
+
+Module: servolink.studio.links.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The studio lets in pages that were loaded from it and know the token, and carries what they ask to the hub."""
+"""The studio lets in pages that were loaded from it and know the token, and carries what they ask to the hub.
+
+Modules: servolink.studio.draft_methods, servolink.studio.start, servolink.studio.studio_methods.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""servolink.sync: all that servolink does, without `async`."""
+"""servolink.sync: all that servolink does, without `async`.
+
+Module: servolink.sync.loop_thread.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What every transport must do, whatever its kind."""
+"""What every transport must do, whatever its kind.
+
+Modules: servolink.transports.base, servolink.transports.stream.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A board on HID: reports, descriptors, the choice of the interface, and errors."""
+"""A board on HID: reports, descriptors, the choice of the interface, and errors.
+
+Module: servolink.transports.hid_devices.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The virtual board over USB/IP, as hosts meet it: good ones, and others."""
+"""The virtual board over USB/IP, as hosts meet it: good ones, and others.
+
+Modules: servolink.usbip.usbip_messages, servolink.usbip.usbip_server.
+"""
 
 from __future__ import annotations
 

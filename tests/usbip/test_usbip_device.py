@@ -1,4 +1,7 @@
-"""The USB device, URB by URB, without a line to a host."""
+"""The USB device, URB by URB, without a line to a host.
+
+Modules: servolink.usbip.control, servolink.usbip.descriptors, servolink.usbip.device, servolink.usbip.endpoint.
+"""
 
 from __future__ import annotations
 

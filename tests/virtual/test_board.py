@@ -1,4 +1,7 @@
-"""The board as a whole: sessions, time, noise, and anything at all as input."""
+"""The board as a whole: sessions, time, noise, and anything at all as input.
+
+Module: servolink.virtual.hardware.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink virtual` as people and programs run it: a process of its own."""
+"""`servolink virtual` as people and programs run it: a process of its own.
+
+Module: servolink.cli.developers.virtual.
+"""
 
 from __future__ import annotations
 

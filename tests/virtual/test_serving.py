@@ -1,4 +1,7 @@
-"""Boards served over real pseudo-terminals and sockets."""
+"""Boards served over real pseudo-terminals and sockets.
+
+Module: servolink.virtual.serve.
+"""
 
 from __future__ import annotations
 

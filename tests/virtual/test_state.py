@@ -1,4 +1,7 @@
-"""What is written to a state file, and which files are refused."""
+"""What is written to a state file, and which files are refused.
+
+Module: servolink.virtual.state_file.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink wireshark`, and the folder into which it puts the dissector."""
+"""`servolink wireshark`, and the folder into which it puts the dissector.
+
+Module: servolink.cli.developers.wireshark.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink board`: what is known of a board is shown, set and forgotten, and every command uses it."""
+"""`servolink board`: what is known of a board is shown, set and forgotten, and every command uses it.
+
+Modules: servolink.cli.boards.board_settings, servolink.cli.boards.set.
+"""
 
 from __future__ import annotations
 

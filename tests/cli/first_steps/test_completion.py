@@ -1,4 +1,7 @@
-"""Completion: what may follow on a command line, and scripts that are tried in the shells that are here."""
+"""Completion: what may follow on a command line, and scripts that are tried in the shells that are here.
+
+Module: servolink.cli.first_steps.complete.
+"""
 
 from __future__ import annotations
 

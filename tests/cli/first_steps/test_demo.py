@@ -1,4 +1,7 @@
-"""The demo: each step checked from outside, and the whole of it as a person sees it."""
+"""The demo: each step checked from outside, and the whole of it as a person sees it.
+
+Module: servolink.cli.first_steps.demo_stage.
+"""
 
 from __future__ import annotations
 

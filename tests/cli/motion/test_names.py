@@ -1,4 +1,7 @@
-"""Servos and records by caption, and `run --wait`."""
+"""Servos and records by caption, and `run --wait`.
+
+Modules: servolink.cli.motion.move, servolink.cli.motion.run.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Teaching a virtual board whose limbs somebody pushes and whose buttons somebody presses, as a script says."""
+"""Teaching a virtual board whose limbs somebody pushes and whose buttons somebody presses, as a script says.
+
+Module: servolink.cli.motion.teach_session.
+"""
 
 from __future__ import annotations
 

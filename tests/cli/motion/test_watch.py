@@ -1,4 +1,7 @@
-"""`servolink watch`: what it shows on a screen, in a pipe and in files, alarms, lost boards, and how it ends."""
+"""`servolink watch`: what it shows on a screen, in a pipe and in files, alarms, lost boards, and how it ends.
+
+Modules: servolink.cli.motion.servo_output, servolink.cli.screen.servo_picture.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink project check`, `preflight` and `schema`."""
+"""`servolink project check`, `preflight` and `schema`.
+
+Module: servolink.cli.projects.source.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The commands that write projects: `new`, `mirror`, `scale-time`, `merge`, `rename`."""
+"""The commands that write projects: `new`, `mirror`, `scale-time`, `merge`, `rename`.
+
+Module: servolink.cli.projects.edit_project.
+"""
 
 from __future__ import annotations
 

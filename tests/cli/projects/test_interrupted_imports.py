@@ -1,4 +1,7 @@
-"""What `apply` and `rollback` say when they end in the middle."""
+"""What `apply` and `rollback` say when they end in the middle.
+
+Modules: servolink.cli.projects.apply, servolink.cli.projects.export.
+"""
 
 from __future__ import annotations
 

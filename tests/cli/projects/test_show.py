@@ -1,4 +1,7 @@
-"""`servolink project show`: projects as people and as programs read them."""
+"""`servolink project show`: projects as people and as programs read them.
+
+Module: servolink.cli.projects.show_project.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""`servolink convert` writes tables that a spreadsheet reads without obeying them, and captures."""
+"""`servolink convert` writes tables that a spreadsheet reads without obeying them, and captures.
+
+Module: servolink.recorder.tables.
+"""
 
 from __future__ import annotations
 

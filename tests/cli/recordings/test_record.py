@@ -1,4 +1,7 @@
-"""`servolink record` of a board of its own: the file, what is said, and how it ends."""
+"""`servolink record` of a board of its own: the file, what is said, and how it ends.
+
+Module: servolink.cli.recordings.record_view.
+"""
 
 from __future__ import annotations
 

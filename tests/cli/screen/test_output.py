@@ -1,4 +1,7 @@
-"""Tables as aligned text."""
+"""Tables as aligned text.
+
+Module: servolink.cli.screen.live.
+"""
 
 from __future__ import annotations
 

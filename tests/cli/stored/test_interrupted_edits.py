@@ -1,4 +1,7 @@
-"""Ctrl-C at each point of an edit: the board holds the old record or the new one, and the command says which."""
+"""Ctrl-C at each point of an edit: the board holds the old record or the new one, and the command says which.
+
+Module: servolink.cli.stored.change.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""`servolink action`, `macro` and `table`: one stored record is added, changed, renamed, deleted and run."""
+"""`servolink action`, `macro` and `table`: one stored record is added, changed, renamed, deleted and run.
+
+Modules: servolink.cli.stored.edit_records, servolink.cli.stored.given, servolink.cli.stored.record_tables,
+servolink.cli.stored.show_records, servolink.cli.stored.verbs.
+"""
 
 from __future__ import annotations
 

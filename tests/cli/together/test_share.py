@@ -1,4 +1,7 @@
-"""`servolink share`: what it prints, what it answers, and how it ends."""
+"""`servolink share`: what it prints, what it answers, and how it ends.
+
+Module: servolink.cli.together.share_view.
+"""
 
 from __future__ import annotations
 
