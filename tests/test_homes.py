@@ -14,7 +14,7 @@ TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 MODULES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): path
     for path in (ROOT / "servolink").rglob("*.py")
-    if path.name not in {"__init__.py", "__main__.py"}
+    if path.name not in {"__init__.py", "__main__.py"} and "node_modules" not in path.parts
 }
 LINE = re.compile(r"^Modules?: ([\w., \n]+)\.$", re.MULTILINE)
 
