@@ -1,7 +1,6 @@
 """Docstrings, comments, messages and pages are plain English, by a list of idioms and by the measure of `prose.py`.
 
-The measure holds for each package. A package that does not hold it yet has a row in `BACKLOG`, with its figures as
-bounds: they may only improve, and the row follows. The aim is an empty table.
+The measure holds for each package.
 """
 
 from __future__ import annotations
@@ -70,12 +69,6 @@ REMARKS = {
 Remarks are docstrings and comments. Neither deleting nor shortening a riddle to a few words improves a figure.
 """
 REMARKS_ELSEWHERE = (141, 14)
-BACKLOG: dict[str, dict[str, float]] = {
-    "studio/web": {"pronouns": 8.5, "lines": 80},
-}
-"""Figures of packages that do not hold the measure yet, each as the bound of that package."""
-SLACK = {"riddles": 1.0, "pronouns": 1.0, "lines": 5.0, "short": 3.0}
-"""Distance of a figure from its bound at which the bound must follow."""
 
 
 def packages() -> dict[str, list[Path]]:
@@ -94,14 +87,6 @@ PACKAGES = packages()
 def aims_of(package: str) -> Figures:
     """Return the measure for a package."""
     return Figures(MOST_RIDDLES, MOST_PRONOUNS, *REMARKS.get(package, REMARKS_ELSEWHERE))
-
-
-def margins(found: Figures, bounds: Figures) -> dict[str, float]:
-    """Return how much better each figure is than its bound, negative for worse."""
-    return {
-        name: getattr(found, name) - bound if name == "lines" else bound - getattr(found, name)
-        for name, bound in bounds._asdict().items()
-    }
 
 
 def prose_of(path: Path) -> Iterator[tuple[int, str]]:
@@ -131,28 +116,14 @@ def test_prose_is_plain() -> None:
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))
-def test_each_package_holds_the_measure_or_its_bounds(package: str) -> None:
-    found = figures(PACKAGES[package])
-    bounds = aims_of(package)._replace(**BACKLOG.get(package, {}))
+def test_each_package_holds_the_measure(package: str) -> None:
+    found, aims = figures(PACKAGES[package]), aims_of(package)
     worse = [
-        f"{name} {getattr(found, name):.1f}, bound {getattr(bounds, name)}"
-        for name, margin in margins(found, bounds).items()
-        if margin < 0
+        f"{name} {value:.1f}, bound {bound}"
+        for name, value, bound in zip(Figures._fields, found, aims, strict=True)
+        if (value < bound if name == "lines" else value > bound)
     ]
     assert not worse, f"{package}: {worse}; `python -m tests.prose servolink/{package}` prints the worst lines"
-
-
-@pytest.mark.parametrize("package", sorted(BACKLOG))
-def test_bounds_in_the_backlog_follow_each_improvement(package: str) -> None:
-    found = figures(PACKAGES[package])
-    left = margins(found, aims_of(package))
-    spare = margins(found, aims_of(package)._replace(**BACKLOG[package]))
-    stale = [
-        f"remove {name}: the measure holds" if left[name] >= 0 else f"set {name} to {getattr(found, name):.1f}"
-        for name in BACKLOG[package]
-        if left[name] >= 0 or spare[name] > SLACK[name]
-    ]
-    assert not stale, f"BACKLOG[{package!r}]: {stale}"
 
 
 def test_measure_reads_docstrings_comments_and_messages_of_a_module(tmp_path: Path) -> None:

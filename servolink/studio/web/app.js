@@ -15,7 +15,7 @@ import { who } from "./state/settings.js";
 
 const KEY = "servolink.token";
 
-/** Return the token. It is removed from the address, so that nobody copies it with the address. */
+/** Return the token, and remove the token from the address, against copies together with the address. */
 function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");
   if (given) {

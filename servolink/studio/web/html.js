@@ -3,6 +3,7 @@
 import htm from "./vendor/htm.js";
 import { h, render } from "./vendor/preact.js";
 
+/** Tag of templates, which makes elements of Preact without a build. */
 export const html = htm.bind(h);
 export { render };
 export { useCallback, useEffect, useLayoutEffect, useMemo, useRef, useState } from "./vendor/preact-hooks.js";

@@ -1,4 +1,4 @@
-// A figure: joints and shapes of a robot, and where they are in a pose. Its format is in docs/reference/project-file.md.
+// Figure: joints and shapes of a robot, and their places in a pose. The format is in docs/reference/project-file.md.
 
 import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, subtract, translation } from "./matrix.js";
 
@@ -10,7 +10,7 @@ import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, sub
 /** @typedef {{ mode: "fixed", at?: Vector } | { mode: "feet", feet: [string, string], sole: Vector }} Base */
 /** @typedef {{ yaw: number, pitch: number, distance: number, target: Vector, floor?: number }} View */
 /**
- * One joint as the file has it: `sign * degrees of the servo + offset` about `axis`, at `at` in its parent's frame.
+ * Joint of the file: `sign * degrees of the servo + offset` about `axis`, at `at` in the frame of the parent.
  * @typedef {object} JointData
  * @property {string} id
  * @property {string} [parent]
@@ -88,7 +88,7 @@ export class Figure {
     const stands = feet.map((foot, index) => this._stand(feet, foot, index, base.sole));
     const lower = stands.filter((stand) => stand.isLower);
     const used = lower.length > 0 ? lower : [stands[0].depth < stands[1].depth ? stands[0] : stands[1]];
-    // A foot that a bent knee has tilted is the lower one for a body that lies down: it stands upright instead.
+    // A foot tilted by a bent knee would be the lower end of a lying body: keep the body upright.
     const best = used.reduce((one, other) => (other.upright > one.upright + SAME ? other : one));
     let move = best.move;
     if (used.length === 2 && used.every((stand) => stand.lift < BOTH_DOWN)) {

@@ -3,6 +3,7 @@
 /** @typedef {[number, number, number]} Vector */
 /** @typedef {number[]} Matrix Sixteen numbers, column by column. */
 
+/** Radians in one degree, for angles of joints. */
 export const RADIANS = Math.PI / 180;
 
 /** @type {Record<string, Vector>} */

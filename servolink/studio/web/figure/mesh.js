@@ -83,7 +83,7 @@ function addFace(shape, half, round, face, mesh) {
 }
 
 /**
- * Return where a face has its points: most of them at the round corners.
+ * Return the points of a face, most at the round corners.
  * @param {number} half
  * @param {number} round
  */

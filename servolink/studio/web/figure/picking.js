@@ -8,9 +8,9 @@ import { apply, rigidInverse, turnVector } from "./matrix.js";
 /** @typedef {import("./figure.js").Figure} Figure */
 /** @typedef {import("./figure.js").Pose} Pose */
 
-const MARGIN = 3; // millimetres around a shape that count as part of it
+const MARGIN = 3; // millimetres around a shape that count as part of the shape
 const MOST_DEGREES = 12; // in one step of a drag
-const LEAST_WAY = 0.02; // square of the pixels that one degree must move the limb, for the drag to follow it
+const LEAST_WAY = 0.02; // square of the least pixels per degree of a limb for a drag
 const DEGREES_PER_PIXEL = 0.6; // for a limb that points at the viewer
 
 /**

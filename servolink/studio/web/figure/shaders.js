@@ -1,5 +1,6 @@
 // The programs of the graphics card: bodies with soft light, and the floor with grid and shadows.
 
+/** Vertex shader of the shapes of a robot. */
 export const BODY_VERTEX = `#version 300 es
 in vec3 position; in vec3 normal; in float tone;
 uniform mat4 model, camera;
@@ -12,6 +13,7 @@ void main() {
   gl_Position = camera * p;
 }`;
 
+/** Fragment shader of the shapes: light from the side, and shadows. */
 export const BODY_FRAGMENT = `#version 300 es
 precision highp float;
 in vec3 outward; in vec3 place; flat in int kind;
@@ -32,8 +34,10 @@ void main() {
   colour = vec4(c * alpha, alpha);
 }`;
 
+/** Most shadows of shapes on the floor in one drawing. */
 export const MOST_SHADOWS = 24;
 
+/** Vertex shader of the floor below the robot. */
 export const FLOOR_VERTEX = `#version 300 es
 in vec3 position;
 uniform mat4 camera; uniform float size;
@@ -43,6 +47,7 @@ void main() {
   gl_Position = camera * vec4(place.x, -.3, place.y, 1.);
 }`;
 
+/** Fragment shader of the floor, with grid and shadows. */
 export const FLOOR_FRAGMENT = `#version 300 es
 precision highp float;
 in vec2 place;

@@ -1,4 +1,4 @@
-// A canvas on which a figure stands: draws it, turns the view, and tells which limb is clicked or dragged.
+// Canvas of a figure: draws the figure, turns the view, and reports clicked or dragged limbs.
 
 import { Camera } from "./camera.js";
 import { drawFlat } from "./flat.js";
@@ -13,7 +13,7 @@ import { Renderer } from "./webgl.js";
 /** @typedef {import("./figure.js").View} View */
 /** @typedef {import("./webgl.js").Tint} Tint */
 /**
- * Scene of a stage: functions that are called at each drawing, and handlers of what a person does.
+ * Scene of a stage: functions called at each drawing, and handlers for actions of a person.
  * @typedef {object} Scene
  * @property {() => Pose} pose
  * @property {() => Pose} [dragPose] the pose that a drag changes, if it is not the one shown
@@ -45,7 +45,7 @@ function sharedRenderer() {
   return renderer;
 }
 
-/** Draw without WebGL2 from now on, as in browsers that lack it. */
+/** Draw without WebGL2 from now on, as in browsers without support. */
 export function drawFlatOnly() {
   renderer = null;
 }

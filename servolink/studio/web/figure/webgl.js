@@ -1,4 +1,4 @@
-// Draws figures with WebGL2. One hidden canvas draws all figures of the page, which are then copied to canvases of their
+// Draws figures with WebGL2. A hidden canvas draws all figures of the page, then copied to canvases of their
 // own: browsers allow only a few contexts.
 
 import { apply } from "./matrix.js";

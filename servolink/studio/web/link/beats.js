@@ -1,4 +1,4 @@
-// Beats: while this page moves the robot, it says ten times a second that it is alive. The hub stops the robot when the
+// Beats: while the page moves the robot, a beat ten times a second says so to the hub. The hub stops the robot when the
 // beats stop. Each beat goes from a worker through the page: a worker alone would beat on while the page is frozen.
 
 /** Beats while it is held. */

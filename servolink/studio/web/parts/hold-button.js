@@ -1,4 +1,4 @@
-// A button to hold that moves the robot. If it cannot, it says why.
+// Button that moves the robot while held, or says why the robot cannot move.
 
 import { html } from "../html.js";
 import { refusal } from "../state/motion.js";

@@ -1,4 +1,4 @@
-// A button that does something as long as it is held, by a finger, the mouse, Space, or the key H anywhere.
+// Button that acts as long as held, by a finger, the mouse, Space, or the key H anywhere.
 
 import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "./icon.js";

@@ -1,4 +1,4 @@
-// An icon beside a text that says the same, so that readers of the screen need not hear it.
+// Icon beside a text with the same meaning, silent for screen readers.
 
 import { html } from "../html.js";
 import { ICONS } from "./icons.js";

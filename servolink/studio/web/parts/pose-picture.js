@@ -1,4 +1,4 @@
-// A small picture of a pose, drawn when it is first seen and when it changes.
+// Small picture of a pose, drawn at first sight and after changes.
 
 import { html, useEffect, useRef } from "../html.js";
 import { Stage } from "../figure/stage.js";

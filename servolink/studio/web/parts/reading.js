@@ -1,4 +1,4 @@
-// Says how far the board was read, or why it could not be, until its content is there.
+// Progress of reading the board, or the reason of a failure, until the content is known.
 
 import { html, useEffect } from "../html.js";
 import { open, reading, reread } from "../state/project.js";

@@ -1,4 +1,4 @@
-// A row of buttons, of which one is chosen.
+// Row of buttons with a single choice.
 
 import { html } from "../html.js";
 import { Icon } from "./icon.js";

@@ -19,7 +19,7 @@ const VIEWS = { front: { yaw: 0, pitch: 6 }, side: { yaw: 90, pitch: 6 }, free: 
 const SLOW = 120; // milliseconds from one frame to the next
 const MOST_SLOW = 4; // such frames in a row, behind which WebGL is given up
 const MOST_SLOW_MOVING = 2; // while this page moves the robot
-const TRIALS = 8; // frames that are drawn at first although nothing changes, so that a slow browser shows before it matters
+const TRIALS = 8; // frames drawn at first without a change, for an early measurement of slow browsers
 
 /** Draw all figures in each frame from now on. */
 export function drawFigures() {

@@ -1,4 +1,4 @@
-// Control of the robot: this page has the lease, another program has it, or nobody.
+// Control of the robot: the lease belongs to the page, to another program, or to nobody.
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
@@ -42,7 +42,7 @@ export function ask({ link, motion }) {
 }
 
 /**
- * Tell the person what happened to the lease, if it concerns them.
+ * Report changes of the lease of this page to the person.
  * @param {{ event: string, by: string | null }} notice
  * @param {boolean} wasMine
  * @param {import("../state/motion.js").Motion} motion

@@ -12,6 +12,7 @@ import { t } from "../texts/text.js";
 
 const LASTS = 20_000; // milliseconds in which people can keep their own edit
 
+/** Buttons to undo and redo edits, and the number of differences from the board. */
 export function Edits() {
   if (draft.value === null) return null;
   const count = differences.value.length;

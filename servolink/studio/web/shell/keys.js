@@ -66,6 +66,7 @@ const LIST = [
   ],
 ];
 
+/** Dialog with a list of all keys. */
 export function KeyList() {
   return html`<${Dialog} title=${t("app.keys")} onClose=${() => showKeys(false)}>
     <div class="keys">

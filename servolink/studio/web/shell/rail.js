@@ -20,6 +20,7 @@ export const ENTRIES = [
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
 ];
 
+/** Links to all screens, at the side or below. */
 export function Rail() {
   return html`<nav class="rail" aria-label=${t("app.screens")}>${ENTRIES.map(link)}</nav>`;
 }

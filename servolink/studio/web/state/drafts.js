@@ -1,4 +1,4 @@
-// Edits kept in the studio, record by record: they survive a reload and a crash, and other pages see them. Edits that
+// Edits kept in the studio, record by record: safe from a reload and a crash, and visible to other pages. Edits that
 // the studio has not confirmed yet are kept in this browser.
 
 import { LinkLost } from "../link/link.js";
@@ -21,7 +21,7 @@ export class Drafts {
    * @param {object} tools
    * @param {() => Difference[]} tools.differences all edits of this page
    * @param {(kept: Kept, isConflict: boolean) => void} tools.onTheirs called with an edit of another page, which may be of
-   *   a record that this page has edited before
+   *   a record edited by the page before
    * @param {(keeping: Keeping) => void} tools.onKept
    */
   constructor(link, board, { differences, onTheirs, onKept }) {
@@ -34,7 +34,7 @@ export class Drafts {
     this._kept = new Map();
     /** @type {Map<string, number>} */
     this._revisions = new Map();
-    /** The records that were last edited by this page. @type {Set<string>} */
+    /** Records last edited by the page. @type {Set<string>} */
     this._own = new Set();
     this._timer = 0;
     this._isSaving = false;
@@ -43,7 +43,7 @@ export class Drafts {
   }
 
   /**
-   * Return the edits with which a draft begins: edits that the studio keeps, then unsaved edits of this browser.
+   * Return the first edits of a draft: edits kept by the studio, then unsaved edits of the browser.
    * @returns {Promise<(Kept | Edit)[]>}
    */
   async load() {
@@ -93,7 +93,7 @@ export class Drafts {
   }
 
   /**
-   * Return the edits that the studio does not keep as they are now.
+   * Return the edits with a newer state than in the studio.
    * @returns {Edit[]}
    */
   _unsaved() {

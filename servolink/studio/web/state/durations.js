@@ -7,7 +7,7 @@
 const MOST = 0x7fff_ffff; // milliseconds
 
 /**
- * Return the macros by id, each after the macros that it calls. Macros that call themselves are left out with their callers.
+ * Return the macros by id, called macros first. Macros that call themselves are left out with their callers.
  * @param {readonly Macro[]} macros
  * @returns {Map<number, Macro>}
  */
@@ -33,7 +33,7 @@ export function inOrder(macros) {
 }
 
 /**
- * Return, by macro id, the milliseconds of each command with its speed and repeats; null where that is unknown.
+ * Return, by macro id, the milliseconds of each command with speed and repeats; null for an unknown duration.
  * @param {Project} project
  * @returns {Map<number, (number | null)[]>}
  */

@@ -7,6 +7,7 @@ import { LONGEST } from "./records.js";
 /** @typedef {import("./records.js").Pose} Pose */
 /** @typedef {(servoId: number) => number} CapOf highest speed of a servo, degrees per second */
 
+/** Shortest time that the board counts in a step. */
 export const UNIT = 10; // milliseconds
 const USUAL = 500; // milliseconds of a first step
 

@@ -1,4 +1,4 @@
-// Figure that stands for the robot, and names of its servos and limbs.
+// Figure of the robot, and names of servos and limbs.
 
 import { computed, effect, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
@@ -11,11 +11,12 @@ import { captions, servoIds, welcome } from "./robot.js";
 
 const TEMPLATES = ["humanoid-16", "arm-6", "quadruped-12", "hexapod-18"];
 
+/** Figures to choose from for robots without a figure. */
 export const templates = signal(/** @type {Figure[]} */ ([]));
 /** Figure fitted to this robot or loaded with a project file; null without one. */
 export const ownFigure = signal(/** @type {FigureData | null} */ (null));
 
-/** The figure of the robot: its own, or the template with its servos; null if there is none. */
+/** Figure of the robot: own figure, or template with the same servos; null without a figure. */
 export const figure = computed(() => {
   const ids = servoIds.value.join();
   if (ownFigure.value !== null) return new Figure(ownFigure.value);

@@ -7,14 +7,14 @@ import { servoIds } from "./robot.js";
 /** @typedef {import("../figure/figure.js").FigureData} FigureData */
 /** @typedef {import("../figure/figure.js").JointData} JointData */
 /** @typedef {import("../figure/figure.js").Pose} Pose */
-/** The figure as it will be saved, and its joints that a servo may turn. @typedef {{ data: FigureData, parts: string[] }} Fit */
+/** Figure to save, and the joints for servos. @typedef {{ data: FigureData, parts: string[] }} Fit */
 /** @typedef {Partial<Pick<JointData, "sign" | "offset" | "limits">>} Change */
 
 /** The figure that is being fitted, null for none. */
 export const fit = signal(/** @type {Fit | null} */ (null));
 /** Servo of the current question. */
 export const asked = signal(0);
-/** Index of the template with which the fit began; -1 for the figure as it was. */
+/** Index of the template at the beginning of the fit; -1 for the figure of the robot. */
 export const origin = signal(0);
 
 /** Begin with the figure as it is, or with a template if there is none. */
@@ -55,7 +55,7 @@ export const nameOfFit = () =>
   (origin.value < 0 ? ownFigure.value?.name : templates.value[origin.value].data.name) ?? figure.value?.data.name ?? "";
 
 /**
- * Begin to fit a figure: its joints with a servo can be given others. Servos that the robot does not have are taken out.
+ * Begin to fit a figure: joints with a servo can get another servo. Servos absent from the robot are removed.
  * @param {FigureData} data
  * @param {number[]} servoIds of the robot
  * @returns {Fit}
@@ -122,7 +122,7 @@ export function drawn({ data, parts }) {
 }
 
 /**
- * Return a pose of the robot as one of the figure that is drawn.
+ * Return a pose of the robot as a pose of the drawn figure.
  * @param {Fit} fit
  * @param {Pose} pose
  * @returns {Pose}
@@ -139,7 +139,7 @@ function without(joint) {
 }
 
 /**
- * Return the joints of a figure. Joints that follow another joint still do, whatever servo turns that one now.
+ * Return the joints of a figure. Joints keep following another joint, also after a change of its servo.
  * @param {FigureData} data
  * @param {FigureData} before
  * @returns {JointData[]}

@@ -2,6 +2,7 @@
 
 /** @typedef {"angle" | "current_raw" | "temperature_raw"} Quantity */
 
+/** Quantities in a reading of a servo, for plots. */
 export const QUANTITIES = /** @type {const} */ (["angle", "current_raw", "temperature_raw"]);
 /** Readings that are kept of each servo: a minute at 50 a second. */
 export const LENGTH = 3000;

@@ -1,4 +1,4 @@
-// Film of poses taken by hand, with the times between them, and the records that become of a film. The rules are those
+// Film of poses taken by hand, with the times between, and the records made from a film. The rules are those
 // of `servolink/project/teaching.py`.
 
 import { commandOf } from "./edit-macro.js";
@@ -17,12 +17,13 @@ import { fitCaption, freeId, withRecord } from "./records.js";
 /** @typedef {{ pose: Pose, at: number }} Start */
 /** Highest speeds of servos, degrees per second. @typedef {Record<number, number>} Caps */
 
+/** Shortest and longest time between two poses of a film. */
 export const SHORTEST = 0.1,
   LONGEST = 327.67; // seconds
 const HUNDREDTHS = 100;
 
 /**
- * Return the film with another pose, which gets the time since the one before, or as much as its servos need.
+ * Return the film with another pose, after the time since the previous pose, or the least time for the servos.
  * @param {readonly Taken[]} film
  * @param {Start} start where the servos were released
  * @param {{ pose: Pose, ids: number[], at: number }} taken
@@ -81,7 +82,7 @@ export function poseAt(film, start, time) {
 }
 
 /**
- * Return why no records of this name can be made: a text of the page, empty if they can.
+ * Return why no records of a name can be made, as a text of the page; empty if possible.
  * @param {Project} project
  * @param {string} name
  * @param {number} count of poses
@@ -97,7 +98,7 @@ export function whyNot(project, name, count) {
 }
 
 /**
- * Return the project with an action for each pose and, if there are several, the macro that plays them.
+ * Return the project with an action for each pose, and with a macro of several poses.
  * @param {Project} project
  * @param {string} name
  * @param {readonly Taken[]} film
@@ -129,7 +130,7 @@ export function withLesson(project, name, film) {
 const captionOf = (name, number, count) => (count > 1 ? `${name} ${number}` : name);
 
 /**
- * Return a time as the board counts it, rounded up; rounded first, so that 0.07 does not become 0.08.
+ * Return a time in units of the board, rounded up; rounded first, or 0.07 would become 0.08.
  * @param {number} seconds
  */
 const kept = (seconds) =>

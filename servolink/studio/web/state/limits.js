@@ -11,7 +11,7 @@ const UNIT = 0.01; // seconds, of an interval of 1 in the document
 
 const limits = computed(() => /** @type {Limits} */ (welcome.value?.profile?.limits ?? {}));
 
-/** Factor by which movements on this board take longer than stored. */
+/** Factor between measured and stored durations of movements on the board. */
 export const slowness = computed(() => (welcome.value?.profile?.settings?.interval_unit ?? UNIT) / UNIT);
 
 /**

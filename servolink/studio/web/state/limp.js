@@ -7,12 +7,12 @@ import { isLive, isMine, lease, readAt, servos } from "./robot.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 
-// Limp servos do not move, so a slow page does no harm; but one that is gone for so long is gone, and the hub's stop holds
+// Limp servos do not move, so a slow page does no harm; but a page silent for so long is gone, and the hub's stop holds
 // the released servos.
 const DEAD_MAN = 3; // seconds
 const RENEW = 3000; // milliseconds: the hub ends a lease under which nothing moves after 10 s
 const AGAIN = 1000; // milliseconds after which holding is tried again
-const SETTLED = 300; // milliseconds after which readings show what was sent
+const SETTLED = 300; // milliseconds until readings show the sent commands
 
 /** Servos that were released here and are not held again, and whether each was started before. */
 export const released = signal(/** @type {ReadonlyMap<number, boolean>} */ (new Map()));
@@ -42,7 +42,7 @@ export class Limp {
   }
 
   /**
-   * Release servos, so that they go limp. Rejects, with all servos held again, if that fails.
+   * Release servos, which go limp. Rejects after a failure, with all servos held again.
    * @param {number[]} ids
    */
   async release(ids) {
@@ -61,7 +61,7 @@ export class Limp {
   }
 
   /**
-   * Hold the released servos where they are, then start the servos that were started before: a servo that is started
+   * Hold the released servos at their angles, then start the servos started before: a servo that is started
    * while limp may turn to its last target.
    * @param {{ start?: boolean }} [options]
    */

@@ -15,7 +15,9 @@ const SHORTEST = 0.1; // seconds
 
 /** Seconds from the start of the macro. */
 export const time = signal(0);
+/** Whether the preview of the macro is playing on the figure. */
 export const isPlaying = signal(false);
+/** Whether the preview starts again at the end of the macro. */
 export const isLooping = signal(false);
 /** Whether the robot moves with the preview. */
 export const isRunning = signal(false);
@@ -71,7 +73,7 @@ export function seek(seconds) {
 }
 
 /**
- * Play on the robot from the present moment, as long as it is held. First it is brought to the pose of the preview.
+ * Play on the robot from the present moment, as long as the control is held. First the robot moves to the pose of the preview.
  * @param {Motion} motion
  */
 export async function runOnRobot(motion) {

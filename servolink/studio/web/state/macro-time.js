@@ -22,7 +22,7 @@ import { inOrder } from "./durations.js";
 const MOST_CLIPS = 4000;
 
 /**
- * Return what a macro does, from the pose `start`; null if it never ends, or is missing.
+ * Return the course of a macro from the pose `start`; null for an endless or missing macro.
  * @param {Project} project
  * @param {number} macroId
  * @param {Pose} [start]

@@ -26,7 +26,7 @@ const SIDE = new RegExp(
 export const otherSide = (caption) => caption.replace(SIDE, (found) => withCaseOf(found, OTHER[found.toLowerCase()]));
 
 /**
- * Return the images of all servos that have one.
+ * Return the mirror images of all servos with an image.
  * @param {Figure | null} figure
  * @param {readonly { servo_id: number, servo_caption: string }[]} parameters
  * @returns {Mirror}

@@ -1,4 +1,4 @@
-// Life of a movement by hand: its states, and the event that leads from one to the next (docs/design/studio.md).
+// Life of a movement by hand: states, and the events between states (docs/design/studio.md).
 
 /**
  * - `idle`: no control is held.

@@ -14,14 +14,14 @@ import { isMine, linkState, problem, servos } from "./robot.js";
 const DEAD_MAN = 0.35; // seconds without a beat after which the hub stops the robot
 const SHORTEST = 0.08; // seconds
 const LEAST = 0.01; // seconds, as the board counts them
-const SAME = 2; // degrees by which a servo may miss its target
-const LATE = 1; // seconds that a stored motion may take longer than it says
+const SAME = 2; // degrees between target and reading of a servo that has arrived
+const LATE = 1; // seconds allowed to a stored motion after the stated end
 
 /** Targets of the movement by hand that were sent or are about to be. */
 export const targets = signal(/** @type {Pose} */ ({}));
 /** Reason why the latest movement was refused, empty if it was not. */
 export const refusal = signal("");
-/** The stored motion that runs because this page started it. */
+/** Stored motion started by the page and still running. */
 export const running = signal(/** @type {{ type: "action" | "macro", id: number } | null} */ (null));
 /** Speed at which servos follow what is dragged, degrees per second. */
 export const pace = signal(120);
@@ -96,7 +96,7 @@ export class Motion {
   }
 
   /**
-   * Play movements one after the other while a control is held. Return whether all of them were played.
+   * Play movements one after the other while a control is held. Return whether all were played.
    * @param {Part[]} parts in the order of their times
    * @param {number} seconds that all of them take
    * @param {(seconds: number) => void} [onTime] called with the time of each movement when it is sent
@@ -129,7 +129,7 @@ export class Motion {
   }
 
   /**
-   * Run a motion that is stored on the board, and stop it when the page or the screen is left. Return whether it runs.
+   * Run a stored motion of the board, stopped on leaving the page or the screen. Return whether the motion runs.
    * @param {"action" | "macro"} type
    * @param {number} id
    * @param {number} seconds that it takes
@@ -155,7 +155,7 @@ export class Motion {
     return performance.now() < this.#runsUntil;
   }
 
-  /** Stop the motion that `run` started, if it is not over. Return whether there was anything to stop. */
+  /** Stop the motion of `run`, if still running. Return whether a motion was stopped. */
   endRun() {
     if (!this.isRunning) return false;
     this.stop().catch(() => {}); // without a connection, the hub stops the robot
@@ -215,7 +215,7 @@ export class Motion {
     }
   }
 
-  /** Return the servos that this page moves and that may still turn: readings alone may be old. */
+  /** Return the servos moved by the page and perhaps still turning: readings alone may be old. */
   #moving() {
     const isOver = performance.now() >= this.#arrivesAt;
     return Object.entries(targets.value).flatMap(([key, target]) => {

@@ -8,13 +8,14 @@ import { signal } from "../html.js";
 
 const LONG = 800; // milliseconds until a press is a long one
 
-/** The ids of the buttons that are pressed on this page or on a gamepad. */
+/** Ids of the buttons pressed on the page or on a gamepad. */
 export const pressed = signal(/** @type {ReadonlySet<number>} */ (new Set()));
 
 /** Name of the gamepad in the browser, empty without one. */
 export const gamepadName = signal("");
 /** The chosen table, by id; null for the active one. */
 export const chosenTable = signal(/** @type {number | null} */ (null));
+/** Id of the button chosen on the screen. */
 export const chosenButton = signal(1);
 
 /** @param {string} name */
@@ -69,7 +70,7 @@ export class Presses {
     else this._run(button.button_up_macro);
   }
 
-  /** Forget all buttons that are down, and the macro that waits: nothing is started any more. */
+  /** Forget all pressed buttons, and the waiting macro: nothing more is started. */
   drop() {
     for (const { timer } of this._held.values()) clearTimeout(timer);
     clearTimeout(this._after);

@@ -15,10 +15,11 @@ import { draft, reread } from "./project.js";
 /** Nothing was written. */
 export const NO_OUTCOME = Object.freeze({ state: "none", text: "", of: null });
 
-/** The latest plan, and the project that it is for. */
+/** Latest plan, and the planned project. */
 export const plan = signal(/** @type {{ of: Project, plan: Plan, found: Found[] } | null} */ (null));
 /** Reason why there is no plan, empty if that is not known. */
 export const planError = signal("");
+/** Whether the studio is comparing the project with the board. */
 export const isPlanning = signal(false);
 /** Progress of the writing, null if nothing is being written. */
 export const progress = signal(/** @type {Progress | null} */ (null));
@@ -28,6 +29,7 @@ export const outcome = signal(
     NO_OUTCOME
   ),
 );
+/** Backups of the board on the machine of the studio. */
 export const backups = signal(/** @type {Backup[]} */ ([]));
 
 /**

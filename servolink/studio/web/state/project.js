@@ -1,4 +1,4 @@
-// Project on the board, and the draft that will replace it. A draft is never changed: each edit makes a new one.
+// Project on the board, and the draft in place of the project. A draft is never changed: each edit makes a new draft.
 
 import { batch, computed, effect, signal } from "../html.js";
 import { differencesOf, rebased } from "./differences.js";
@@ -22,11 +22,11 @@ export const draft = signal(/** @type {Project | null} */ (null));
 export const reading = signal(/** @type {Reading} */ ({ state: "unasked", done: 0, total: 0, item: "", error: "" }));
 /** Place where the latest edit is kept. */
 export const keeping = signal(/** @type {import("./drafts.js").Keeping} */ ("saved"));
-/** Edit by another page that meets an edit of this page or deletes a record, with the record before; null without one. */
+/** Edit by another page that meets an edit here or deletes a record, with the earlier record; null without an edit. */
 export const conflict = signal(/** @type {{ theirs: Kept, mine: any, isDeleted: boolean } | null} */ (null));
 
 const AGAIN = 3000; // milliseconds after which reading is tried again
-const SETTLES = 500; // milliseconds in which notifications of edits that were discarded together arrive
+const SETTLES = 500; // milliseconds between notifications of edits discarded together
 
 /** @type {Drafts | null} */
 let drafts = null;
@@ -34,6 +34,7 @@ let rereading = 0;
 /** Connection with which the board was read. */
 const readBy = signal(/** @type {import("../link/link.js").Welcome | null} */ (null));
 const steps = /** @type {UndoList<Project>} */ (new UndoList());
+/** Labels of the next steps for undo and redo; empty without a step. */
 export const { undoLabel, redoLabel } = steps;
 
 /** The records in which the draft differs from the board. */
@@ -41,7 +42,7 @@ export const differences = computed(() =>
   stored.value && draft.value ? differencesOf(stored.value, draft.value) : [],
 );
 
-/** Whether the board was read since this connection began: another board may have the name of the last one by now. */
+/** Whether the board was read on the present connection: another board may have the same name by now. */
 export const isCurrent = computed(() => readBy.value !== null && readBy.value === welcome.value);
 
 effect(() => {
@@ -74,7 +75,7 @@ export function keepCurrent(link) {
 }
 
 /**
- * Read the board again. Edits are kept; records that were not edited are replaced by those of the board.
+ * Read the board again. Edits are kept; unedited records are replaced by records of the board.
  * @param {Link} link
  */
 export async function reread(link) {
@@ -167,7 +168,7 @@ export function undo() {
   return step?.label ?? null;
 }
 
-/** Redo the edit that was undone last. Return its label, null if there was none. */
+/** Redo the edit undone last. Return the label of the edit, null without an edit. */
 export function redo() {
   const step = steps.redo();
   if (step !== null) replace(back(step.before, step.after));

@@ -1,4 +1,4 @@
-// The recording of the hub as this page knows it, the marks, and the servos that are plotted.
+// Recording of the hub as known to the page, marks, and plotted servos.
 
 import { computed, signal } from "../html.js";
 import { RequestError } from "../link/link.js";
@@ -16,7 +16,9 @@ import { toast } from "./toasts.js";
 
 const MOST_MARKS = 200;
 
+/** State of the recorder in the hub; null before the first report. */
 export const status = signal(/** @type {Status | null} */ (null));
+/** Marks set in the present recording, in order of time. */
 export const marks = signal(/** @type {readonly Mark[]} */ ([]));
 /** Readings that the frozen plots show; null while the plots move. */
 export const frozen = signal(/** @type {History | null} */ (null));

@@ -45,7 +45,9 @@ export const ID_OF = /** @type {const} */ ({
 export const NUMBERS = /** @type {const} */ (["active_joystick_table", "project_id"]);
 /** @typedef {typeof NUMBERS[number]} ProjectNumber */
 
+/** Kinds of stored records in the order of the screens. */
 export const KINDS = /** @type {Kind[]} */ (Object.keys(ID_OF));
+/** Longest time of one step on the board. */
 export const LONGEST = 327_670; // milliseconds of one step
 const CAPTION_BYTES = 32;
 
@@ -97,7 +99,7 @@ export const withoutAction = (project, id) => ({
 });
 
 /**
- * Return the project without a macro, without the commands that run it, and with no button that starts it.
+ * Return the project without a macro, without commands that run the macro, and with no button to start the macro.
  * @param {Project} project
  * @param {number} id
  * @returns {Project}
@@ -130,7 +132,7 @@ export const callersOf = (project, type, id) =>
   project.macros.filter((macro) => macro.commands.some((command) => command.type === type && targetOf(command) === id));
 
 /**
- * Return the id of the record that a command runs, or of nothing that is known.
+ * Return the id of the record run by a command, also if the record is unknown.
  * @param {Command} command
  */
 export const targetOf = (command) => command.action_id ?? command.macro_id ?? command.command_id ?? 0;
@@ -142,7 +144,7 @@ export const targetOf = (command) => command.action_id ?? command.macro_id ?? co
 export const secondsOf = (action) => Math.max(0, ...action.steps.map((step) => step.interval_ms)) / 1000;
 
 /**
- * Return the angles to which an action moves, by servo id. Of several steps for one servo, the last one counts.
+ * Return the target angles of an action by servo id: the last step of each servo counts.
  * @param {Action} action
  * @returns {Pose}
  */
@@ -174,7 +176,7 @@ function withoutCommands(project, isUnwanted) {
 }
 
 /**
- * Return the record that an edit is about as the project has it; null for none.
+ * Return the record of an edit as in the project; null without the record.
  * @param {Project} project
  * @param {{ kind: Kind | ProjectNumber, id: number }} edit
  */

@@ -1,4 +1,4 @@
-// The robot as this page knows it: signals that change when the studio says so.
+// Robot as known to the page: signals that follow the notifications of the studio.
 
 import { batch, computed, signal } from "../html.js";
 import { forgetButtons, hear } from "./button-events.js";
@@ -15,16 +15,21 @@ import { History } from "./history.js";
 const HZ = 50;
 const BATTERY_EVERY = 30_000; // milliseconds
 
+/** State of the connection between page and studio. */
 export const linkState = signal(/** @type {LinkState} */ ("connecting"));
+/** Greeting of the studio; null before the first connection. */
 export const welcome = signal(/** @type {Welcome | null} */ (null));
 /** Whether the hub has the board. */
 export const boardState = signal(/** @type {"connected" | "lost" | "closed"} */ ("connected"));
-/** Name of the board that answers in place of a lost one; empty if none does. */
+/** Name of a board in place of the lost board; else empty. */
 export const another = signal("");
+/** Lease of the robot with session and name; null while free. */
 export const lease = signal(/** @type {Lease | null} */ (null));
+/** Exclusive use of the board by a program; null without exclusive use. */
 export const hold = signal(/** @type {Hold | null} */ (null));
-/** Latest problem that the hub has reported; empty after it was dismissed. */
+/** Latest problem reported by the hub; empty after a dismissal. */
 export const problem = signal("");
+/** Programs connected to the hub, pages included. */
 export const programs = signal(/** @type {Program[]} */ ([]));
 /** The latest reading, by servo id. It is replaced as a whole, up to 50 times a second. */
 export const servos = signal(/** @type {Map<number, Servo>} */ (new Map()));
@@ -37,13 +42,17 @@ export const battery = signal(/** @type {number | null} */ (null));
 /** Captions of servos, as the board has them. */
 export const captions = signal(/** @type {Record<number, string>} */ ({}));
 
+/** Readings of the last seconds, for the plots. */
 export const history = new History();
 
 /** The ids of the servos; changes only when they do. */
 export const servoIds = signal(/** @type {number[]} */ ([]));
 
+/** Whether the page has the lease of the robot. */
 export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
+/** Whether another program or page has the lease. */
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
+/** Whether readings of the robot arrive at present. */
 export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected");
 /** Whether the latest reading says how the robot is now. */
 export const isFresh = computed(() => isLive.value && isRead.value);

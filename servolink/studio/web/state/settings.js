@@ -1,4 +1,4 @@
-// Settings that this browser keeps: language, theme, and the name of this page.
+// Settings kept in the browser: language, theme, and name of the page.
 
 import { effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
@@ -11,6 +11,7 @@ const KEY = "servolink.settings";
 
 const known = read();
 
+/** Theme of the page; the browser's preference before a choice. */
 export const theme = signal(known.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 /** Name of this page for people at other pages. */
 export const who = signal(known.who ?? "");
@@ -42,16 +43,18 @@ function write(settings) {
   }
 }
 
+/** Change between the light and the dark theme. */
 export function changeTheme() {
   theme.value = theme.value === "dark" ? "light" : "dark";
 }
 
+/** Change between English and Chinese on the page. */
 export function changeLanguage() {
   language.value = language.value === "zh" ? "en" : "zh";
 }
 
 /**
- * Set the name under which people at other pages see this one.
+ * Set the name of the page for people at other pages.
  * @param {string} name
  */
 export function renamePage(name) {

@@ -1,4 +1,4 @@
-// The action on the screen, the pose from which it starts, and changes of both.
+// Action on the screen, its first pose, and changes of both.
 
 import { computed, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
@@ -22,6 +22,7 @@ export const action = computed(() => {
 
 /** Pose before the action: of another action, of the robot, or of the action that usually comes before. */
 export const ghostChoice = signal(/** @type {number | "robot" | "before"} */ ("before"));
+/** Whether the stage shows the previous pose as a ghost. */
 export const showsGhost = signal(true);
 /** Text that the actions of the list contain; empty for all. */
 export const searchText = signal("");
@@ -50,6 +51,7 @@ export const ghostAction = computed(() => {
   return actions.find((one) => one.action_id === choice) ?? null;
 });
 
+/** Mirror images of the servos of the robot, by id. */
 export const mirror = computed(() =>
   mirrorOf(
     figure.value,
@@ -58,7 +60,7 @@ export const mirror = computed(() =>
 );
 
 /**
- * Return the action that comes before another one: in a macro, or else in the list.
+ * Return the action before another action: in a macro, or else in the list.
  * @param {Action} one
  */
 export function actionBefore(one) {
@@ -75,7 +77,7 @@ export function actionBefore(one) {
 }
 
 /**
- * Return the pose from which an action starts, as far as it is known.
+ * Return the known part of the pose before an action.
  * @param {Action | null} from null for the robot itself
  * @returns {Pose}
  */

@@ -1,4 +1,4 @@
-// Macro on the screen: its chosen command, its course in time, and changes of its record.
+// Macro on the screen: chosen command, course in time, and changes of the record.
 
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
@@ -127,7 +127,7 @@ export const addEmptyMacro = () =>
   addMacro("macros.did_add", t("macros.new_name", { number: (draft.value?.macros.length ?? 0) + 1 }), []);
 
 /**
- * Put a command in after the chosen one, or at the end, and choose it.
+ * Insert a command after the chosen command, or at the end, and choose the new command.
  * @param {"action" | "macro" | "delay"} type
  * @param {number} value id, or milliseconds
  */

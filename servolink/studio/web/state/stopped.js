@@ -1,11 +1,11 @@
-// Stopped servos: a stopped servo holds its angle, and does not move until it is started again.
+// Stopped servos: a stopped servo holds its angle, and moves only after a new start.
 
 import { effect, signal } from "../html.js";
 import { readAt, servos } from "./robot.js";
 
 const SETTLES = 400; // milliseconds: limp servos are held before they are started
 
-/** Number of stopped servos, of those that hold. */
+/** Number of stopped servos among the held servos. */
 export const stoppedCount = signal(0);
 /** Whether all servos that hold are stopped. */
 export const isAllStopped = signal(false);

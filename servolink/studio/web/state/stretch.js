@@ -4,6 +4,7 @@ import { LENGTH } from "./history.js";
 
 /** @typedef {import("./history.js").History} History */
 
+/** Stretch of the latest readings, thinned out to a number of points. */
 export class Stretch {
   /**
    * @param {History} history

@@ -1,4 +1,4 @@
-// Teaching by hand: the limbs that may go limp, the poses that were taken of them, and their preview on the figure.
+// Teaching by hand: limbs that may go limp, poses taken by hand, and the preview on the figure.
 
 import { computed, effect, signal } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
@@ -23,6 +23,7 @@ const NOWHERE = { pose: {}, at: -Infinity };
 
 /** The limbs that may go limp. */
 export const chosenLimbs = signal(/** @type {ReadonlySet<string>} */ (new Set()));
+/** Film of the poses taken so far, kept across reloads. */
 export const film = signal(read());
 /** The pose of the film that is shown beside the robot, by its index. */
 export const chosenPose = signal(/** @type {number | null} */ (null));
@@ -31,9 +32,11 @@ export const name = signal("");
 /** Seconds from the beginning of the preview, null while nothing is played. */
 export const previewTime = signal(/** @type {number | null} */ (null));
 
+/** Ids of the servos in the chosen limbs. */
 export const chosenIds = computed(() =>
   limbs.value.filter(({ limb }) => chosenLimbs.value.has(limb)).flatMap(({ ids }) => ids),
 );
+/** Whether servos released by the page are limp. */
 export const isLimp = computed(() => released.value.size > 0);
 /** Whether this page may release limbs now. */
 export const mayRelease = computed(() => isLive.value && mayMove.value && !isOthers.value);
@@ -41,6 +44,7 @@ export const mayRelease = computed(() => isLive.value && mayMove.value && !isOth
 export const problem = computed(() =>
   draft.value === null || name.value.trim() === "" ? "" : whyNot(draft.value, name.value.trim(), film.value.length),
 );
+/** Whether the film and its name can become records. */
 export const maySave = computed(
   () => draft.value !== null && film.value.length > 0 && name.value.trim() !== "" && problem.value === "",
 );
@@ -182,7 +186,7 @@ export function endPreview() {
 }
 
 /**
- * Return the poses that were taken before this page was loaded again.
+ * Return the poses taken before a reload of the page.
  * @returns {Taken[]}
  */
 function read() {

@@ -13,7 +13,9 @@ const FARTHEST = 1,
 export const lanes = signal(/** @type {"servos" | "limbs"} */ ("servos"));
 /** Width of the timeline in widths of the screen. */
 export const zoom = signal(FARTHEST);
+/** Whether the time axis cannot be enlarged further. */
 export const isNearest = computed(() => zoom.value >= NEAREST);
+/** Whether the time axis cannot be reduced further. */
 export const isFarthest = computed(() => zoom.value <= FARTHEST);
 /** Clip under the pointer, and its index if it is dropped now; null without a drag. */
 export const dragged = signal(/** @type {{ index: number, to: number } | null} */ (null));
@@ -29,10 +31,12 @@ export function showLanes(name) {
   lanes.value = name;
 }
 
+/** Enlarge the time axis by one step. */
 export function zoomIn() {
   zoom.value *= BY;
 }
 
+/** Reduce the time axis by one step. */
 export function zoomOut() {
   zoom.value /= BY;
 }

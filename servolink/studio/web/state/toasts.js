@@ -26,7 +26,7 @@ export function toast(message) {
 }
 
 /**
- * Show what the latest edit did, with a button that undoes it. The button does nothing once there are later edits.
+ * Show the effect of the latest edit, with a button to undo the edit. After later edits the button does nothing.
  * @param {{ icon?: string, title: string, detail?: string }} message
  */
 export function editToast(message) {

@@ -1,4 +1,4 @@
-// View of this page: its screen, the chosen servo, action and macro, and targets that were set and not sent.
+// View of the page: screen, chosen servo, action and macro, and unsent targets.
 
 import { signal } from "../html.js";
 
@@ -19,6 +19,7 @@ export const draft = signal(/** @type {Pose} */ ({}));
 export const showsKeys = signal(false);
 /** The chosen action and macro, by id. */
 export const chosenAction = signal(0);
+/** Id of the macro chosen on the screen; 0 for none. */
 export const chosenMacro = signal(0);
 /** The limb that the screen Live shows on a phone. */
 export const shownLimb = signal("");

@@ -10,6 +10,7 @@ import { zh } from "./zh.js";
 /** @type {Record<Language, Record<Key, string>>} */
 const TEXTS = { en, zh };
 
+/** Language of all texts on the page. */
 export const language = signal(/** @type {Language} */ ("en"));
 
 /**

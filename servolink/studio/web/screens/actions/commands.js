@@ -81,7 +81,7 @@ export function take() {
  */
 export const timeForAll = (seconds) => changeAction("actions.did_time_all", (one) => withTime(one, seconds * 1000));
 
-/** Give the servos that are too fast as much time as they need. */
+/** Give servos above their cap as much time as necessary. */
 export const moreTime = () =>
   changeAction("actions.did_more_time", (one) => withEnoughTime(one, startPose(ghostAction.value), capOf));
 

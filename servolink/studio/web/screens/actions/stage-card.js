@@ -27,7 +27,7 @@ import { trialOf } from "./commands.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
-/** The action whose limb is dragged: the screen shows another one if somebody else deletes it. */
+/** Action of the dragged limb: after a deletion by somebody else, the screen shows another action. */
 let dragged = /** @type {number | undefined} */ (undefined);
 
 /** @param {Tools} tools */
@@ -97,7 +97,7 @@ export function turn(id, angle, merge = "") {
 }
 
 /**
- * Use the keys of the figure: arrows turn the chosen servo, or choose the next one. Return whether it is one of them.
+ * Use the keys of the figure: arrows turn the chosen servo, or choose the next servo. Return whether the key was used.
  * @param {KeyboardEvent} event
  */
 function press({ key, shiftKey, ctrlKey, altKey, metaKey }) {

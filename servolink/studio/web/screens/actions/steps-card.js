@@ -16,6 +16,7 @@ import { StepRow } from "./step-row.js";
 
 const SHORTEST_BAR = 200; // milliseconds that fill a bar at least
 
+/** Card with the steps of the action, one row for each servo. */
 export function StepsCard() {
   const one = action.value;
   if (one === null) return null;

@@ -32,7 +32,7 @@ export function BoardScreen({ link, motion }) {
     </div>`;
 }
 
-// Boards that were found, and the command that begins with another board.
+// Boards found, and the command to begin with another board.
 
 const PLAIN = /^[\w:/.@?=&+-]+$/;
 
@@ -76,7 +76,7 @@ function iconOf(url) {
   return { virtual: "chip", tcp: "wifi", share: "hand" }[scheme] ?? "usb";
 }
 
-// Figure that stands for the robot, and buttons to change it.
+// Figure of the robot, and buttons for changes.
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 function FigureCard({ link }) {
@@ -112,7 +112,7 @@ const save = (link, data) =>
 
 // Profile of the board, which `servolink doctor --learn` writes. Nothing is changed here.
 
-/** Those that people understand, in this order; the others follow with their names in the file. @type {Record<string, Key>} */
+/** Settings with a text for people, in this order; other settings follow with their names in the file. @type {Record<string, Key>} */
 const TITLES = {
   byte_order: "board.byte_order",
   caption_encoding: "board.caption_encoding",
@@ -148,7 +148,7 @@ const isNothing = (value) =>
 /** @param {unknown} value */
 const textOf = (value) => (typeof value === "object" ? JSON.stringify(value) : String(value));
 
-// Programs that use the board, and the one that has control.
+// Programs on the board, and the program with control.
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 function People({ link }) {

@@ -1,4 +1,4 @@
-// The chosen button: its name, and the macros that it starts.
+// Chosen button: name, and macros started by the button.
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";

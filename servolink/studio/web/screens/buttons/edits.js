@@ -7,10 +7,11 @@ import { freeId, withRecord } from "../../state/records.js";
 /** @typedef {import("../../state/records.js").Button} Button */
 /** @typedef {"button_press_macro" | "button_long_press_macro" | "button_up_macro"} Slot */
 
+/** Fields of a button with the macro of each kind of press. */
 export const SLOTS = /** @type {const} */ (["button_press_macro", "button_long_press_macro", "button_up_macro"]);
 
 /**
- * Return a button of a table; one without macros if the table does not have it.
+ * Return a button of a table; without macros for a button absent from the table.
  * @param {Table | undefined} table
  * @param {number} id
  * @returns {Button}

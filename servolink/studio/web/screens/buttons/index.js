@@ -1,4 +1,4 @@
-// Buttons: which macros the buttons of the remote control start; and presses of them, here or on a gamepad.
+// Buttons: macros started by the buttons of the remote control, and presses here or on a gamepad.
 
 import { html, useEffect, useRef, useState } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
@@ -221,7 +221,7 @@ function startedBy(id, kind) {
 }
 
 /**
- * Return a function of the macro id that returns its duration in seconds; 0 if that is unknown.
+ * Return a function of the macro id for the duration in seconds; 0 for an unknown duration.
  * @param {Project} project
  */
 function totals(project) {

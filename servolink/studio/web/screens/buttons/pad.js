@@ -88,7 +88,7 @@ function fit(drawn, text, room) {
 }
 
 /**
- * Return what listens to the pointer and the keys of one button.
+ * Return the handlers for pointer and keys of a button.
  * @param {number} id
  * @param {(id: number) => void} onPress
  * @param {(id: number) => void} onRelease

@@ -1,4 +1,4 @@
-// Live: the robot as it is now, every servo beside its limb, and what happened in the last seconds.
+// Live: present pose of the robot, every servo beside the limb, and the last seconds.
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";

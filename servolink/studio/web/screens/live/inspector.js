@@ -1,4 +1,4 @@
-// The chosen servo: its readings, and buttons that release or start it.
+// Chosen servo: readings, and buttons to release or start the servo.
 
 import { html, useRef, useSignalEffect } from "../../html.js";
 import { limbOf, nameOf } from "../../state/figure.js";

@@ -62,7 +62,7 @@ export function ServoRow({ id, motion }) {
 }
 
 /**
- * Return whether a servo was read, so that its angle is known.
+ * Return whether a servo was read, and has a known angle.
  * @param {number} id
  */
 const knows = (id) => isRead.value && servos.value.has(id);

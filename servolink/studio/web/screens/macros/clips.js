@@ -17,6 +17,7 @@ const PICTURE = 0.07,
   TIME = 0.028; // share of the timeline from which picture or time fit a clip
 const MOST_MARKS = 50;
 
+/** Lane of clips, one for each command of the macro. */
 export function ClipsLane() {
   const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0);
   return html`<div class="bd">
@@ -98,7 +99,7 @@ function Edge({ clip }) {
 }
 
 /**
- * Return the handlers that drag a clip to another place. Each movement draws only that clip again: there may be a
+ * Return the handlers that drag a clip to another place. Each movement draws only the dragged clip again: there may be a
  * thousand.
  * @param {Clip} clip
  * @param {Clip[]} all

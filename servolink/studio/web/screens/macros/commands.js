@@ -15,8 +15,10 @@ import {
 import { editToast } from "../../state/toasts.js";
 import { seconds, t } from "../../texts/text.js";
 
+/** Slowest and fastest speed of a command in percent. */
 export const SLOWEST = 1,
   FASTEST = 100; // percent
+/** Most repeats of a command on the board. */
 export const MOST_REPEATS = 32_767;
 const UNIT = 10; // milliseconds
 
@@ -117,7 +119,7 @@ export function setPause(at, milliseconds, merge = "") {
 }
 
 /**
- * Change a command so that it takes a time: a pause its length, anything else its speed.
+ * Set the duration of a command: the length of a pause, the speed of any other command.
  * @param {number} at
  * @param {{ from: number, until: number }} clip as it was when the drag began
  * @param {import("../../state/records.js").Command} command as it was then

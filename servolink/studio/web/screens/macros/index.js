@@ -1,4 +1,4 @@
-// Macros: what they do in time, tried on the figure before the robot moves.
+// Macros: course in time, tried on the figure before the robot moves.
 
 import { html, useEffect, useMemo, useRef } from "../../html.js";
 import { HoldButton } from "../../parts/hold-button.js";

@@ -41,6 +41,7 @@ import {
 
 const LONGEST_PAUSE = 0x7fff_ffff / 1000; // seconds
 
+/** Fields of the chosen command of the macro. */
 export function Inspector() {
   const command = chosenCommand();
   return html`<section class="card insp">

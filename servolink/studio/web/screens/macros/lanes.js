@@ -1,4 +1,4 @@
-// Lanes of servos that move, or of limbs; the text in a bar is the angle at its end.
+// Lanes of moving servos, or of limbs; the text in a bar is the final angle.
 
 import { computed, html } from "../../html.js";
 import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";
@@ -26,13 +26,14 @@ const turns = computed(() => {
   return found;
 });
 
-/** The servos that move, those of one limb together. */
+/** Moving servos, grouped by limb. */
 export const movedServos = computed(() => {
   const order = limbs.value.flatMap((limb) => limb.ids),
     strangers = [...turns.value.keys()].filter((id) => !order.includes(id));
   return [...order.filter((id) => turns.value.has(id)), ...strangers];
 });
 
+/** Lanes of the single servos in the order of their ids. */
 export const ServoLanes = () =>
   movedServos.value.map(
     (id) => html`<div class="lane" key=${id} data-g=${limbOf(id)}>
@@ -41,6 +42,7 @@ export const ServoLanes = () =>
   </div>`,
   );
 
+/** Lanes of moving limbs, each with all servos of the limb together. */
 export function LimbLanes() {
   const moving = limbs.value.filter(({ ids }) => ids.some((id) => turns.value.has(id)));
   return moving.map(

@@ -27,6 +27,7 @@ const ticks = computed(() => {
   return Array.from({ length: Math.ceil((span.value * MOST_RIGHT) / step) }, (_, at) => at * step);
 });
 
+/** Time axis of the macro with clips, lanes and playhead. */
 export function Timeline() {
   return html`<section class="card tl">
     <${TimelineBar} />

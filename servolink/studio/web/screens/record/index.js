@@ -1,4 +1,4 @@
-// Record: a file of all that happens, and three plots of the servos on one time axis.
+// Record: a file of all events, and three plots of the servos on a common time axis.
 
 import { html, useEffect } from "../../html.js";
 import { Icon } from "../../parts/icon.js";

@@ -69,7 +69,7 @@ function press(kind) {
   holdAgain();
 }
 
-/** Any button of the robot takes a pose; a long press, which has begun as a press, forgets that one and ends. */
+/** Any button of the robot takes a pose; a long press, begun as a press, forgets the new pose and ends. */
 function useRobotButtons() {
   const last = useRef(heard.peek()[0]?.number ?? 0);
   useSignalEffect(() => {
@@ -127,7 +127,7 @@ const SCENE = {
   onPick: (id) => toggleLimb(limbOf(id)),
 };
 
-// The poses that were taken, as pictures, with the times between them.
+// Poses taken by hand, as pictures, with the times between.
 
 const STEP = 0.1; // seconds
 const FEW = 2; // angles below a picture
