@@ -94,6 +94,8 @@ class Connection:
         """Names of queries that the board is known not to answer, such as `QueryMemorySize`; openings add to them."""
         self.woke = False
         """Whether an opening set mode 1 because the board was silent, and the board answered after that only."""
+        self.answered: tuple[Query[Any], ...] = ()
+        """Short queries that the board has answered in the latest opening."""
         self.mode_answered: int | None = None
         """Mode that the board has answered to the mode setting of the latest opening; None without an answer."""
         self.is_proved = True
@@ -162,11 +164,6 @@ class Connection:
     def units_sent(self) -> int:
         """Number of angle units sent; an angle has another meaning after a new unit."""
         return self._sender.units_sent
-
-    @property
-    def fences(self) -> tuple[Query[Any], ...]:
-        """Short queries that the board answers, as far as it is known; at least two."""
-        return self._sender.fences
 
     @property
     def depth(self) -> int:
@@ -264,6 +261,8 @@ class Connection:
             unsupported=self.unsupported,
             twice=self._slots.answer_twice,
         )
+        if early := bytes(self.answers.early):
+            opening.seen(early)
         self.lifecycle.begin_opening(event, opening)
         self._scheduler.pause()
         self.answers.close_all()
@@ -283,6 +282,7 @@ class Connection:
         self._sender.use_fences(opening.fences)
         self.unsupported |= opening.unanswered
         self.woke |= opening.woke
+        self.answered = opening.answered
         self.mode_answered = opening.mode_answered
         self.is_proved = opening.is_proved
         self._opened_by = opening.kinds

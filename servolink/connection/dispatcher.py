@@ -24,6 +24,8 @@ from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.lenient import LenientParser
 from servolink.protocol.parser import FrameParser
 
+_READY = State.READY  # a global is faster than a member of an enum
+_MOST_EARLY = 4096  # bytes
 _PAUSE = 0.05
 """Seconds without a byte after which the rest of a partial frame is no longer expected."""
 _LONGEST_ARRIVAL = 20.0
@@ -115,6 +117,8 @@ class ResponseDispatcher:
         self._load: Load | None = None  # when the present chunk came, while the depth is learnt
         self.later: deque[Callable[[], None]] = deque()
         """Functions to call after a chunk is read: sending needs slots in their final state."""
+        self.early = bytearray()
+        """First bytes received before the handshake begins."""
         self._expired = False  # whether a slot has become overdue since the latest response
         self._patience = patience
         self._now = now
@@ -138,8 +142,8 @@ class ResponseDispatcher:
             self.taps.received(chunk)
         self._heard_at = self._now()
         self._load = None
-        if self._lifecycle.opening is not None:
-            self._lifecycle.opening.seen(chunk)
+        if self._lifecycle.state is not _READY:
+            self._keep_evidence(chunk)
         frames = self._parser.feed(chunk)
         for frame in frames:
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
@@ -150,6 +154,13 @@ class ResponseDispatcher:
             self._call_later()
         if len(frames) > 1:
             self.on_several()
+
+    def _keep_evidence(self, chunk: bytes) -> None:
+        """Keep what comes before a connection is ready: it explains why no board answers."""
+        if self._lifecycle.opening is not None:
+            self._lifecycle.opening.seen(chunk)
+        elif self._lifecycle.state in {State.NEW, State.UNPROVED}:
+            self.early += chunk[: _MOST_EARLY - len(self.early)]
 
     def lost(self, error: Exception | None, /) -> None:
         """End the connection: the transport has ended."""

@@ -107,8 +107,9 @@ class Handshake(Generic[K]):
 
     def heard(self, kind: K) -> None:
         """Take a response to a query of `kind`, or to any other request, into account."""
-        latest, self._latest = self._latest, kind
-        if self.is_open or not self._word or (self._twice and kind == latest):
+        is_second = self._twice and kind == self._latest
+        self._latest = kind
+        if self.is_open or not self._word:
             return
         expected = self._word[self._matched]
         self._silent[kind] = 0
@@ -120,13 +121,15 @@ class Handshake(Generic[K]):
         is_answer = self._unanswered[kind] > 0  # or apparently: a slow board answers both of two sendings
         self._unanswered[kind] -= is_answer
         # Before the last query is sent, a response to the last query belongs to another program.
-        if kind == expected and (kind != self._word[-1] or kind in self._sent):
+        if kind == expected and not is_second and (kind != self._word[-1] or kind in self._sent):
             self._matched += 1
         elif is_latest and self._silent[expected] >= MOST_SILENT:
             self.unsupported.add(expected)
             self._draw(SECOND_LENGTH)
             self._fall_back(kind)
-        elif not is_answer or not (is_latest or len(self._word) > FIRST_LENGTH or self._was_just_matched(kind)):
+        elif not is_second and (
+            not is_answer or not (is_latest or len(self._word) > FIRST_LENGTH or self._was_just_matched(kind))
+        ):
             if len(self._word) == FIRST_LENGTH:
                 self._draw(SECOND_LENGTH)
             self._fall_back(kind)

@@ -13,7 +13,7 @@ from servolink.connection.deadlines import BACKOFF, DeadlineTimer, ResponseTimes
 from servolink.connection.evidence import HandshakeFailed, evidence_in
 from servolink.connection.explain import same
 from servolink.connection.fences import FENCES, LISTS, RESERVES, SERVO_LIST, name_of, names, queries_about
-from servolink.connection.handshake import LEAST_KINDS, MOST_SILENT, Handshake
+from servolink.connection.handshake import LEAST_KINDS, MOST_SILENT, THIRD_LENGTH, Handshake
 from servolink.connection.options import TransmissionMode
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.escaping import escape
@@ -31,7 +31,8 @@ _LEAST_SILENT_TRIES = 6  # in a patience without any response, however long the 
 _WAKE_AFTER = (2, 4)  # silent tries
 _AFTER_MODE = 0.06  # seconds in which a board may drop what comes behind the mode setting
 _SILENT_PATIENCES, _MOST_PATIENCES = 2, 4
-"""A board that has answered is given up after so many patiences of silence, and after so many in all."""
+"""A board that has answered is given up after so many patiences of silence, and after so many in all; one that answers
+slowly has the time for a whole word beside that."""
 _NOISY_PATIENCES = 1.7  # for one that sends other bytes, such as the text of a boot loader
 _FREE_SENDINGS, _LEAST_PAUSE, _MOST_SENDINGS = 24, 0.02, 500
 """So many queries follow each other without a pause, the further ones with at least so many seconds, up to so many."""
@@ -67,8 +68,6 @@ class Opening:
         self._url = url
         self._codec = codec
         self._send = send
-        self._received = received
-        self._received_before = received()
         self._patience = patience
         self._times = times
         self._mode = transmission_mode
@@ -96,16 +95,17 @@ class Opening:
         self._answered: Counter[Kind] = Counter()
         self._ready_at = 0.0  # when the next query may be sent
         self._sample = bytearray()
+        self._seen = 0  # bytes
         self.mode_answered: int | None = None
         """Mode in the latest response to the mode setting; None without one."""
-        self.woke = False
-        """Whether the board answered the mode setting before it answered any query: it seems to have been in mode 0."""
+        self._asleep: set[Kind] = set()  # queries without an answer before the mode setting, the first to have one
 
     # --- what the connection reports -------------------------------------------------------------------------------
 
     def seen(self, chunk: bytes) -> None:
-        """Keep the first bytes received, as evidence for an error."""
+        """Count bytes received, and keep the first ones, as evidence for an error."""
         self._bytes_at = self._loop.time()
+        self._seen += len(chunk)
         self._sample += chunk[: _MOST_EVIDENCE - len(self._sample)]
 
     def heard(self, packet_id: int, content: bytes) -> None:
@@ -113,7 +113,7 @@ class Opening:
         is_first, self._heard_at = self._heard_at is None, self._loop.time()
         if packet_id == TransmissionModeSettingResponse.packet_id:
             self.mode_answered = content[0] if content else None
-            self.woke = is_first and self._sent.total() > 0
+            self._asleep = set(self._sent) if is_first else self._asleep
             self._ready_at = self._heard_at + _AFTER_MODE
         kind = self._kind(packet_id, content)
         if (sent_at := self._first_sent_at.pop(kind, None)) is not None:
@@ -168,6 +168,11 @@ class Opening:
         return fences if len(fences) > 1 else (*fences, *RESERVES)
 
     @property
+    def answered(self) -> tuple[Query[Any], ...]:
+        """Short queries that the board has answered."""
+        return tuple(query for query in (*FENCES, SERVO_LIST) if self._answered[query])
+
+    @property
     def kinds(self) -> frozenset[int]:
         """Packet ids of all queries that this opening may have sent."""
         return frozenset(kind if isinstance(kind, int) else kind.packet_id for kind in (*self._kinds, *self._sent))
@@ -177,6 +182,11 @@ class Opening:
         """Names of queries that the board is known or was seen not to answer, such as `QueryMemorySize`."""
         silent = self._handshake.unsupported | self._unsupported
         return frozenset(name_of(query) for query in (*FENCES, *LISTS) if query in silent)
+
+    @property
+    def woke(self) -> bool:
+        """Whether queries were answered only behind the mode setting: the board seems to have been in mode 0."""
+        return any(self._answered[kind] for kind in self._asleep)
 
     @property
     def is_proved(self) -> bool:
@@ -337,7 +347,8 @@ class Opening:
         """Return when the board is given up: later if it shows signs of life."""
         since, patience = self._since, self._patience
         if self._heard_at is not None:
-            return min(self._heard_at + _SILENT_PATIENCES * patience, since + _MOST_PATIENCES * patience)
+            most = _MOST_PATIENCES * patience + THIRD_LENGTH * min(self._round_trip, patience)
+            return min(self._heard_at + _SILENT_PATIENCES * patience, since + most)
         if self._bytes_at is not None:
             return min(max(since, self._bytes_at) + patience, since + _NOISY_PATIENCES * patience)
         return since + patience
@@ -355,7 +366,7 @@ class Opening:
         evidence = evidence_in(
             bytes(self._sample),
             self._codec.byte_order,
-            received=self._received() - self._received_before,
+            received=self._seen,
             sent=sent,
             answered=self._answered.total(),
         )

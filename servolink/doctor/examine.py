@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from servolink.connection.options import ConnectionOptions, options_in
-from servolink.connection.probe import PATIENCE, ProbeResponse, ProbeResult, probe
+from servolink.connection.connection import Connection
+from servolink.connection.evidence import HandshakeFailed
+from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_board
 from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
+from servolink.doctor.contact import ProbeResponse, reach, response_of
 from servolink.doctor.environment import (
     LATENCY_TIMER,
     check_address,
@@ -24,11 +26,11 @@ from servolink.doctor.environment import (
     check_round_trips,
     check_surroundings,
 )
-from servolink.doctor.line_quality import LineCounts, check_line, measure
+from servolink.doctor.line_quality import ANSWERS_TWICE, LineCounts, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
-from servolink.errors import InvalidAddress, ProfileError, TransportError
-from servolink.escaping import escape
+from servolink.errors import InvalidAddress, ProfileError, RequestTimeout, TransportError
+from servolink.escaping import escape, quote
 from servolink.profiles.store import load_profile
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address, with_options
@@ -44,6 +46,10 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 )
 
 
+_LEARNT = ("byte_order", "unsupported", "answers_twice", "ignore_extra")
+"""Settings of a profile that an opening needs."""
+
+
 @dataclass(slots=True)
 class Report:
     """Result of an examination; `findings` are sorted in the order to deal with them."""
@@ -54,6 +60,10 @@ class Report:
     """Addresses examined, sorted as found."""
     response: ProbeResponse | None = None
     line: LineCounts | None = None
+    unsupported: tuple[str, ...] = ()
+    """Names of queries that the board does not answer, of those tried."""
+    is_proved: bool = True
+    """Whether openings prove that nothing is owed; otherwise each waits until the line is quiet for the patience."""
     findings: list[Finding] = field(default_factory=list)
 
     @property
@@ -84,8 +94,9 @@ async def examine(
     report.findings += map(_hidden, found.failures)
     if len(report.urls) == 1:
         options = _learnt_options(report, name) | options_in(report.urls[0])
-        byte_order = byte_order or ConnectionOptions(**options).byte_order
-        await _query(facts, report, byte_order, patience or options.get("patience"))
+        if byte_order is not None:
+            options["byte_order"] = byte_order
+        await _query(facts, report, name, options, patience or options.get("patience"))
     elif report.urls:
         report.findings.append(_several(report.urls))
     else:
@@ -94,7 +105,7 @@ async def examine(
 
 
 def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
-    """Return the byte order from the profile of the board `name`; a damaged profile is a finding."""
+    """Return what the profile of the board `name` says for an opening; a damaged profile is a finding."""
     try:
         profile = None if name is None else load_profile(name)
     except ProfileError as error:
@@ -107,8 +118,8 @@ def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
             )
         )
         return {}
-    byte_order = profile and profile.settings.byte_order
-    return {"byte_order": byte_order} if byte_order else {}
+    learnt = {} if profile is None else {each: getattr(profile.settings, each) for each in _LEARNT}
+    return {each: value for each, value in learnt.items() if value is not None}
 
 
 def _check_address(url: str) -> None:
@@ -143,29 +154,55 @@ def _is_missing(facts: SystemFacts, url: str) -> bool:
     return not any(facts.node(path) for path in device_nodes(facts, url))
 
 
-async def _query(facts: SystemFacts, report: Report, byte_order: ByteOrder, patience: float | None) -> None:
+async def _query(
+    facts: SystemFacts, report: Report, name: str | None, options: dict[str, Any], patience: float | None
+) -> None:
     url = report.urls[0]
-    result = await probe(url, patience or PATIENCE)
-    report.response = result.response
-    if result.problem:
-        report.findings += _not_opened(facts, report, result.problem)
-    elif result.response is None:
-        report.findings.append(_silent(url, result))
-    else:
-        report.findings += _differences(url, result.response, byte_order)
-        await _measure(facts, report, result.response.byte_order, patience)
-
-
-async def _measure(facts: SystemFacts, report: Report, byte_order: ByteOrder, patience: float | None) -> None:
-    url = report.urls[0]
+    expected: ByteOrder = options.get("byte_order", "little")
+    ignore_extra = bool(options.get("ignore_extra"))
+    unsupported = options.get("unsupported", ())
+    opening: dict[str, Any] = {"patience": patience, "unsupported": unsupported, "ignore_extra": ignore_extra}
     try:
-        report.line = line = await measure(url, byte_order, patience)
-    except TransportError as error:
-        report.findings.append(
-            Finding("opening", str(error), "the port opened once, but not a second time", "servolink doctor")
-        )
+        transport, connection = await reach(url, expected, **opening)
+    except HandshakeFailed as error:
+        report.findings.append(_no_contact(url, error))
         return
-    report.findings += check_line(line)
+    except TransportError as error:
+        report.findings += _not_opened(facts, report, str(error))
+        return
+    try:
+        report.response = await response_of(connection)
+        report.unsupported = tuple(sorted(connection.unsupported))
+        report.is_proved = connection.is_proved
+        report.findings += _differences(url, report.response, expected)
+        await _measure(facts, report, connection, patience, name, is_known_twice=bool(options.get("answers_twice")))
+    except (TransportError, RequestTimeout) as error:
+        report.findings.append(
+            Finding("connection", str(error), "the board answered before", "check cable, plugs and power")
+        )
+    finally:
+        await connection.close()
+        await transport.free()
+
+
+async def _measure(
+    facts: SystemFacts,
+    report: Report,
+    connection: Connection,
+    patience: float | None,
+    name: str | None,
+    *,
+    is_known_twice: bool,
+) -> None:
+    url = report.urls[0]
+    report.line = line = await measure(connection, patience)
+    for finding in check_line(line):
+        if finding.check != ANSWERS_TWICE:
+            report.findings.append(finding)
+        elif not is_known_twice:
+            setting = f"servolink board set {name} --answers-twice true\n" if name else ""
+            in_address = f"in every program: {_with_option(url, 'answers_twice', 'yes')}"
+            report.findings.append(replace(finding, remedy=setting + in_address))
     if not any(finding.check == LATENCY_TIMER for finding in report.findings):
         report.findings += check_round_trips(facts, url, line.round_trips)
 
@@ -187,16 +224,34 @@ def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Fi
     )
 
 
-def _silent(url: str, result: ProbeResult) -> Finding:
+def _no_contact(url: str, error: HandshakeFailed) -> Finding:
+    """Return why the handshake failed in both byte orders, by what was received."""
+    evidence, observation = error.evidence, str(error)
     tried = "queried in both byte orders and both transmission modes"
     try_all = "to query every device here: servolink list --probe"
-    if result.received_bytes:
-        unasked = f", {result.unasked_bytes} of them unasked," if result.unasked_bytes else ""
+    if evidence.longer:
+        return Finding(
+            "contents",
+            observation,
+            "the firmware has extended the protocol; what stands behind the known content can be ignored",
+            f"in every program: {_with_option(url, 'ignore_extra', 'yes')}",
+        )
+    if evidence.is_board:
+        return Finding(
+            "opening",
+            observation,
+            "it is a board, but too few of its responses arrive",
+            "stop macros and motions of the board\nswitch it off and on, and try again\ncheck cable and power",
+        )
+    if evidence.echoes:
+        return Finding("echo", observation, "the device returns what it receives", f"try another port\n{try_all}")
+    if evidence.received:
+        sent = f"text, {quote(evidence.text)}," if evidence.text else f"{evidence.received} bytes,"
         return Finding(
             "no response",
-            f"{escape(url)} sent {result.received_bytes} bytes{unasked} but no response; {tried}",
-            "the baud rate is wrong, or the device is of another kind",
-            f'servolink doctor "{escape(_with_baudrate(url))}"\n{try_all}',
+            f"{escape(url)} sent {sent} but no response; {tried}",
+            "the baud rate is wrong, the device is still starting, or it is of another kind",
+            f'servolink doctor "{escape(_with_baudrate(url))}"\n{try_all}' if _has_baudrate(url) else try_all,
         )
     return Finding(
         "no response",
@@ -206,8 +261,12 @@ def _silent(url: str, result: ProbeResult) -> Finding:
     )
 
 
+def _has_baudrate(url: str) -> bool:
+    return Address.parse(url).scheme == "serial"
+
+
 def _with_baudrate(url: str) -> str:
-    return url.partition("?")[0] + ("?baudrate=9600" if Address.parse(url).scheme == "serial" else "")
+    return with_options(url, {"baudrate": "9600"})
 
 
 def _with_option(url: str, name: str, value: str) -> str:

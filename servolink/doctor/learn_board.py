@@ -16,6 +16,7 @@ from servolink.doctor.learn_queries import (
     mode_findings,
     survey_board,
     turnaround_finding,
+    twice_findings,
     unknown_ids_finding,
     unsupported_finding,
 )
@@ -81,6 +82,7 @@ async def learn_by_asking(
         learnt = Learnt(contact, quality, survey)
         learnt.measured += [
             byte_order_finding(contact, quality),
+            *twice_findings(contact),
             *mode_findings(contact, quality, power_cycled=power_cycled),
             encoding_finding(listed_captions(survey)),
             unsupported_finding(survey, quality),

@@ -9,12 +9,14 @@ from itertools import count, cycle, islice
 from math import sqrt
 from typing import Any
 
+from servolink.connection.evidence import HandshakeFailed
 from servolink.connection.fences import FENCES
-from servolink.connection.probe import BYTE_ORDERS
+from servolink.connection.options import PATIENCE
+from servolink.doctor.contact import connect_in_any_order
 from servolink.doctor.learn_line import TRIES, Quality, SharedTransport, TrialLine
+from servolink.doctor.line_quality import measure
 from servolink.errors import OpenError
 from servolink.profiles.profile import Confidence, Measured
-from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryServoParameterRequest
 from servolink.protocol.frame import OVERHEAD, ByteOrder, Frame
 from servolink.protocol.layout import content_size
@@ -24,15 +26,13 @@ from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QuerySe
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
-    SendDummyDataRequest,
-    TransmissionModeSettingRequest,
 )
 
 SHORT_QUERIES: tuple[Query[Response], ...] = (*FENCES, QueryServoListRequest())
 """Queries with short requests and responses, in the order of the attempts."""
 
-_FILLER = SendDummyDataRequest(bytes(256))
-"""Packet to end a frame that seems 256 bytes longer in the wrong byte order; ignored in the right byte order."""
+_SILENT_QUERIES = 2  # before an opening sets mode 1
+_FEW_REPEATED = 2  # second responses, which are chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,31 +46,40 @@ class Contact:
     """Transmission mode before contact; mode 1 is set now. A board that sent bytes was in mode 1."""
     silent_queries: int
     """Queries in the right byte order left unanswered before mode 1 was set."""
+    queries: int = 0
+    """Further queries, asked one at a time."""
+    repeated: int = 0
+    """How many of them were answered twice."""
 
 
 async def make_contact(transport: SharedTransport, patience: float | None = None) -> Contact:
-    """Query in both byte orders, then set mode 1 and query again. Raise OpenError if nothing is answered.
+    """Open the board as `servolink doctor` does, and ask it a few queries. Raise OpenError without an answer.
 
     The search may take several seconds; `patience` is the time to wait for each response.
     """
-    received = silent = 0
-    for mode in (1, 0):
-        for query in SHORT_QUERIES:
-            for byte_order in BYTE_ORDERS:
-                async with TrialLine(transport, Codec(byte_order)) as line:
-                    line.patience = patience or line.patience
-                    if mode == 0:
-                        await line.send(TransmissionModeSettingRequest(1))
-                    if await line.ask(query) is not None:
-                        return Contact(byte_order, query, 1 if received else mode, silent)
-                    received += line.received
-                    if mode == 0:
-                        await line.send(_FILLER)
-            silent += mode
-    raise OpenError(
-        f"{transport.url} does not answer in either byte order or transmission mode: is the board on, and are port "
-        "and baud rate right? `servolink doctor` without --learn finds out"
-    )
+    try:
+        connection = await connect_in_any_order(transport, patience=patience or PATIENCE)
+    except HandshakeFailed as error:
+        if error.evidence.answered or error.evidence.longer:
+            raise
+        raise OpenError(
+            f"{transport.url} does not answer in either byte order or transmission mode: {error}"
+        ) from error
+    try:
+        line = await measure(connection, patience)
+        mode, silent_queries = (0, _SILENT_QUERIES) if connection.woke else (1, 0)
+        query = connection.answered[0]
+        return Contact(connection.codec.byte_order, query, mode, silent_queries, line.requests, line.repeated)
+    finally:
+        await connection.close()
+
+
+def twice_findings(contact: Contact) -> list[Measured]:
+    """Return that the board answers twice, if it does."""
+    if contact.repeated <= _FEW_REPEATED:
+        return []
+    text = f"{contact.repeated} of {contact.queries} queries were answered twice"
+    return [Measured("answers_twice", value=True, confidence="certain", evidence=text)]
 
 
 def byte_order_finding(contact: Contact, quality: Quality) -> Measured:

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import cycle, islice
 
-from servolink.client.connect import connect
+from servolink.connection.connection import Connection
+from servolink.connection.evidence import text_between
+from servolink.connection.taps import Tap
 from servolink.doctor import Finding
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.profiles.profile import BoardProfile
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.escaping import quote
 
+ANSWERS_TWICE = "answers twice"
+"""Name of the finding whose remedy needs the address of the board."""
 REQUESTS = 60
 """Number of queries sent, without any change to the board."""
 
 _PATIENCE = 0.5  # seconds for each response, unless given
+_ROUND_TRIPS = 4  # for a slow board, so many are allowed for each response
+_LONGEST = 4.0  # seconds, after which a slow board is asked no more
+_MOST_BYTES = 65536  # examined for text
 _FEW = 2  # late responses tolerated, as caused by a short standstill of this computer
 
 
@@ -37,6 +44,10 @@ class LineCounts:
     """Reason why the connection ended early; empty for a full measurement."""
     patience: float = _PATIENCE
     """Seconds allowed for each response."""
+    repeated: int = 0
+    """Second responses to a query."""
+    text: str = ""
+    """Beginning of readable text between frames; empty without any."""
 
     def percentile(self, percent: int) -> float | None:
         """Return the time within which `percent` of the responses came; None without responses."""
@@ -44,45 +55,80 @@ class LineCounts:
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
-async def measure(url: str, byte_order: ByteOrder, patience: float | None = None) -> LineCounts:
-    """Query the board at `url` repeatedly, each time for `patience` seconds. Raise OpenError for a failed opening."""
-    patience = patience or _PATIENCE
+class _Recording(Tap):
+    """Keeps the first bytes received."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+
+    def received(self, data: bytes) -> None:
+        """Keep bytes from the board."""
+        self.data += data[: _MOST_BYTES - len(self.data)]
+
+
+async def measure(connection: Connection, patience: float | None = None) -> LineCounts:
+    """Query the board of a contact repeatedly, each time for `patience` seconds."""
+    stats, loop = connection.stats, asyncio.get_running_loop()
+    begun, received, noise, late = loop.time(), stats.bytes_received, stats.noise, stats.late_responses
+    repeated, timeouts = stats.repeated, stats.timeouts
+    patience = patience or max(_PATIENCE, _ROUND_TRIPS * (stats.round_trip(50) or 0.0))
     requests = unanswered = 0
     ended = ""
-    unknown = BoardProfile()  # a damaged profile is a separate finding
-    async with connect(url, byte_order=byte_order, patience=patience, angle_unit=None, profile=unknown) as board:
-        try:
-            for requests in range(1, REQUESTS + 1):  # noqa: B007 - the result says how many there were
-                try:
-                    await board.request(QueryMemorySizeRequest())
-                except RequestTimeout:
-                    unanswered += 1
-        except ConnectionLost as error:
-            ended = str(error)
-        stats = board.stats
-        noise = stats.noise
-        return LineCounts(
-            stats.bytes_received,
-            noise,
-            requests,
-            unanswered,
-            stats.late_responses,
-            tuple(stats.round_trips),
-            ended,
-            patience,
-        )
+    recording = _Recording()
+    stop_recording = connection.taps.add(recording)
+    try:
+        # Different queries in turn: the response to one proves the other over, so nothing else is sent between.
+        for requests, query in enumerate(islice(cycle(connection.answered[:2]), REQUESTS), 1):  # noqa: B007
+            try:
+                await connection.request(query, timeout=patience)
+            except RequestTimeout:
+                unanswered += 1
+            if loop.time() > begun + _LONGEST:
+                break
+    except ConnectionLost as error:
+        ended = str(error)
+    stop_recording()
+    return LineCounts(
+        stats.bytes_received - received,
+        stats.noise - noise,
+        requests,
+        unanswered,
+        stats.late_responses - late,
+        tuple(stats.round_trips)[-requests:],
+        ended,
+        patience,
+        # After a timeout a query is sent again, and both sendings may be answered.
+        max(0, stats.repeated - repeated - (stats.timeouts - timeouts)),
+        text_between(bytes(recording.data), connection.codec.byte_order),
+    )
 
 
 def check_line(line: LineCounts) -> Iterator[Finding]:
     """Find noise, missing responses and an early end of the connection."""
-    if line.noise_bytes:
+    if line.repeated > _FEW:
+        yield Finding(
+            ANSWERS_TWICE,
+            f"{line.repeated} of {line.requests} queries were answered twice",
+            "an adapter repeats what it receives, or the firmware sends each response twice; programs cannot tell "
+            "whose response the second one is, unless they know of it",
+            "",
+        )
+    if line.text:
+        yield Finding(
+            "text",
+            f"{line.noise_bytes} of {line.received_bytes} received bytes were outside frames, and are text: "
+            f"{quote(line.text)}",
+            "the firmware writes messages on the line of the protocol; they take time, and do no other harm",
+            "switch the messages off in the firmware, if you can",
+        )
+    elif line.noise_bytes:
         share = 100 * line.noise_bytes / line.received_bytes
         yield Finding(
             "noise",
             f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were outside frames",
             "the line damages bytes, or another device or program uses the line",
             "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
-            "close other programs on the port\nservolink doctor",
+            "close other programs on the port",
         )
     if line.unanswered or line.late > _FEW:
         yield Finding(
@@ -99,5 +145,5 @@ def check_line(line: LineCounts) -> Iterator[Finding]:
             "connection",
             f"the connection ended after {line.requests} of {REQUESTS} queries: {line.ended}",
             "the board responded before, so the cable is loose or the board lost power",
-            "check cable, plugs and power\nservolink doctor",
+            "check cable, plugs and power",
         )

@@ -72,7 +72,7 @@ async def test_bytes_without_a_frame_are_explained_by_order_and_baud_rate(used: 
         assert begun + 3 < now() <= begun + 5.2  # the board may still be starting
 
 
-@pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 12)])
+@pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 15)])
 def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent_one(
     spoken_at: tuple[float, ...], given_up_at: float
 ) -> None:

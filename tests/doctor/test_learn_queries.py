@@ -159,6 +159,7 @@ class Stalling:
         self._random = random.Random(seed)
         self._longest = longest
         self._free_at = 0.0
+        self._prompt = 80  # responses, until the board is found
         self._late = deque[bytes]()  # in order: equal times of timers have none
 
     async def open(self, receiver: Receiver) -> None:
@@ -173,7 +174,8 @@ class Stalling:
 
     def data(self, chunk: bytes, /) -> None:
         loop = asyncio.get_running_loop()
-        if self._random.random() < 0.05:
+        self._prompt -= 1
+        if self._prompt < 0 and self._random.random() < 0.05:
             self._free_at = max(self._free_at, loop.time() + self._random.uniform(0, self._longest))
         self._late.append(chunk)
         loop.call_at(max(self._free_at, loop.time()), lambda: self._receiver.data(self._late.popleft()))

@@ -16,9 +16,8 @@ from typing import Any
 
 import pytest
 
-from servolink.connection import probe
 from servolink.discovery.names import Alias, save_alias
-from servolink.doctor import line_quality
+from servolink.doctor import contact, line_quality
 from servolink.profiles.profile import BoardProfile, BoardSettings
 from servolink.profiles.store import profile_path, save_profile
 from servolink.protocol.codec import Codec
@@ -61,7 +60,7 @@ def terminal() -> Iterator[str]:
 @pytest.fixture
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wait long for responses, as the machine may be busy."""
-    monkeypatch.setattr(probe, "PATIENCE", processes.LIMIT)
+    monkeypatch.setattr(contact, "_FIRST", processes.LIMIT)
     monkeypatch.setattr(line_quality, "_PATIENCE", processes.LIMIT)
 
 
@@ -273,7 +272,7 @@ def test_a_device_that_speaks_something_else(examined: Examined, monkeypatch: py
     monkeypatch.setattr(transport, "from_address", lambda address: Printer(VirtualTransport(VirtualBoard())))
     code, report = examined("virtual://")
     assert (code, checks(report)) == (1, ["no response"])
-    assert "sent 15 bytes, 15 of them unasked, but no response" in report["findings"][0]["observation"]
+    assert "sent text, 'ok T:21.3 /0.0', but no response" in report["findings"][0]["observation"]
 
 
 @pytest.mark.parametrize("url", ["serial:///dev/nowhere", "tcp://127.0.0.1:1", "hid://1234:5678"])

@@ -11,9 +11,8 @@ import pytest
 
 from servolink.cli.index import below
 from servolink.client import connect
-from servolink.connection import probe
 from servolink.discovery.search import SearchResult
-from servolink.doctor import examine
+from servolink.doctor import contact, examine
 from servolink.project.project_file import save_project
 from servolink.recorder.writer import RecordingWriter
 from servolink.script import FAILED, NO_BOARD, OK
@@ -117,7 +116,7 @@ def test_every_command_is_tried() -> None:
     ],
 )
 def test_a_command_ends(name: str, seconds: list[float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (connect, probe, examine):
+    for module in (connect, contact, examine):
         monkeypatch.setattr(module, "create", lambda url: lying(LIES[name]))
     monkeypatch.setattr("servolink.cli.boards.find.discover", _one_board)
     monkeypatch.setattr(

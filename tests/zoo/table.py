@@ -40,6 +40,7 @@ _NOT_FOUND = "does not answer in either byte order or transmission mode"
 _SENDS_TEXT = "sends text"
 _RETURNS = "returns the requests that are sent to it"
 _SILENT = "is open, but no board answers"
+_LONGER = "ignore_extra=yes"
 _NO_SERVOS = "the board has no servos"
 _UNCONFIRMED = "a stop was sent 3 times and could not be confirmed"
 _NO_UNIT = "SetAngleUnitRequest(servo_id=255, unit_type=0) was sent"
@@ -49,40 +50,40 @@ _NO_DEGREES = "was asked for angle unit 0"
 TABLE: dict[str, Row] = {
     "plain": Row(),
     "big": Row(("byte order",), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
-    "old": Row(("no response",)),
-    "old-at-opening": Row(("no response",), _NOT_FOUND),
-    "old-slow": Row(("no response",)),
-    "big-old": Row(("no response",), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
+    "old": Row(("transmission mode",)),
+    "old-at-opening": Row(("transmission mode",), {"transmission_mode": 1}),
+    "old-slow": Row(("transmission mode",)),
+    "big-old": Row(("byte order", "transmission mode"), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
     "busy": Row((), {"depth": 1}),
-    "old-busy": Row(("no response",), {"depth": 1}),
-    "late": Row(("opening",)),
+    "old-busy": Row(("transmission mode",), {"depth": 1}),
+    "late": Row(),
     "very-late": Row(("opening",), _NOT_FOUND, all_refuse(_TOO_LITTLE)),
     "merging": Row(),
     "halves": Row(),
     "single-bytes": Row((), {"depth": 8}),
     "stalling": Row(("responses",)),
     "echoing": Row(),
-    "boot-text": Row(("opening",)),
-    "logging": Row(("noise",)),
+    "boot-text": Row(),
+    "logging": Row(("text",)),
     "resetting": Row(("absent",)),
     "twice": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
     "twice-2": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
     "twice-10": Row((), {"depth": 1}),
     "bad-sum": Row(("noise",)),
-    "padded": Row(("no response",), _NOT_FOUND, all_refuse(_TOO_LITTLE)),
+    "padded": Row(("contents",), _LONGER, all_refuse(_LONGER)),
     "flooding": Row(),
     "silent": Row(("no response",), _NOT_FOUND, all_refuse(_SILENT)),
     "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
-    "loop-back": Row(("no response",), _NOT_FOUND, all_refuse(_RETURNS)),
+    "loop-back": Row(("echo",), _NOT_FOUND, all_refuse(_RETURNS)),
     "modem": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
     "no-project-id": Row(
-        ("no response",),
+        (),
         {"unsupported": ("QueryProjectID",)},
         dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
         dict.fromkeys(("info", "export"), _WITHOUT_PROJECT_ID),
     ),
     "old-firmware": Row(
-        ("no response",),
+        (),
         {
             "unsupported": (
                 "QueryProjectID",
@@ -96,7 +97,7 @@ TABLE: dict[str, Row] = {
         dict.fromkeys(("info", "export"), "was not answered"),
     ),
     "servos-only": Row(
-        ("no response",),
+        (),
         {
             "caption_encoding": None,
             "unsupported": (

@@ -92,6 +92,8 @@ def described(report: Report) -> dict[str, Any]:
         "boards": [asdict(candidate) for candidate in report.candidates],
         "examined": report.urls,
         "response": report.response and asdict(report.response),
+        "unsupported": list(report.unsupported),
+        "is_proved": report.is_proved,
         "line": report.line
         and {
             "received_bytes": report.line.received_bytes,
@@ -99,6 +101,7 @@ def described(report: Report) -> dict[str, Any]:
             "requests": report.line.requests,
             "unanswered": report.line.unanswered,
             "late": report.line.late,
+            "repeated": report.line.repeated,
             "round_trip_seconds": {f"p{percent}": report.line.percentile(percent) for percent in _PERCENTILES},
         },
         "findings": [asdict(finding) for finding in report.findings],
@@ -120,8 +123,12 @@ def _print(report: Report) -> None:
 def _facts(report: Report) -> list[tuple[str, str]]:
     facts = [("examined", ", ".join(report.urls) or "nothing: no board was found")]
     if response := report.response:
-        project = f"project id {response.project_id or 'none'}"
+        project = f"project id {'unknown' if response.project_id is None else response.project_id or 'none'}"
         facts.append(("response", f"{project}, {response.byte_order} byte order, {response.seconds * 1000:.1f} ms"))
+    if report.unsupported:
+        facts.append(("not answered", ", ".join(report.unsupported)))
+    if not report.is_proved:
+        facts.append(("opening", "fewer than 3 kinds of short queries are answered, so it waits for a quiet line"))
     if line := report.line:
         facts.append(("noise", f"{line.noise_bytes} of {line.received_bytes} bytes"))
         times = [f"p{percent} {time * 1000:.1f} ms" for percent in _PERCENTILES if (time := line.percentile(percent))]

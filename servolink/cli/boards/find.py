@@ -22,7 +22,6 @@ from servolink.cli.screen.output import Table, print_error, print_json, print_re
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.connection.options import options_in
-from servolink.connection.probe import PATIENCE, ProbeResult, probe
 from servolink.discovery.names import (
     Alias,
     alias_for,
@@ -33,6 +32,7 @@ from servolink.discovery.names import (
     save_alias,
 )
 from servolink.discovery.search import NO_BOARD_FOUND, discover, is_same_place, search
+from servolink.doctor.contact import PATIENCE, ProbeResult, probe
 from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportError
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
@@ -50,7 +50,7 @@ from servolink.transports.registry import create
     examples=("list", "list --probe"),
     options=(
         flag("--probe", "open each and ask whether it is a board"),
-        timeout("with --probe: how long to wait for each response, 0.4 unless given"),
+        timeout("with --probe: how long to wait for each response, 1 unless given"),
     ),
     takes_board=False,
 )
@@ -112,12 +112,17 @@ def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: S
     return table_of(columns)
 
 
+def _project(project_id: int | None) -> str:
+    """Return a project id as text, also of a board that has none or does not tell it."""
+    return "unknown" if project_id is None else str(project_id or "none")
+
+
 def _response(result: ProbeResult) -> str:
     """Return the response of a probed board as text for a table."""
     if result.response is None:
         return "" if result.problem else "none"
     mode = "" if result.response.transmission_mode == 1 else ", was in the old transmission mode"
-    return f"{result.response.byte_order} endian, project {result.response.project_id or 'none'}{mode}"
+    return f"{result.response.byte_order} endian, project {_project(result.response.project_id)}{mode}"
 
 
 @Command(
