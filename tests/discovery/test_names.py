@@ -218,7 +218,7 @@ def test_what_has_no_number_or_needs_none_is_kept_by_its_address(url: str) -> No
 
 def test_a_board_that_is_away_or_not_the_only_one_of_its_number_is_said_so() -> None:
     alias = Alias(BOARD.url, "A1")
-    with pytest.raises(OpenError, match="left is the board with serial number A1, but was not found"):
+    with pytest.raises(OpenError, match="left is the board with serial number A1, and was not found"):
         current_url("left", alias, [])
     with pytest.raises(OpenError, match=r"ttyACM0, serial:///dev/ttyACM7"):
         current_url("left", alias, [BOARD, MOVED])
