@@ -118,7 +118,7 @@ class HandshakeFailed(OpenError):
 
 
 def evidence_in(data: bytes, byte_order: ByteOrder, *, received: int, sent: int, answered: int) -> LineEvidence:
-    """Return what `data`, the beginning of `received` bytes, says; `sent` queries had `answered` responses."""
+    """Return the findings in `data`, the first of `received` bytes, after `sent` queries with `answered` responses."""
     own = list(_frames(data, byte_order))
     other = list(_frames(data, "little" if byte_order == "big" else "big"))
     fitting = [packet_id for packet_id, _, _, fits in own if fits]

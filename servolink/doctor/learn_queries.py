@@ -298,7 +298,7 @@ async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Me
 
 
 def burst_finding(setting: str, value: int, text: str, line: TrialLine, quality: Quality) -> Measured:
-    """Return how many requests at once are all answered: uncertain if responses may have been late and not lost."""
+    """Return the number of requests answered at once; uncertain if missing responses may have been late."""
     if line.stalls:
         text += "; uncertain, as the board or this machine stopped for seconds meanwhile"
         return Measured(setting, value, "guess", text)

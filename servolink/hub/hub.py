@@ -352,9 +352,10 @@ class Hub:
     def follow_requests(self, follow: RequestFollower) -> Callable[[], None]:
         """Call `follow` with each finished request except answered queries. Return a function that removes `follow`.
 
-        It gets the packet, the response, True for one that boards do not answer, False or a reason for one that was
-        not sent, or an error; when it was asked, who asked, and the session, empty for the hub itself. It must not
-        raise.
+        Args:
+            follow: Function that never raises, called with the packet, the outcome, the time of the request, the name
+                of the program, and its session, empty for the hub itself. The outcome is the response, True for a
+                command without a response, False or a reason for an unsent packet, or an error.
         """
         self._followers = (*self._followers, follow)
         self._upstream.on_over = self._over

@@ -193,7 +193,7 @@ def _top(counts: Counter[Any]) -> list[tuple[Any, int]]:
 
 
 def _list(texts: Iterable[str], most: int = _MOST_SHOWN, *, count: int = 0) -> str:
-    """Return the first texts, and how many there are besides; `count` is how many there were if these are the first."""
+    """Return the first texts, and the number of further texts; `count` is the number of all texts."""
     found = list(texts)
     rest = max(count, len(found)) - min(most, len(found))
     return ", ".join(found[:most]) + (f" and {rest} more" if rest > 0 else "")

@@ -180,7 +180,7 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
         both[0].answers["start"] = lambda params: {}
         found = said("run", "Wave", "--on", "rex")
         assert found.code == FAILED
-        assert "nobody knows whether these were started: rex" in found.err
+        assert "perhaps started, without an answer: rex" in found.err
         assert "no board was started" not in found.err
         found = said("run", "Dance", "--on", "rex")
         assert found.code == FAILED

@@ -141,7 +141,7 @@ def _question(plan: Plan) -> str:
     "board dummy",
     help="send bytes that the board ignores",
     examples=("board dummy", "board dummy 00ff00ff"),
-    options=(option("data", "HEX", f"which bytes, at most 65,535 ({_DUMMY.hex()})", nargs="?"),),
+    options=(option("data", "HEX", f"bytes in hex, at most 65,535 ({_DUMMY.hex()})", nargs="?"),),
 )
 def run_dummy(args: argparse.Namespace) -> int:
     """Send bytes, and return when the board answers another request."""

@@ -80,7 +80,7 @@ def _devices(facts: SystemFacts, board: str | None) -> list[ListedUsbDevice]:
     found = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
     if not found:
         raise OpenError(
-            "no board was found on USB to write rules for; plug it in, or name it: "
+            "no board was found on USB to write rules for; plug the board in, or name one: "
             "servolink doctor --print-udev usb://VID:PID"
         )
     return found

@@ -153,7 +153,7 @@ class _Apply:
         if not_begun:
             print_error(f"servolink: not begun: {', '.join(not_begun)}")
         if failed or not_begun:
-            print_error("servolink: the same command continues with these boards; what is done is not done again")
+            print_error("servolink: run the same command again for these boards; finished boards are not written again")
 
 
 def _plan_table(plans: Outcomes[BoardPlan]) -> Table:

@@ -62,7 +62,7 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
         print_error(f"servolink: {text}")
     if ran.may_have_started:
         print_error(
-            f"servolink: nobody knows whether these were started: {', '.join(ran.may_have_started)}; "
+            f"servolink: perhaps started, without an answer: {', '.join(ran.may_have_started)}; "
             "`servolink fleet stop` stops all"
         )
     if not ran.started and not ran.may_have_started:

@@ -36,7 +36,7 @@ _MOST_SECONDS = 3600.0
     help="share one board among programs that use it at the same time",
     examples=("share", "share --name rex --tcp 127.0.0.1:0", "share --name rex --watch-tcp 127.0.0.1:0"),
     options=(
-        option("--name", "NAME", "programs call the board share://NAME (the name of the board)", board_name),
+        option("--name", "NAME", "name in share://NAME, the address for programs (the name of the board)", board_name),
         option(
             "--tcp", "HOST:PORT", "also serve TCP, for programs in any language; port 0 takes a free one", listening
         ),
