@@ -123,6 +123,7 @@ class ResponseDispatcher:
         self._patience = patience
         self._now = now
         self._heard_at = 0.0  # when the latest bytes came
+        self._is_first = True  # whether no response in them was timed
         self._restarted_at = 0.0  # from when the time of the oldest slot counts
         self._arrival: _Arrival | None = None  # since then
         self._silence = Silence()
@@ -141,6 +142,7 @@ class ResponseDispatcher:
         if self.taps.members:
             self.taps.received(chunk)
         self._heard_at = self._now()
+        self._is_first = True
         self._load = None
         if self._lifecycle.state is not _READY:
             self._keep_evidence(chunk)
@@ -320,8 +322,10 @@ class ResponseDispatcher:
         if call is not None and call.response is not None:
             self.times.late()  # the call had a response already
         elif not slot.overdue:  # a response to an overdue slot may belong to another sending
-            sent_at = slot.sent_at
-            self.times.record(slot.request.packet_id, self._heard_at - (free_at if free_at > sent_at else sent_at))
+            if self._is_first:  # of several in one chunk, only the time of the first one is known
+                self._is_first = False
+                begun = free_at if free_at > slot.sent_at else slot.sent_at
+                self.times.record(slot.request.packet_id, self._heard_at - begun)
         elif call is None or call.is_over:
             self.times.late()
         if load is not None and not slot.is_fence:

@@ -209,7 +209,7 @@ class Slots:
         live = self.live
         if live and slot is live[0]:
             live.popleft()
-            if live and not live[0].is_expected:
+            if live and (live[0].overdue or not live[0].open):
                 self._tidy()
         lane = slot.lane
         slots = lane.slots
