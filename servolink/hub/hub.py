@@ -212,8 +212,12 @@ class Hub:
     ) -> dict[int, int]:
         """Send a movement toward set-points of a program at once, shortened by `points`. Return the angles sent.
 
-        Raise MotionRefused as `run` does.
+        Raise MotionRefused as `run` does, and while another program has exclusive use.
         """
+        hold = self.exclusive_use
+        if hold is not None and hold.session != session_id:
+            text = f"nothing was moved: {hold.who} has taken the board alone"
+            raise MotionRefused(text, reason=Reason.EXCLUSIVE_USE)
         steps = tuple(Step(servo_id, round(angle), 1) for servo_id, angle in targets.items())
         packet = ExecuteActionRequest(steps)
         exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), points=points)

@@ -121,6 +121,11 @@ async def test_a_stream_needs_role_lease_and_a_board_that_nobody_has_exclusively
             await pad.call("stream.send", stream=number, targets={"1": 20})
         await script.call("board.release")
         assert await pad.call("stream.send", stream=number, targets={"1": 20}) == {"sent": {"1": 20}}
+        fast = [pad.begin("stream.send", stream=number, targets={"1": angle}) for angle in (10, 40)]
+        await script.call("board.hold")  # while the second one waits for its turn
+        assert await fast[0] == {"sent": {}}
+        with pytest.raises(RpcFailed, match="script has taken the board alone"):
+            await fast[1]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from servolink.client.servo_stream import ServoStream
 from servolink.control.messages import StreamBegin, StreamBegun, StreamSend, StreamSent
 from servolink.control.roles import Role
 from servolink.control.tightening import limits_in
-from servolink.errors import MotionRefused, Reason
+from servolink.errors import MotionRefused
 from servolink.hub.methods.methods import METHODS, Caller
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
@@ -48,8 +48,5 @@ async def stream_send(caller: Caller, params: StreamSend) -> StreamSent:
     control = caller.control
     if control.stream is None or params.stream != control.streams:
         raise MotionRefused(f"nothing was moved: this program has no stream {params.stream}; begin one")
-    if control.holder is not None:
-        text = f"nothing was moved: {control.holder.who} has taken the board alone"
-        raise MotionRefused(text, reason=Reason.EXCLUSIVE_USE)
     sent = await control.stream.send(params.targets)
     return StreamSent({str(servo_id): int(angle) for servo_id, angle in sent.items()})
