@@ -39,23 +39,21 @@ def has_sound_index(path: Path) -> bool:
 def _compare(file: IO[bytes]) -> None:
     """Raise _Different, or an error of the library, for what others could not read."""
     from mcap import records
-    from mcap.data_stream import ReadDataStream
 
     index, made, declared = McapIndex(), {_SCHEMA: b"", _CHANNEL: b""}, 0
     _expect(file, MAGIC)
     while True:
         start, kind, record = _next(file)
-        content = ReadDataStream(BytesIO(record[_HEAD.size :]))
         if kind == _HEADER:
-            records.Header.read(content)
+            _read(records.Header, record)
         elif kind == _METADATA:
-            index.add_metadata(records.Metadata.read(content).name, start, len(record))
+            index.add_metadata(_read(records.Metadata, record).name, start, len(record))
         elif kind in made:
             made[kind] += record
             declared += kind == _CHANNEL
             index.declare(made[_SCHEMA], made[_CHANNEL], declared)
         elif kind == _CHUNK:
-            chunk = records.Chunk.read(content)
+            chunk = _read(records.Chunk, record)
             entries = _entries(decompress(chunk.compression, chunk.data, chunk.uncompressed_size))
             if (chunk.message_start_time, chunk.message_end_time) != times_of(entries):
                 raise _Different
@@ -65,10 +63,19 @@ def _compare(file: IO[bytes]) -> None:
             break
         else:
             raise _Different
-        if content.count != len(record) - _HEAD.size and kind not in made:
-            raise _Different
     _expect(file, index.summary(file.tell()))
     _expect(file, b"")
+
+
+def _read(declared: Any, record: bytes) -> Any:
+    """Return what a record says. Raise _Different if its inner lengths contradict its end."""
+    from mcap.data_stream import ReadDataStream, RecordBuilder
+
+    found, builder = declared.read(ReadDataStream(BytesIO(record[_HEAD.size :]))), RecordBuilder()
+    found.write(builder)
+    if builder.end() != record:
+        raise _Different
+    return found
 
 
 def _expect(file: IO[bytes], data: bytes) -> None:
