@@ -30,6 +30,7 @@ LARGEST = 16 * MIB
 FOOTER, CHANNEL, MESSAGE, CHUNK, STATISTICS, METADATA = 0x02, 0x04, 0x05, 0x06, 0x0B, 0x0C
 _IN_CHUNKS = {CHANNEL, MESSAGE}
 _READ = {CHANNEL, MESSAGE, CHUNK, STATISTICS, METADATA}
+_DATA_END = 0x0F
 _KNOWN = range(0x01, 0x10)
 _FOOTER_SIZE = 20
 _HEAD = Struct("<BQ")
@@ -38,6 +39,7 @@ _CHUNK = Struct("<QQQI")
 _LONG, _SHORT, _ID = Struct("<Q"), Struct("<I"), Struct("<H")
 _LONGEST_NAME, _LONGEST_TEXT = 256, 0x10000
 _MOST_METADATA = 100  # entries
+_CONTRADICTIONS = "records with contradictions were left out"
 _DAMAGED = "damaged chunks were left out"
 _NO_RECORDS = "bytes outside of records were left out"
 
@@ -71,6 +73,7 @@ class McapReader:
         """Whether the file ends too early: the writer was killed, or the disk was full."""
         self._channels: dict[int, tuple[str, str]] = {}
         self._messages = 0  # number of messages read so far
+        self._has_ended = False  # only an index follows: a message there is a damaged record of another kind
         self._counted: int | None = None  # number of messages stated in the file
         self._sure = len(MAGIC)  # start of the search if no record is at the expected place
         self._read_again = 0  # bytes
@@ -108,6 +111,8 @@ class McapReader:
                     return kind, self._take(size)
                 if kind in _READ:
                     self.remarks[f"records larger than {LARGEST // MIB} MiB were left out"] += 1
+                elif kind == _DATA_END:
+                    self._has_ended = True
                 elif kind not in _KNOWN:
                     self.remarks["records of unknown kinds were left out"] += 1
                 self._file.seek(size, 1)
@@ -157,6 +162,9 @@ class McapReader:
             raise RecordingError(f"cannot read the recording {self.path}: {reason(error)}") from error
 
     def _understood(self, kind: int, content: bytes) -> Iterator[Message | Metadata]:
+        if kind == MESSAGE and self._has_ended:
+            self.remarks[_CONTRADICTIONS] += 1
+            return
         if kind != CHUNK:
             yield from self._one(kind, memoryview(content))
             return
@@ -193,7 +201,7 @@ class McapReader:
         except KeyError:
             self.remarks["messages of unknown channels were left out"] += 1
         except (struct.error, ValueError):
-            self.remarks["records with contradictions were left out"] += 1
+            self.remarks[_CONTRADICTIONS] += 1
 
     def _keep_channel(self, fields: _Fields) -> None:
         number, _ = fields.take(_ID), fields.take(_ID)

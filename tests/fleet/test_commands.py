@@ -363,6 +363,21 @@ def test_hostile_payloads_are_refused_with_a_reason(broker: Broker) -> None:
     run(main())
 
 
+@pytest.mark.parametrize("topic", ["pulse", "available", "state", "vitals", "servos", "event", "log"])
+def test_hostile_payloads_on_any_topic_of_a_board_change_nothing(broker: Broker, topic: str) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, hub):
+            await far.call("move", params={"targets": {"1": 10}, "duration": 0.01, "wait": True})
+            for payload, _, _ in HOSTILE:
+                for retain in (False, True):
+                    await far.publish(f"servolink/rex/{topic}", payload, retain=retain)
+            assert (await far.call("battery"))["percent"] == 100
+            await far.until(lambda: far.heard["servolink/rex/available"][-1].payload == b"online")
+            assert (await hub.board.servos())[0].angle == 10
+
+    run(main())
+
+
 def test_nothing_is_done_that_cannot_be_noted(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
         async with bridged(broker) as (far, _):

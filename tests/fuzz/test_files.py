@@ -14,13 +14,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servolink.errors import ServolinkError
+from servolink.fleet.policy import load_fleet_file
 from servolink.project.model import UNFINISHED
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionRequest, AddServoParameterRequest, WriteProjectIDRequest
 from servolink.protocol.records import ServoParameter, Step
+from servolink.recorder.mcap_check import has_sound_index
 from tests.fuzz import texts
 from tests.fuzz.amounts import examples
+from tests.fuzz.errors import check
 from tests.hostile.corpus import PAYLOADS
+from tests.recorder.test_repair import blocks
 
 _anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from([one.text for one in PAYLOADS]),
@@ -74,6 +79,7 @@ _JOURNAL = {
     "backup": "000001-20260102T030405Z-board-0123456789ab.servolink.json",
     "phase": "writing",
 }
+_MCAP = b"".join(blocks(2, 3))
 _BOARD = {"url": "tcp://127.0.0.1:1", "product": "board", "serial_number": "", "problem": ""}
 
 
@@ -82,6 +88,37 @@ _BOARD = {"url": "tcp://127.0.0.1:1", "product": "board", "serial_number": "", "
 def test_a_recording(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "file").write_bytes(content)
     texts.check_recording(tmp_path / "file")
+
+
+@examples(200)
+@given(st.integers(0, 1 << 20), st.binary(max_size=8) | st.integers(0, 7))
+def test_a_recording_for_other_programs(tmp_path: Path, at: int, change: bytes | int) -> None:
+    spoilt_file = bytearray(_MCAP)
+    at %= len(_MCAP)
+    if isinstance(change, int):
+        spoilt_file[at] ^= 1 << change
+    else:
+        spoilt_file[at : at + len(change)] = change
+    (tmp_path / "file").write_bytes(spoilt_file)
+    assert has_sound_index(tmp_path / "file") in {True, False}
+
+
+@examples(60)
+@given(
+    st.binary(max_size=200)
+    | st.builds(
+        lambda table, key, value: f"[{table}]\n{key} = {json.dumps(value)}\n".encode(),
+        st.sampled_from(["default", "boards.rex", "default.angles", "groups", '"boards.\u202e"']),
+        st.sampled_from(["allow", "max_speed", "angles", "1", "all", '"x\u001b"']),
+        _anything,
+    )
+)
+def test_the_policy_of_a_fleet(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "file").write_bytes(content)
+    try:
+        load_fleet_file(tmp_path / "file")
+    except ServolinkError as error:
+        check(error)
 
 
 @examples(60)

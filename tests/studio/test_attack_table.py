@@ -1,0 +1,141 @@
+"""The attack tables of the studio: each handshake, and each method through each kind of link."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from itertools import product
+from typing import Any
+
+import pytest
+from aiohttp import ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
+from msgspec import inspect
+
+from servolink.control.error_codes import Code
+from servolink.control.roles import Role, RoleName
+from servolink.hub.methods.control_session import METHODS as HUB_METHODS
+from servolink.studio.page import METHODS as OWN_METHODS
+from tests.studio.serving import Place, run, welcomed
+
+pytestmark = pytest.mark.usefixtures("user")
+
+ROLES: dict[RoleName, str] = {
+    "watch": """
+        battery board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give limits.tighten
+        project.export recorder.list recorder.status records.get records.list rename servos.ack servos.list
+        servos.parameters servos.unwatch servos.watch status stop studio.about studio.check studio.draft.get
+        studio.figure.get studio.file.read studio.file.write studio.rename tap.start tap.stop
+    """,
+    "run": """
+        lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
+    """,
+    "move": "move move.end release servo.set stream.begin stream.send",
+    "edit": """
+        board.hold board.release project.apply project.backups project.plan project.rollback records.delete records.put
+        studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save studio.links studio.links.change
+    """,
+}
+"""The least role for each method. A method that is not here fails the test: decide who may call it."""
+METHODS = {**HUB_METHODS, **OWN_METHODS}
+_DEFECT = -32603
+
+
+def test_each_method_has_the_role_of_the_table() -> None:
+    found = {name: str(Role(method.role)) for name, method in METHODS.items()}
+    assert found == {name: role for role, names in ROLES.items() for name in names.split()}
+
+
+def example(kind: inspect.Type) -> Any:
+    """Return a small value of a type; of a struct only the fields without a default."""
+    found: Any = {}
+    match kind:
+        case inspect.StructType(_, fields=fields):
+            found = {field.encode_name: example(field.type) for field in fields if field.required}
+        case inspect.UnionType(types):
+            found = example(next(each for each in types if not isinstance(each, inspect.NoneType)))
+        case inspect.Metadata(inner):
+            found = example(inner)
+        case inspect.LiteralType(values):
+            found = values[0]
+        case inspect.BoolType() | inspect.IntType() | inspect.FloatType():
+            found = 1
+        case inspect.StrType():
+            found = "1"
+        case inspect.ListType() | inspect.VarTupleType():
+            found = []
+        case inspect.DictType(_, inspect.FloatType()):
+            found = {"1": 20}
+    return found
+
+
+def calls() -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield each method with params made from its declaration."""
+    for name, method in METHODS.items():
+        yield name, example(inspect.type_info(method.params))
+
+
+async def answer(page: ClientWebSocketResponse, name: str, params: dict[str, Any]) -> dict[str, Any]:
+    """Return the answer to a call; notifications before it are passed over."""
+    await page.send_json({"jsonrpc": "2.0", "id": name, "method": name, "params": params})
+    while (message := dict(json.loads(await page.receive_str()))).get("id") != name:
+        pass
+    return message
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_link_calls_what_its_role_allows_and_nothing_else(role: RoleName) -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page, place.page() as owner:
+            await welcomed(owner, place.gate.new_token("edit"))
+            await welcomed(page, place.gate.new_token(role))
+            before = [await answer(owner, each, {}) for each in ("servos.list", "project.export", "studio.links")]
+            allowed = set[str]()
+            for name, params in calls():
+                found = await answer(page, name, params)
+                code = found.get("error", {}).get("code")
+                assert code != _DEFECT, found
+                if code != Code.FORBIDDEN:
+                    allowed.add(name)
+            own = {"studio.links.change"}  # needs the link that the studio printed
+            assert allowed | own == {name for name, m in METHODS.items() if m.role <= Role.parse(role)} | own
+            if role == "watch":
+                assert (await answer(owner, "status", {}))["result"]["lease"] is None
+                await answer(owner, "servo.set", {"servo": "all", "start": True, "hold": True})  # it may stop
+                after = [await answer(owner, each, {}) for each in ("servos.list", "project.export", "studio.links")]
+                assert after == before
+
+    run(test)
+
+
+HOSTS = {"{place}": True, "localhost:{port}": True, "evil.example": False, "127.0.0.1": False, "127.0.0.1:1": False}
+ORIGINS = {
+    "http://{place}": True,
+    "http://localhost:{port}": True,
+    **dict.fromkeys(
+        ("https://{place}", "http://localhost", "http://evil.example:{port}", "null", "", "file://", "http://{place}/"),
+        False,
+    ),
+}
+TOKENS = {"{token}": True, **dict.fromkeys(("", "{token}x", "{half}", "\u0000", "{token}\u0000", "é"), False)}
+
+
+@pytest.mark.parametrize(("host", "is_host"), HOSTS.items())
+def test_only_the_right_name_origin_and_token_together_get_in(host: str, *, is_host: bool) -> None:
+    async def test(place: Place) -> None:
+        port, token = place.address.rpartition(":")[2], place.gate.new_token("edit")
+        words = {"place": f"127.0.0.1:{port}", "port": port, "token": token, "half": token[: len(token) // 2]}
+        for (origin, is_origin), (text, is_token) in product(ORIGINS.items(), TOKENS.items()):
+            headers = {"Origin": origin.format(**words), "Host": host.format(**words)}
+            opening = place.http.ws_connect(f"{place.address}/ws", headers=headers)
+            if not (is_host and is_origin):
+                with pytest.raises(WSServerHandshakeError) as refused:
+                    await opening
+                assert refused.value.status == (403 if is_host else 421)
+                continue
+            async with opening as page:
+                await page.send_json({"token": text.format(**words)})
+                message = await page.receive()
+                assert (message.type is WSMsgType.TEXT) == is_token, text
+                assert is_token or message.data == 4401
+
+    run(test)
