@@ -17,8 +17,8 @@ from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.packet_messages import PacketStream
 from servolink.recorder.recording_file import Disk, RecordingFile
 
-CHUNK_SECONDS = 1.0
-"""Seconds after which messages are on the disk: the most that a crash can lose."""
+CHUNK_SECONDS = 0.8
+"""Seconds after which a chunk is written; with `LOOK_EVERY` and the disk, a crash loses at most a second."""
 CHUNK_BYTES = 256 * 1024
 """Limit of a chunk in bytes, before the compression."""
 LOOK_EVERY = 0.1
