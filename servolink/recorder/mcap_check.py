@@ -9,7 +9,7 @@ import struct
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, cast
 
 from servolink.files import open_file
 from servolink.recorder.mcap_index import ChunkPlace, Entries, McapIndex, times_of
@@ -71,7 +71,7 @@ def _read(declared: Any, record: bytes) -> Any:
     """Return what a record says. Raise _Different if its inner lengths contradict its end."""
     from mcap.data_stream import ReadDataStream, RecordBuilder
 
-    found, builder = declared.read(ReadDataStream(BytesIO(record[_HEAD.size :]))), RecordBuilder()
+    found, builder = declared.read(ReadDataStream(BytesIO(record[_HEAD.size :]))), cast("Any", RecordBuilder())
     found.write(builder)
     if builder.end() != record:
         raise _Different

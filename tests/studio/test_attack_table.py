@@ -12,9 +12,10 @@ from aiohttp import ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
 from msgspec import inspect
 
 from servolink.control.error_codes import Code
+from servolink.control.peer import Method
 from servolink.control.roles import Role, RoleName
 from servolink.hub.methods.control_session import METHODS as HUB_METHODS
-from servolink.studio.page import METHODS as OWN_METHODS
+from servolink.studio.studio_methods import METHODS as OWN_METHODS
 from tests.studio.serving import Place, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -36,7 +37,7 @@ ROLES: dict[RoleName, str] = {
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""
-METHODS = {**HUB_METHODS, **OWN_METHODS}
+METHODS: dict[str, Method[Any]] = {**HUB_METHODS, **OWN_METHODS}
 _DEFECT = -32603
 
 
