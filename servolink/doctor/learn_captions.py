@@ -29,16 +29,17 @@ def listed_captions(survey: Survey) -> list[bytes]:
 
 
 def encoding_finding(captions: Iterable[bytes]) -> Measured:
-    """Return the only encoding where all captions are plausible text."""
+    """Return the only encoding where all captions are plausible text; bytes behind the end of a caption are ignored."""
     written = sorted({raw for raw in captions if any(raw)})
+    fitting, note = _fitting(written), ""
+    if not fitting:  # bytes behind the end, which is visible only in encodings with a zero of one byte
+        written = sorted({raw.partition(b"\0")[0] for raw in written} - {b""})
+        fitting, note = _fitting(written), "; bytes behind the end of captions were ignored"
     if not written:
         return Measured("caption_encoding", None, "guess", "no caption is stored on the board")
     if all(raw.isascii() and _unpadded(raw, 1) for raw in written):
-        text = f"{_count(written)} only ASCII, the same in most encodings"
+        text = f"{_count(written)} only ASCII, the same in most encodings{note}"
         return Measured("caption_encoding", None, "guess", text)
-    fitting = {name: texts for name in _ENCODINGS if (texts := _texts(written, name)) is not None}
-    if narrow := {name: texts for name, texts in fitting.items() if not name.startswith("utf-16")}:
-        fitting = narrow  # any two letters of ASCII are a Chinese character in UTF-16
     if not fitting:
         text = f"{_count(written)} no text in any of {', '.join(_ENCODINGS)}"
         return Measured("caption_encoding", None, "guess", text)
@@ -48,8 +49,15 @@ def encoding_finding(captions: Iterable[bytes]) -> Measured:
     ((name, texts),) = fitting.items()
     examples = ", ".join(quote(text) for text in sorted(texts, key=str.isascii)[:_EXAMPLES])
     is_sure = sum(not character.isascii() for text in texts for character in text) >= _SURE
-    text = f"{_count(written)} text in {name} and in no other encoding tried: {examples}"
+    text = f"{_count(written)} text in {name} and in no other encoding tried: {examples}{note}"
     return Measured("caption_encoding", name, "certain" if is_sure else "likely", text)
+
+
+def _fitting(written: Sequence[bytes]) -> dict[str, list[str]]:
+    """Return the encodings where all captions are plausible text, with the texts."""
+    fitting = {name: texts for name in _ENCODINGS if (texts := _texts(written, name)) is not None}
+    # Any two letters of ASCII are a Chinese character in UTF-16.
+    return {name: texts for name, texts in fitting.items() if not name.startswith("utf-16")} or fitting
 
 
 def _count(captions: Sequence[bytes]) -> str:
