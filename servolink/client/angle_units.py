@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
+from servolink.client.all_servos import AllServos
 from servolink.client.captions import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.explain import timed_out
 from servolink.connection.packet_connection import PacketConnection
-from servolink.errors import EncodeError, Rejected
+from servolink.errors import EncodeError, OutcomeUnknown, Rejected
 from servolink.escaping import quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.units import ServoUnits, is_accepted, unit_request
@@ -24,11 +25,12 @@ class AngleUnits:
     sent (`Connection.units_sent`) must not be used after it.
     """
 
-    def __init__(self, session: Session, angle_unit: AngleUnit | None) -> None:
+    def __init__(self, session: Session, all_servos: AllServos, angle_unit: AngleUnit | None) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None leaves them as they are."""
         self.current = ServoUnits()
         """Units that are set on the board, also after a reconnect."""
         self._session = session
+        self._all = all_servos
         self._chosen: AngleUnit | None = angle_unit  # for all servos, whenever their common unit is not known
         self._setting = asyncio.Lock()
         session.restore_with(self._restore)
@@ -69,8 +71,19 @@ class AngleUnits:
             await self._set(unit_request(ALL_SERVOS, self._chosen))
 
     async def _set(self, request: SetAngleUnitRequest) -> None:
-        """Set a unit. The caller holds the lock."""
-        _check_response(request, await self._sent(request))
+        """Set a unit: for each servo if the board ignores the request for all. The caller holds the lock."""
+        if request.servo_id != ALL_SERVOS or not self._all.is_separate:
+            try:
+                _check_response(request, await self._sent(request))
+            except OutcomeUnknown:
+                if request.servo_id != ALL_SERVOS or not await self._all.states() or not self._all.is_separate:
+                    raise
+            else:
+                return
+        for servo_id in await self._all.ids():
+            single = SetAngleUnitRequest(servo_id, request.unit_type)
+            _check_response(single, await self._sent(single))
+        self.current.set(request)
 
     async def request(
         self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False
@@ -122,14 +135,19 @@ class AngleUnits:
     async def _restore(self, connection: PacketConnection) -> None:
         """Set the same units on a new connection: the board may have been switched off and on."""
         for request in ServoUnits().needed(self.current):
-            _check_response(request, await connection.request(request))
+            is_for_each = request.servo_id == ALL_SERVOS and self._all.is_separate
+            for servo_id in self._all.separate_ids if is_for_each else (request.servo_id,):
+                single = SetAngleUnitRequest(servo_id, request.unit_type)
+                _check_response(single, await connection.request(single))
 
 
 def _check_response(request: SetAngleUnitRequest, response: SetAngleUnitResponse) -> None:
     """Raise Rejected if the board reports another servo or unit than it was asked for."""
     if not is_accepted(request, response):
+        is_adc = response == SetAngleUnitResponse(request.servo_id, 1)
+        advice = "; its angles are raw ADC, as with `--adc` or angle_unit='adc'" if is_adc else ""
         raise Rejected(
             f"servo {request.servo_id} was asked for angle unit {request.unit_type}; the board answered "
-            f"servo {response.servo_id}, unit {response.unit_type}",
+            f"servo {response.servo_id}, unit {response.unit_type}{advice}",
             request,
         )

@@ -271,18 +271,20 @@ class Board:
         await self._session.clear_all_data()
 
     async def memory(self) -> QueryMemorySizeResponse:
-        """Return the memory in bytes: `size` is free, `total_size` is None if the board does not report it (3.1.3).
+        """Return the memory: `size` is free, `total_size` is None if the board does not report it (3.1.3).
 
-        Numbers of a board whose profile has a memory unit are converted.
+        The sizes are in bytes if the profile of the board has the unit, and otherwise in the unknown unit of the board.
+        A `size` of -1 means that the board does not measure its memory.
         """
         found = await self._session.request(QueryMemorySizeRequest())
         unit = (self.profile and self.profile.settings.memory_unit) or 1
-        total = None if found.total_size is None else found.total_size * unit
-        return QueryMemorySizeResponse(found.size * unit, total)
+        total = found.total_size
+        return QueryMemorySizeResponse(max(-1, found.size * unit), None if total is None or total < 0 else total * unit)
 
-    async def battery(self) -> float:
-        """Return the remaining charge in percent, to 0.1 (3.1.4)."""
-        return (await self._session.request(QueryRemainPowerRequest())).permil / 10
+    async def battery(self) -> float | None:
+        """Return the remaining charge in percent, to 0.1; None if the board does not measure it (3.1.4)."""
+        permil = (await self._session.request(QueryRemainPowerRequest())).permil
+        return None if permil < 0 else permil / 10
 
     async def send_dummy_data(self, data: bytes) -> None:
         """Send up to 65,535 bytes, which the board ignores (3.1.5)."""

@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from msgspec import Struct
 
+from servolink.client.all_servos import AllServos
 from servolink.client.angle_units import AngleUnits
 from servolink.client.captions import ALL, Targets, servo_targets
 from servolink.client.captions import servo_id as id_of_servo
@@ -109,7 +110,8 @@ class ServoController:
 
         An interval of 1 (3.2.5) stands for `interval_unit` seconds.
         """
-        self.units = AngleUnits(session, angle_unit)
+        self._all = AllServos(session)
+        self.units = AngleUnits(session, self._all, angle_unit)
         self.soft_start = SoftStart(session, limits)
         self._session = session
         self._limits = limits
@@ -121,30 +123,44 @@ class ServoController:
 
     async def servos(self) -> tuple[Servo, ...]:
         """Return the state of all servos (3.2.2)."""
-        return await self._read(QueryServoRequest(ALL_SERVOS))
+        return await self._read(ALL_SERVOS)
 
     async def servo(self, which: int | str) -> Servo:
         """Return the state of a servo (3.2.2). Raise NotFound for a missing servo."""
         if which == ALL:
             raise NotFound("'all' stands for all servos, whose states `servos` returns; for a caption write 'name:all'")
         servo_id = await id_of_servo(self._session, which)
-        request = QueryServoRequest(servo_id)
-        for servo in await self._read(request):
+        for servo in await self._read(servo_id):
             if servo.servo_id == servo_id:
                 return servo
-        raise NotFound(f"the board has no servo {servo_id}", request)
+        raise NotFound(f"the board has no servo {servo_id}", QueryServoRequest(servo_id))
 
     async def set_servo(self, which: int | str, *, start: bool, hold: bool, ticket: Ticket | None = None) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
         is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
         ticket = ticket or self._session.ticket()
         servo_id = await id_of_servo(self._session, which)
-        request = SetServoParameterRequest(servo_id, is_start, is_hold)
+        servo_ids = await self._all.ids() if servo_id == ALL_SERVOS else (servo_id,)
+        try:
+            for each in servo_ids:
+                await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)
+        except OutcomeUnknown:
+            if is_start or servo_ids != (ALL_SERVOS,):
+                raise
+            await self._all.states()
+            if not self._all.is_separate:
+                raise
+            for each in self._all.separate_ids:
+                await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)
+
+    async def _set_flags(self, request: SetServoParameterRequest, ticket: Ticket) -> None:
+        """Send `request`. Raise Rejected if the board reports another servo or state."""
         response = await self.request(request, ticket=ticket)
-        if (response.servo_id, response.is_start, response.is_hold) != (servo_id, request.is_start, request.is_hold):
+        expected = request.servo_id, request.is_start, request.is_hold
+        if (response.servo_id, response.is_start, response.is_hold) != expected:
             raise Rejected(
-                f"servo {servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board answered "
-                f"servo {response.servo_id}, start {response.is_start}, hold {response.is_hold}",
+                f"servo {request.servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board "
+                f"answered servo {response.servo_id}, start {response.is_start}, hold {response.is_hold}",
                 request,
             )
 
@@ -295,33 +311,38 @@ class ServoController:
             connection = self._session.connection
             # Not a normal request: nothing is waited for, and the response looks like that of an earlier
             # `set_servo`. So the state of the servos is what counts.
-            await connection.send_stop(request)
+            for servo_id in (ALL_SERVOS, *self._all.separate_ids):
+                await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
             if connection.hub is not None and connection.is_suspended:
                 await connection.hub.stop()  # the hub reads the servos: no other program may now
                 return
             try:
                 await connection.shake_hands()  # if put off, so that the stop goes first
-                states = await connection.request(
-                    QueryServoRequest(ALL_SERVOS), timeout=connection.patience / _STOP_TRIES, first=True
-                )
+                states = await self._all.states(timeout=connection.patience / _STOP_TRIES, first=True)
             except (RequestTimeout, DecodeError) as error:
                 doubt = str(error)
                 continue
             except TransportError as error:
                 raise ConnectionLost(f"a stop was sent and could not be confirmed: {error}") from error
-            moving = [state.servo_id for state in states.servos if state.is_start or not state.is_hold]
-            if states.servos and not moving:
+            moving = [state.servo_id for state in states if state.is_start or not state.is_hold]
+            silent = sorted({*self._all.separate_ids} - {state.servo_id for state in states})
+            if states and not moving and not silent:
                 return
-            doubt = f"servos {moving} report that they may still move or are not held" if moving else "no servo reports"
+            doubt = f"servos {silent} do not report" if silent and states else "no servo reports"
+            if moving:
+                doubt = f"servos {moving} report that they may still move or are not held"
         raise OutcomeUnknown(f"a stop was sent {_STOP_TRIES} times and could not be confirmed: {doubt}", request)
 
-    async def _read(self, request: QueryServoRequest) -> tuple[Servo, ...]:
-        """Return the servos, with angles in the reported unit."""
+    async def _read(self, servo_id: int) -> tuple[Servo, ...]:
+        """Return a servo or all servos (255), with angles in the reported unit."""
         while True:
             await self.units.ensure()
             connection = self._session.connection
             units_sent = connection.units_sent
-            states = (await connection.request(request)).servos
+            if servo_id == ALL_SERVOS:
+                states = await self._all.states()
+            else:
+                states = (await connection.request(QueryServoRequest(servo_id))).servos
             # After a unit sent during the query, the unit of the response is unknown: read again.
             if units_sent == connection.units_sent:
                 return Servos(map(self._servo, states))

@@ -180,7 +180,7 @@ class ServoParameters(Struct, frozen=True):
 class Battery(Struct, frozen=True):
     """Remaining charge of the board's battery."""
 
-    percent: Annotated[float, about("to 0.1")]
+    percent: Annotated[float | None, about("to 0.1; null if the board does not measure it")]
 
 
 class Move(Struct, forbid_unknown_fields=True):

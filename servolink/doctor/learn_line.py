@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from statistics import median
 from types import TracebackType
@@ -102,6 +101,8 @@ class TrialLine:
         """Number of bytes received so far."""
         self.received_at = self._loop.time()
         """Time of the latest byte, on the clock of the event loop."""
+        self.contradictions: dict[int, str] = {}
+        """Reasons why contents cannot be read, by packet id, of frames with a right checksum."""
         self.stalls = 0
         """Number of bursts with missing responses that no later response has proven lost: they may be late."""
         self._responded_at = self.received_at  # latest byte of a frame: neither text nor a button event
@@ -240,9 +241,11 @@ class TrialLine:
     def _answers(self, frame: Frame, request: Request[Response]) -> bool:
         if frame[0] != request.packet_id + 1:
             return False
-        with suppress(DecodeError):
+        try:
             return request.accepts(self.decode(frame))
-        return False
+        except DecodeError as error:
+            self.contradictions[frame[0]] = str(error)
+            return False
 
     async def _wait(self, until: float) -> bool:
         """Return whether anything has come before `until` (loop time). Raise ConnectionLost if the line has ended."""

@@ -22,7 +22,13 @@ from servolink.protocol.frame import OVERHEAD, ByteOrder, Frame
 from servolink.protocol.layout import content_size
 from servolink.protocol.packet import Query, Response
 from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoListResponse, QueryServoRequest
+from servolink.protocol.servos import (
+    ALL_SERVOS,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
+    QueryServoResponse,
+)
 from servolink.protocol.settings import (
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
@@ -118,6 +124,7 @@ def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> 
 MOST_LOSS = 0.15
 """Share of lost queries above which missing answers say nothing about the board."""
 
+_ALL = QueryServoRequest(ALL_SERVOS)
 _LISTS: tuple[Query[Response], ...] = (
     *(each.list_request for each in RECORD_TYPES),
     QueryServoParameterRequest(),
@@ -154,6 +161,10 @@ class Survey:
     """Response to each answered query."""
     silent: list[Query[Any]] = field(default_factory=list)
     """Queries without a response."""
+    is_separate: bool = False
+    """Whether the board lists servos, and returns no state for all of them together."""
+    remarks: list[str] = field(default_factory=list)
+    """Responses that contradict themselves or each other, in words."""
     responses: dict[Query[Any], Response] = field(default_factory=dict)
 
     def ids(self, record_type: RecordType[Any]) -> tuple[int, ...] | None:
@@ -177,11 +188,14 @@ class Survey:
 async def survey_board(line: TrialLine, quality: Quality) -> Survey:
     """Send each query until the board answers; queries for a record only if a record is stored."""
     survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
-    for query in (*SHORT_QUERIES, QueryServoRequest(ALL_SERVOS), *_LISTS):
+    for query in (*SHORT_QUERIES, _ALL, *_LISTS):
         await _survey_query(line, query, survey)
     for record_type in RECORD_TYPES:
         if ids := survey.ids(record_type):
             await _survey_query(line, record_type.query(ids[0]), survey)
+    if survey.servo_ids and survey.responses.get(_ALL) == QueryServoResponse():
+        survey.is_separate = True
+        survey.remarks.append(f"{name_of(_ALL)} for all servos had no servos, and {len(survey.servo_ids)} are listed")
     return survey
 
 
@@ -197,7 +211,10 @@ async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> N
     else:
         frame = None
     if frame is None and before is None:
-        survey.silent.append(query)
+        if reason := line.contradictions.get(query.packet_id + 1):
+            survey.remarks.append(f"{name_of(query)} is answered, and the response contradicts itself: {reason}")
+        else:
+            survey.silent.append(query)
     elif (frame := frame or before) is not None:
         survey.frames[query] = frame
         survey.responses[query] = line.decode(frame)
@@ -205,13 +222,19 @@ async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> N
 
 def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
     """Return the queries never answered by the board."""
-    answered = len(survey.frames)
-    if not survey.silent:
-        return Measured("unsupported", (), "certain", f"all {answered} queries tried were answered")
+    answered, confidence = len(survey.frames), silence_confidence(quality, survey.tries)
     names = tuple(map(name_of, survey.silent))
-    text = f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
-    confidence = silence_confidence(quality, survey.tries)
-    return Measured("unsupported", None if confidence is None else names, confidence or "guess", text)
+    text = f"all {answered} queries tried were answered"
+    if names:
+        text = (
+            f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
+        )
+    else:
+        confidence = "certain"
+    if survey.is_separate:
+        names += (name_of(_ALL),)  # so that programs read the servos one by one
+    value = None if confidence is None else names
+    return Measured("unsupported", value, confidence or "guess", "; ".join((text, *survey.remarks)))
 
 
 async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:

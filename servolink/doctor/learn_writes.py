@@ -27,6 +27,7 @@ _ROUNDS = 3  # bursts of each depth
 _MOST_RECORDS = 128
 _ENOUGH_BYTES = 5 * 1024  # bytes written to recognise a unit of 1,024 bytes in spite of rounding
 _FEWEST_UNITS = 3
+_PERCENT = 100  # total memory of a board that reports shares
 _LONGEST = 60.0  # seconds for storing records
 _LONGEST_CLEARING = 180.0  # seconds
 _NEAR = (0.5, 2.0)  # a unit fits if the bytes written are explained within these factors
@@ -47,9 +48,14 @@ async def project_id_finding(board: Board, trial: Trial) -> Measured:
 async def memory_finding(board: Board, trial: Trial) -> Measured:
     """Store records of known size until the free memory has changed enough, and compare."""
     try:
-        before = free = (await board.request(QueryMemorySizeRequest())).size
+        reported = await board.request(QueryMemorySizeRequest())
     except RequestTimeout:
         return Measured("memory_unit", None, "guess", "the board does not say how much memory is free")
+    before = free = reported.size
+    if reported.total_size == _PERCENT:
+        return Measured("memory_unit", None, "guess", "the board reports 100 for total memory, which may be percent")
+    if before < 0:
+        return Measured("memory_unit", None, "guess", f"the board reports {before} for free memory, which is no size")
     written = 0
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST

@@ -50,7 +50,7 @@ async def use_settings(board: Board) -> None:
     await board.set_transmission_mode(1)
     memory = await board.memory()
     assert 0 < memory.size <= (memory.total_size or 0)
-    assert 0 < await board.battery() <= 100
+    assert 0 < (await board.battery() or 0) <= 100
     await board.send_dummy_data(bytes(range(256)) * 255)
     await board.write_project_id(9)
     await board.add_action(ACTION)
@@ -186,6 +186,7 @@ async def test_several_commands_at_once_give_each_its_own_answer() -> None:
             board.servo_ids(), board.project_id(), board.battery(), board.servos()
         )
         assert (len(servo_ids), project_id, len(servos)) == (5, 12, 5)
+        assert battery is not None
         assert battery > 0
 
 

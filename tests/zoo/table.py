@@ -43,9 +43,7 @@ _SILENT = "is open, but no board answers"
 _LONGER = "ignore_extra=yes"
 _NO_SERVOS = "the board has no servos"
 _UNCONFIRMED = "a stop was sent 3 times and could not be confirmed"
-_NO_UNIT = "SetAngleUnitRequest(servo_id=255, unit_type=0) was sent"
 _NOT_APPLIED = "does not accept action 9"
-_NO_DEGREES = "was asked for angle unit 0"
 
 TABLE: dict[str, Row] = {
     "plain": Row(),
@@ -126,9 +124,9 @@ TABLE: dict[str, Row] = {
     "big5": Row((), {"caption_encoding": "big5"}),
     "gbk": Row((), {"caption_encoding": "gb18030"}),
     "spaced": Row(),
-    "uncleared": Row((), {"caption_encoding": None}),
-    "uncleared-big5": Row((), {"caption_encoding": None}),
-    "uncleared-gbk": Row((), {"caption_encoding": None}),
+    "uncleared": Row(),
+    "uncleared-big5": Row((), {"caption_encoding": "big5"}),
+    "uncleared-gbk": Row((), {"caption_encoding": "gb18030"}),
     "full": Row((), {}, {"apply": _NOT_APPLIED}),
     "kib": Row(),
     "percent": Row(),
@@ -136,10 +134,10 @@ TABLE: dict[str, Row] = {
     "not-measured": Row(),
     "clipping": Row((), {}, {"apply": _NOT_APPLIED}),
     "missing-servo": Row(),
-    "wrong-count": Row((), {"unsupported": ("QueryServoList",)}, {"info": "5 servo_id_list take 6 bytes"}),
-    "singles-only": Row((), {}, {"servos": _NO_SERVOS, "move": _NO_SERVOS, "stop": _UNCONFIRMED}),
-    "no-all": Row((), {"unsupported": ("QueryServo",)}, {"servos": _NO_UNIT, "move": _NO_UNIT, "stop": _UNCONFIRMED}),
-    "adc-only": Row((), {}, dict.fromkeys(("servos", "move", "stop"), _NO_DEGREES)),
+    "wrong-count": Row((), {}, {"info": "5 servo_id_list take 6 bytes"}),
+    "singles-only": Row((), {"unsupported": ("QueryServo",)}),
+    "no-all": Row((), {"unsupported": ("QueryServo",)}),
+    "adc-only": Row((), {}, {"move": "its angles are raw ADC"}),
     "half-project-id": Row(),
     "no-feedback": Row(),
 }

@@ -71,6 +71,57 @@ def test_a_device_that_is_not_a_board_is_refused_soon(kind: str, command: str, z
     assert board.seconds < REFUSED_WITHIN
 
 
+def test_each_servo_is_stopped_on_a_board_that_ignores_requests_for_all(zoo: MakeZoo) -> None:
+    board = zoo("no-all")
+    said = board.on_board("stop")
+    assert (said.code, said.err) == (0, "")
+    assert [servo.is_start for servo in board.board.servos.values()] == [0, 0, 0, 0]
+    assert board.on_board("release", "--yes").code == 0
+    assert [servo.is_hold for servo in board.board.servos.values()] == [0, 0, 0, 0]
+    assert board.learn().code == 0
+    assert board.on_board("servo", "start", "all").code == 0
+    assert [servo.is_start for servo in board.board.servos.values()] == [1, 1, 1, 1]
+    assert board.seconds < 1
+
+
+def test_angles_are_shown_as_adc_with_the_reason(zoo: MakeZoo) -> None:
+    said = zoo("adc-only").on_board("servos")
+    assert said.code == 0
+    assert "500 ADC" in said.out
+    assert "angles are shown as raw ADC: servo 255 was asked for angle unit 0" in said.err
+
+
+def test_values_that_are_not_measured_are_named(zoo: MakeZoo) -> None:
+    board = zoo("not-measured")
+    assert board.on_board("info").out.count("not measured by the board") == 2
+    assert board.on_board("--json", "board", "battery").json == {"battery_percent": None}
+    assert board("doctor", "rex", "--learn", "--write", "--yes").code == 0
+    assert "memory_unit" not in board.learnt()
+
+
+@pytest.mark.parametrize(("kind", "unit"), [("plain", 1), ("kib", 1024), ("percent", None)])
+def test_the_unit_of_memory_is_unknown_until_it_is_learnt(kind: str, unit: int | None, zoo: MakeZoo) -> None:
+    board = zoo(kind)
+    assert "in a unit not learnt so far" in board.on_board("info").out
+    assert board("doctor", "rex", "--learn", "--write", "--yes").code == 0
+    assert board.learnt().get("memory_unit") == unit
+    shown = board.on_board("board", "memory").out
+    assert shown.endswith("in a unit not learnt so far\n" if unit is None else "65,536, bytes\n")
+
+
+def test_a_board_that_reports_the_commanded_angle_is_learnt(zoo: MakeZoo) -> None:
+    board = zoo("no-feedback")
+    said = board("doctor", "rex", "--learn", "--servo", "1", "--yes")
+    assert said.code == 0
+    assert "it reports the commanded angle" in said.out
+    assert "interval_unit" not in board.learnt()
+
+
+def test_a_response_that_contradicts_itself_is_named(zoo: MakeZoo) -> None:
+    said = zoo("wrong-count").learn()
+    assert "QueryServoList is answered, and the response contradicts itself" in said.out
+
+
 def test_every_kind_has_a_row() -> None:
     assert KINDS.keys() == TABLE.keys()
     assert all(kind.__doc__ and kind.lesson for kind in KINDS.values())

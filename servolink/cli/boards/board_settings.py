@@ -15,7 +15,7 @@ from servolink.cli.command_session import (
     refuse_without_answer,
     run_with_board,
 )
-from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
+from servolink.cli.screen.output import counted, print_json, print_result, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import ProjectError
 from servolink.script import OK
@@ -23,6 +23,7 @@ from servolink.script import OK
 if TYPE_CHECKING:
     from servolink.client.board import Board
     from servolink.project.transfer.results import Plan
+    from servolink.protocol.settings import QueryMemorySizeResponse
 
 _DUMMY = bytes(range(16))
 
@@ -96,9 +97,17 @@ async def run_memory(args: argparse.Namespace, board: Board, interruption: Inter
     if args.json:
         print_json({"size_bytes": memory.size, "total_size_bytes": memory.total_size})
     else:
-        total = "unknown" if memory.total_size is None else f"{memory.total_size:,} bytes"
-        print_table(Table((), [("free", f"{memory.size:,} bytes"), ("in all", total)]))
+        print_text(f"memory {memory_text(board, memory)}")
     return OK
+
+
+def memory_text(board: Board, memory: QueryMemorySizeResponse) -> str:
+    """Return free and total memory for people, with the unit as far as it was learnt."""
+    if memory.size < 0:
+        return "not measured by the board"
+    unit = board.profile and board.profile.settings.memory_unit
+    total = "" if memory.total_size is None else f" of {memory.total_size:,}"
+    return f"{memory.size:,} free{total}, {'bytes' if unit else 'in a unit not learnt so far'}"
 
 
 @Command("board battery", help="show the charge of the battery", examples=("board battery", "board battery --json"))
@@ -106,8 +115,13 @@ async def run_memory(args: argparse.Namespace, board: Board, interruption: Inter
 async def run_battery(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the charge."""
     percent = await board.battery()
-    print_result(args, {"battery_percent": percent}, f"{percent} %")
+    print_result(args, {"battery_percent": percent}, battery_text(percent))
     return OK
+
+
+def battery_text(percent: float | None) -> str:
+    """Return the charge of the battery for people."""
+    return "not measured by the board" if percent is None else f"{percent} %"
 
 
 @Command(

@@ -9,6 +9,7 @@ from dataclasses import asdict
 from itertools import zip_longest
 
 from servolink.cli.arguments import timeout
+from servolink.cli.boards.board_settings import battery_text, memory_text
 from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
 from servolink.cli.command_session import (
     Interruption,
@@ -247,13 +248,13 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
 @on_board()
 async def run_info(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Ask for everything and print it."""
-    memory = await board.memory()
+    memory, battery = await board.memory(), await board.battery()
     described = {
         "url": board.url,
         "project_id": await board.project_id(),
         "has_unfinished_import": await board.has_unfinished_import(),
         "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
-        "battery_percent": await board.battery(),
+        "battery_percent": battery,
         "servos": len(await board.servo_ids()),
         "actions": len(await board.actions()),
         "macros": len(await board.macros()),
@@ -265,11 +266,11 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
     if args.json:
         print_json(described)
     else:
-        print_table(_facts(described, memory.size, memory.total_size))
+        print_table(_facts(described, memory_text(board, memory), battery_text(battery)))
     return OK
 
 
-def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
+def _facts(described: dict[str, object], memory: str, battery: str) -> Table:
     """Return the table of `servolink info`, a row for each fact."""
     active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
     project_id = described["project_id"] or "none"
@@ -280,8 +281,8 @@ def _facts(described: dict[str, object], free: int, total: int | None) -> Table:
         [
             ("board", described["url"]),
             ("project id", project_id),
-            ("memory", f"{free:,} bytes free" + ("" if total is None else f" of {total:,}")),
-            ("battery", f"{described['battery_percent']} %"),
+            ("memory", memory),
+            ("battery", battery),
             ("servos", described["servos"]),
             ("actions", described["actions"]),
             ("macros", described["macros"]),

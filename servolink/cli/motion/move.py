@@ -209,7 +209,7 @@ def run_stop(args: argparse.Namespace) -> int:
         interruption.state = "the stop was not confirmed; run `servolink stop` again"
         await board.stop()
         interruption.state = "all servos report that they are stopped and held"
-        servos = await board.servos()
+        servos = await reported(board, may_be_adc=True)
         if not args.json:
             who = (
                 "the only servo reports that it is"
@@ -248,7 +248,7 @@ def run_release(args: argparse.Namespace) -> int:
 
     async def talk(board: Board, interruption: Interruption) -> int:
         servo_ids, captions = await find_chosen(board, args.servos)
-        await reported(board, servo_ids)
+        await reported(board, servo_ids, may_be_adc=True)
         which = listed(servo_ids) if servo_ids else "all servos"
         if not await may_release(args, interruption, which):
             return FAILED

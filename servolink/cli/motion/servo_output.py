@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the servos."""
 
     async def talk(board: Board, interruption: Interruption) -> int:
-        servos = await reported(board)
+        servos = await reported(board, may_be_adc=True)
         print_servos(servos, as_json=args.json, captions=await known_captions(board))
         return OK
 
@@ -54,14 +54,22 @@ async def known_captions(board: Board) -> dict[int, str]:
         return {}
 
 
-async def reported(board: Board, wanted: Iterable[int] = ()) -> tuple[Servo, ...]:
-    """Return the reports of all servos. Raise NotFound for a board without servos or without a `wanted` one."""
+async def reported(board: Board, wanted: Iterable[int] = (), *, may_be_adc: bool = False) -> tuple[Servo, ...]:
+    """Return the reports of all servos. Raise NotFound for a board without servos or without a `wanted` one.
+
+    With `may_be_adc`, angles are raw ADC with a remark if the board refuses degrees; for commands that send no angles.
+    """
     try:
         servos = await board.servos()
-    except Rejected:  # a board without servos refuses the unit of their angles
-        if await board.servo_ids():
+    except Rejected as error:  # a board without servos refuses the unit of their angles
+        if not await board.servo_ids():
+            servos = ()
+        elif may_be_adc:
+            await board.set_angle_unit("adc")
+            print_error(f"servolink: angles are shown as raw ADC: {error}")
+            servos = await board.servos()
+        else:
             raise
-        servos = ()
     if not servos:
         raise NotFound("the board has no servos")
     there = {servo.servo_id for servo in servos}

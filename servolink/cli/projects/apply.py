@@ -111,11 +111,13 @@ def print_plan(plan: Plan) -> None:
 
 
 def _memory_text(memory: Memory | None) -> str:
-    """Return the free memory before and after an import, in bytes, as text."""
+    """Return the free memory before and after an import as text; before only, as long as its unit is unknown."""
     if memory is None:
         return "unknown, the board does not say"
     size = "" if memory.size is None else f" of {memory.size:,}"
     doubt = ": the project may not fit" if memory.warning else ""
+    if memory.unit is None:
+        return f"{memory.free_before:,}{size}, in a unit not learnt so far{doubt}"
     return f"{memory.free_before:,} bytes{size}, afterwards {memory.free_after:,}{doubt}"
 
 

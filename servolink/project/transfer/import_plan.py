@@ -57,13 +57,15 @@ async def plan_project(
 
 
 async def memory_after(board: PinnedConnection, content: Content, project: Project) -> Memory | None:
-    """Return the board's memory with `project` in place of `content`; None if the board does not answer."""
+    """Return the board's memory with `project` in place of `content`; None if the board does not report it."""
     try:
         found = await board.request(QueryMemorySizeRequest())
     except RequestTimeout:
         return None
+    if found.size < 0:
+        return None
     unit = board.memory_unit or 1
-    size = None if found.total_size is None else found.total_size * unit
+    size = None if found.total_size is None or found.total_size < 0 else found.total_size * unit
     free = found.size * unit
     return Memory(board.memory_unit, size, free, free - content.growth(project))
 

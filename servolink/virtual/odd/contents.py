@@ -142,7 +142,7 @@ class InPercent(InKib, name="percent"):
     """Free and total memory in percent."""
 
     lesson = "a unit other than bytes and KiB stays unknown"
-    unit = OddBoard.memory // 100
+    unit = OddBoard.memory // 100  # which makes the total 100
 
 
 class FreeOnly(OddBoard, name="free-only"):

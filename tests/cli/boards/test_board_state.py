@@ -43,7 +43,7 @@ def test_ids_that_mark_an_unfinished_import_are_neither_written_nor_overwritten(
 
 
 def test_memory_and_battery(robot: Robot) -> None:
-    assert robot("board", "memory").out == "free    65,536 bytes\nin all  65,536 bytes\n"
+    assert robot("board", "memory").out == "memory 65,536 free of 65,536, in a unit not learnt so far\n"
     assert robot("board", "memory", "--json").json == {"size_bytes": 65536, "total_size_bytes": 65536}
     percent = robot("board", "battery", "--json").json["battery_percent"]
     assert 0 < percent <= 100

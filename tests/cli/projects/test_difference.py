@@ -106,6 +106,6 @@ def test_a_plan_names_what_the_board_lists_wrongly(capsys: pytest.CaptureFixture
         "differences 1",
         "transfer 300 bytes in 20 requests, with backup and verification",
         "takes about 1 s",
-        "memory free 100 bytes, afterwards 143",
+        "memory free 100, in a unit not learnt so far",
     ]
     assert plan_to_json(plan)["inconsistencies"] == ["action 1 is listed more than once"]

@@ -50,7 +50,7 @@ def test_a_project_that_seems_too_large_is_a_warning_before_it_is_refused_by_the
     url = "virtual://?memory=100"
     planned = call(capsys, "--url", url, "plan", file)
     assert planned.code == 1
-    assert "100 bytes of 100, afterwards -164: the project may not fit" in planned.out
+    assert "100 of 100, in a unit not learnt so far: the project may not fit" in planned.out
     assert "264 bytes more than the present content; the board has 100 bytes free" in planned.err
     assert "assuming memory figures in bytes; `servolink apply` tries it, and nothing is lost by that" in planned.err
     applied = call(capsys, "--url", url, "apply", "--yes", file)

@@ -1,0 +1,58 @@
+"""All servos of a board: addressed together, or one by one where the board ignores the id of all servos (3.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from servolink.client.session import Session
+from servolink.errors import RequestTimeout
+from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoRequest, ServoState
+
+
+class AllServos:
+    """Reads all servos, and finds out whether the board answers for all of them together.
+
+    A board is separate if its profile has `QueryServo` among the unsupported queries, or if it lists servos and returns
+    no state for all of them.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        profile = session.profile and session.profile.profile
+        self.is_separate = profile is not None and "QueryServo" in (profile.settings.unsupported or ())
+        """Whether each servo is addressed by itself."""
+        identity = profile and profile.identity
+        self._listed = (identity and identity.servo_ids) or ()
+        self._has_answered = False
+
+    @property
+    def separate_ids(self) -> tuple[int, ...]:
+        """Ids of all servos as far as known on a separate board, none on other boards."""
+        return self._listed if self.is_separate else ()
+
+    async def ids(self, **options: Any) -> tuple[int, ...]:
+        """Return the ids that address all servos: 255 (`ALL_SERVOS`), or the id of each on a separate board."""
+        return await self._list(**options) if self.is_separate else (ALL_SERVOS,)
+
+    async def states(self, **options: Any) -> tuple[ServoState, ...]:
+        """Return the states of all servos; `options` are those of `Connection.request`."""
+        connection = self._session.connection
+        if not self.is_separate:
+            states: tuple[ServoState, ...] = ()
+            try:
+                states = (await connection.request(QueryServoRequest(ALL_SERVOS), **options)).servos
+            except RequestTimeout:
+                if self._has_answered or not await self._list(**options):
+                    raise
+            self._has_answered = self._has_answered or bool(states)
+            if states or not await self._list(**options):
+                return states
+            self.is_separate = True
+        found: list[ServoState] = []
+        for servo_id in await self._list(**options):
+            found += (await connection.request(QueryServoRequest(servo_id), **options)).servos
+        return tuple(found)
+
+    async def _list(self, **options: Any) -> tuple[int, ...]:
+        self._listed = (await self._session.connection.request(QueryServoListRequest(), **options)).servo_id_list
+        return self._listed
