@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 from servolink.client.session import Session
-from servolink.errors import RequestTimeout
+from servolink.errors import RequestTimeout, ServolinkError
 from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoRequest, ServoState
 
 
@@ -33,6 +34,12 @@ class AllServos:
     async def ids(self, **options: Any) -> tuple[int, ...]:
         """Return the ids that address all servos: 255 (`ALL_SERVOS`), or the id of each on a separate board."""
         return await self._list(**options) if self.is_separate else (ALL_SERVOS,)
+
+    async def finds_separate(self) -> bool:
+        """Return whether the board answers for single servos only, after a request for all was not answered."""
+        with suppress(ServolinkError):
+            await self.states()
+        return self.is_separate
 
     async def states(self, **options: Any) -> tuple[ServoState, ...]:
         """Return the states of all servos; `options` are those of `Connection.request`."""

@@ -76,7 +76,7 @@ class AngleUnits:
             try:
                 _check_response(request, await self._sent(request))
             except OutcomeUnknown:
-                if request.servo_id != ALL_SERVOS or not await self._all.states() or not self._all.is_separate:
+                if request.servo_id != ALL_SERVOS or not await self._all.finds_separate():
                     raise
             else:
                 return

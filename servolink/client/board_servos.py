@@ -145,10 +145,7 @@ class ServoController:
             for each in servo_ids:
                 await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)
         except OutcomeUnknown:
-            if is_start or servo_ids != (ALL_SERVOS,):
-                raise
-            await self._all.states()
-            if not self._all.is_separate:
+            if is_start or servo_ids != (ALL_SERVOS,) or not await self._all.finds_separate():
                 raise
             for each in self._all.separate_ids:
                 await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)

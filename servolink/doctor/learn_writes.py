@@ -55,7 +55,7 @@ async def memory_finding(board: Board, trial: Trial) -> Measured:
     if reported.total_size == _PERCENT:
         return Measured("memory_unit", None, "guess", "the board reports 100 for total memory, which may be percent")
     if before < 0:
-        return Measured("memory_unit", None, "guess", f"the board reports {before} for free memory, which is no size")
+        return Measured("memory_unit", None, "guess", f"the board reports {before} for free memory")
     written = 0
     loop = asyncio.get_running_loop()
     end = loop.time() + _LONGEST
