@@ -1,7 +1,7 @@
 """Odd boards in virtual time: the verdict on each, the learnt settings, and the commands that work on it.
 
-Modules: servolink.virtual.odd.contents, servolink.virtual.odd.kinds, servolink.virtual.odd.lines,
-servolink.virtual.odd.wire.
+Modules: servolink.client.all_servos, servolink.virtual.odd.contents, servolink.virtual.odd.kinds,
+servolink.virtual.odd.lines, servolink.virtual.odd.wire.
 """
 
 from __future__ import annotations
