@@ -379,12 +379,14 @@ class ServoController:
 
     def _needs_pose(self, targets: Mapping[int, float]) -> bool:
         """Return whether the check of a movement needs the present angles."""
+        if not self._limits:
+            return False
         has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in targets)
         return has_cap or bool(self.soft_start.first_moves(targets)) or self._are_outside(targets)
 
     def _are_outside(self, targets: Mapping[int, float]) -> bool:
         """Return whether a target is outside the angle limits of its servo."""
-        return any(
+        return bool(self._limits) and any(
             is_number(angle) and angle == angle // 1 and self._limits.exceeded_angles(servo_id, angle)
             for servo_id, angle in targets.items()
         )
