@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import AsyncGenerator, Iterable, Mapping
 from copy import copy
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar, cast
+from typing import TYPE_CHECKING, TypeVar
 
 from servolink.client.board_servos import Servo, ServoController
 from servolink.client.captions import Targets
@@ -189,7 +189,7 @@ class Board:
     @property
     def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
-        return cast("Connection", self._session.connection)  # another kind only within a hub
+        return self._session.connection  # type: ignore[return-value]  # another kind only within a hub
 
     @property
     def stats(self) -> Stats:

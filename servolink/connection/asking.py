@@ -33,7 +33,7 @@ class QueryAsker:
         """Send a query at once; the caller has taken its permit."""
         sender = self._sender
         sender.open_request(call, packet)
-        call.woken, call.on_wake = None, partial(self._woken, packet, frame, done)
+        call.on_wake = partial(self._woken, packet, frame, done)
         try:
             taking = sender.take(frame)
         except ConnectionLost:

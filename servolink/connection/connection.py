@@ -26,7 +26,7 @@ from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost, ServolinkError
-from servolink.motion.ticket import StopCounter, Ticket
+from servolink.motion.ticket import NO_TICKET, StopCounter, Ticket
 from servolink.platforms.time_asleep import SleepCounter, time_with_sleep
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
@@ -36,7 +36,6 @@ from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 
-_NO_TICKET = Ticket(-1)  # of a query, which no gate is asked about
 _READY = State.READY  # a global is faster than a member of an enum
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 
@@ -355,7 +354,7 @@ class Connection:
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].sent(len(frame))
         call = self._call(packet, timeout)
-        ticket = ticket or (_NO_TICKET if isinstance(packet, Query) else self.stops.ticket())
+        ticket = ticket or (NO_TICKET if isinstance(packet, Query) else self.stops.ticket())
         if begun_at is not None:
             call.begun_at = begun_at
         deadline = None if timeout is None else call.begun_at + timeout

@@ -91,7 +91,8 @@ class RequestSender:
 
         Nothing may stand in the way (see `clear_way`). The usual case takes no coroutine. Raise ConnectionLost.
         """
-        woken = self.open_request(call, packet)
+        self.open_request(call, packet)
+        call.woken = woken = self._loop.create_future()
         if call.queued:
             self.leave_queue(call)
         sending = self.take(frame, may_join=packet.is_query)
@@ -126,7 +127,12 @@ class RequestSender:
 
     def _open_next(self, call: Call, packet: Request[Any], frame: bytes) -> tuple[asyncio.Future[None], bytes]:
         """Open a slot for the next packet of a call; return the future to await and the frame to write now."""
-        return self._open_fence(call) if self._must_fence(call) else (self.open_request(call, packet), frame)
+        if self._must_fence(call):
+            frame = self._open_fence(call)
+        else:
+            self.open_request(call, packet)
+        call.woken = woken = self._loop.create_future()
+        return woken, frame
 
     async def _end_latest(self, call: Call) -> None:
         """Wait until the latest slot of a call is over or overdue, whatever comes for older slots."""
@@ -210,7 +216,8 @@ class RequestSender:
             else:
                 call.since = begun
                 self._give_up_if_late(call, begun)
-                woken, data = self._open_fence(call)
+                data = self._open_fence(call)
+                call.woken = woken = self._loop.create_future()
                 await self.write(data)
             await woken
             await self._check(call)
@@ -232,8 +239,8 @@ class RequestSender:
             return call.tries > _FENCE_AFTER and call.open_slots > 0 and not fenced
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
-    def open_request(self, call: Call, packet: Request[Any]) -> asyncio.Future[None]:
-        """Open a slot for the packet of a call, to be written now. Return the future for the call to await."""
+    def open_request(self, call: Call, packet: Request[Any]) -> None:
+        """Open a slot for the packet of a call, to be written now."""
         if not packet.is_query and isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
         owner = call
@@ -244,16 +251,13 @@ class RequestSender:
         owner.latest = self._open(packet, owner, owner.open_slots)  # a proved loss does not show a slow board
         owner.open_slots += 1
         call.tries += 1
-        call.woken = woken = self._loop.create_future()
-        return woken
 
-    def _open_fence(self, call: Call) -> tuple[asyncio.Future[None], bytes]:
-        """Open a slot for a fence; return the future to await and the frame to write now."""
+    def _open_fence(self, call: Call) -> bytes:
+        """Open a slot for a fence; return the frame to write now."""
         fence = self._next_fence(call.packet)
         call.latest = self._open(fence, call, call.fences, is_fence=True)
         call.fences += 1
-        call.woken = woken = self._loop.create_future()
-        return woken, self._codec.encode(fence)
+        return self._codec.encode(fence)
 
     def _open(self, request: Request[Any], call: Call | None, tries: int, *, is_fence: bool = False) -> Slot:
         now = self._loop.time()

@@ -38,6 +38,10 @@ class Ticket(NamedTuple):
         return self._replace(units_sent=units_sent)
 
 
+NO_TICKET = Ticket(-1)
+"""Ticket of a query, which no gate is asked about; no counter has issued it."""
+
+
 class StopCounter:
     """Counter of stops on a connection, in a hub or of a bridge of a fleet; a sleep of the computer counts as one."""
 

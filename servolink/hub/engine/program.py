@@ -17,7 +17,7 @@ from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue
 from servolink.motion.angles import AngleUnit
-from servolink.motion.ticket import StopCounter
+from servolink.motion.ticket import NO_TICKET, StopCounter
 from servolink.motion.units import ServoUnits
 from servolink.protocol.codec import Codec, in_range
 from servolink.protocol.frame import encode_frame
@@ -206,7 +206,8 @@ class FrameProgram(Program):
         self._received_at = now
         for frame in self._parser.feed(data):
             self._take(*frame)
-        self._was_full |= self.is_full
+        if self._held > MOST_HELD:
+            self._was_full = True
 
     def leave(self) -> None:
         """End the session; may be called again. Unsent requests are dropped, sent ones end without a response."""
@@ -222,7 +223,7 @@ class FrameProgram(Program):
             self.counters.ignored += 1
             return
         size = REQUEST_BYTES + len(content)
-        ticket = self._hub.stops.ticket(who=self.session_id)
+        ticket = NO_TICKET if packet.is_query else self._hub.stops.ticket(who=self.session_id)
         exchange = Exchange(self, packet, ticket, asked_at=self._received_at, is_silent=self.mode != 1, size=size)
         self._open.append(exchange)
         self._held += size

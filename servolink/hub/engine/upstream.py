@@ -95,7 +95,7 @@ class Upstream:
     def send_waiting(self) -> None:
         """Send waiting requests while the connection has room."""
         waiting = self.waiting
-        while waiting.ring and self._idle and self._active < self._board.connection.callers:
+        while waiting.ring and self._idle and (not self._active or self._active < self._board.connection.callers):
             exchange = waiting.take()
             if exchange is None:
                 return
@@ -119,8 +119,9 @@ class Upstream:
             _logger.debug("%s", outcome)
             self.finish(exchange, outcome)
         else:
-            _finish(exchange, outcome, content, self._board.codec)
-        self.send_waiting()
+            _finish(exchange, outcome, content, self._board.connection.codec)
+        if self.waiting.ring:
+            self.send_waiting()
 
     async def _work(self, next_one: asyncio.Future[Exchange]) -> None:
         """Carry out exchanges in turn, each to the end."""

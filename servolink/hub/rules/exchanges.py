@@ -141,7 +141,9 @@ class RoundRobin:
             if self._may_take(queue):
                 exchange = queue.exchanges.popleft()
                 ring.popleft()
-                self._list_again(queue)
+                queue.is_listed = bool(queue.exchanges)
+                if queue.is_listed:
+                    ring.append(queue)
                 return exchange
             ring.rotate(-1)
         return None
@@ -203,11 +205,6 @@ class RoundRobin:
         for exchange in queries:
             queue.exchanges.remove(exchange)
         return queries
-
-    def _list_again(self, queue: ProgramQueue) -> None:
-        queue.is_listed = bool(queue.exchanges)
-        if queue.is_listed:
-            self.ring.append(queue)
 
     def _drop_empty(self) -> None:
         for queue in self.ring:
