@@ -118,7 +118,7 @@ async def use_parameters(board: Board) -> None:
     parameters = (ServoParameter(1, -5, "hip"), ServoParameter(2, 5, "knee"))
     await board.add_servo_parameters(list(parameters))
     assert await board.servo_parameters() == parameters
-    with pytest.raises(Rejected, match="no such servo"):
+    with pytest.raises(Rejected, match="the servo absent"):
         await board.add_servo_parameters([ServoParameter(200)])
     assert await board.project_id() == 0
     await board.write_project_id(-4711)
