@@ -89,7 +89,7 @@ def test_without_a_board_on_usb_there_are_none(
     for arguments in ((), ("tcp://x:1",), ("serial:///dev/ttyACM0",)):
         said = call(capsys, "doctor", "--print-udev", *arguments)
         assert (said.code, said.out) == (3, "")
-        assert "plug it in" in said.err
+        assert "plug the board in" in said.err
 
 
 def test_a_board_that_is_not_here_can_be_named_by_its_ids(
