@@ -452,8 +452,6 @@ class Connection:
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
         """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
-        if isinstance(packet, Query):  # most packets
-            return
         if refusal := self.gates.refusal(packet, ticket):
             raise refusal
         self.motions += is_motion(packet)
