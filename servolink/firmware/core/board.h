@@ -75,7 +75,7 @@ void board_tick(struct board *board, uint64_t now);
 void board_receive(struct board *board, uint64_t now, const uint8_t *bytes, size_t size);
 
 /* Copy up to `size` bytes for the host to `bytes` and return how many. Responses are made while they are copied. */
-size_t board_transmit(struct board *board, uint64_t now, uint8_t *bytes, size_t size);
+size_t board_transmit(struct board *board, uint8_t *bytes, size_t size);
 
 /* The host detached: forget half a frame, unsent responses and its subscription. Motion goes on. */
 void board_detach(struct board *board);
