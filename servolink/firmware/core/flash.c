@@ -81,8 +81,9 @@ static bool program(struct board *board, uint32_t bank, uint32_t offset, const s
     uint32_t size = record_units(record->size) * UNIT;
     if (flash->done == 0) {
         flash->header = *record;
+        flash->header.mark = 0;
         uint32_t generation = flash->generation + flash->copying;
-        flash->header.died = checksum(header_sum(record, generation), record_content(record), record->size);
+        flash->header.died = checksum(header_sum(&flash->header, generation), record_content(record), record->size);
     }
     if (flash->done == size) return true;
     const uint8_t *bytes = flash->done ? (const uint8_t *)record + flash->done : (const uint8_t *)&flash->header;
@@ -122,14 +123,16 @@ static void copy_step(struct board *board) {
     flash->done = 0;
 }
 
+/* Check the next sector of the spare bank, and begin to erase it unless it is blank. */
 static void prepare_spare(struct board *board) {
     struct flash *flash = &board->flash;
-    if (is_blank(board, 1 - flash->bank, flash->spare_checked)) {
-        flash->spare_checked += BOARD_FLASH_PAGE;
-    } else {
-        flash->spare_checked -= flash->spare_checked % BOARD_FLASH_SECTOR;
+    uint32_t end = flash->spare_checked + BOARD_FLASH_SECTOR;
+    for (uint32_t at = flash->spare_checked; at < end; at += BOARD_FLASH_PAGE) {
+        if (is_blank(board, 1 - flash->bank, at)) continue;
         board->ports->erase(board->ports->context, (1 - flash->bank) * bank_size(board) + flash->spare_checked);
+        return;
     }
+    flash->spare_checked = end;
 }
 
 /* Begin the next thing to be done in flash, if any. */

@@ -2,11 +2,14 @@
 
 #include "state.h"
 
+#include <string.h>
+
 #define COMMANDS_AT_ONCE 4U    /* commands of a macro in one tick, so that a tick is short */
 #define SLOWEST UINT32_C(0x40000000) /* limit of a scale: 16,384 times as slow */
 #define LONG_PRESS 1000000U
 
 enum { RUN_ACTION, WAIT, RUN_MACRO };
+enum { UNCHECKED, BEING_CHECKED, COMPLETE };
 enum { PRESS = 1, LONG = 2, UP = 4 };
 
 void macro_end(struct board *board) {
@@ -14,20 +17,60 @@ void macro_end(struct board *board) {
     board->run.next = 0;
 }
 
-/* False: there is no such macro, or it runs already within this run, or too many are nested. */
+/* False: too many are nested. */
 static bool call(struct board *board, int32_t id, uint32_t scale) {
     struct run *run = &board->run;
-    if (run->depth == MACRO_DEPTH || !record_find(board, MACRO, id, run->moment)) return false;
-    for (uint32_t i = 0; i < run->depth; i++) {
-        if (run->calls[i].macro == id) return false;
-    }
+    if (run->depth == MACRO_DEPTH) return false;
     run->calls[run->depth++] = (struct call){id, scale, 0, 0};
     return true;
 }
 
+/* Place of a record in the index, which is built for the check of a macro: looking for each record would take too long. */
+static uint16_t *find_slot(struct board *board, uint32_t kind, int32_t id) {
+    uint32_t at = ((uint32_t)id * 2654435761U >> 16) + kind;
+    for (;; at++) {
+        uint16_t *slot = &board->run.index[at % INDEX_SIZE];
+        if (*slot == 0) return slot;
+        const struct record *record = &board->records.log[*slot - 1];
+        if (record->kind == kind && record->id == id) return slot;
+    }
+}
+
+static void build_index(struct board *board) {
+    struct records *records = &board->records;
+    memset(board->run.index, 0, sizeof board->run.index);
+    for (uint32_t at = 0; at < records->used; at += record_units(records->log[at].size)) {
+        struct record *record = &records->log[at];
+        if (record->died != NEVER || (record->kind != ACTION && record->kind != MACRO)) continue;
+        record->mark = UNCHECKED;
+        *find_slot(board, record->kind, record->id) = (uint16_t)(at + 1);
+    }
+}
+
+/* True if all that a macro names is there, and it does not call itself. */
+static bool is_complete(struct board *board, struct record *macro, uint32_t depth) {
+    if (macro->mark != UNCHECKED || depth == MACRO_DEPTH) return macro->mark == COMPLETE;
+    macro->mark = BEING_CHECKED;
+    const uint8_t *content = record_content(macro);
+    for (uint32_t i = 0; i < get_u16(content + 36); i++) {
+        const uint8_t *command = content + 38 + 12 * i;
+        if (command[4] == WAIT) continue;
+        uint16_t slot = *find_slot(board, command[4] == RUN_MACRO ? MACRO : ACTION, get_i32(command));
+        if (slot == 0) return false;
+        if (command[4] == RUN_MACRO && !is_complete(board, &board->records.log[slot - 1], depth + 1)) return false;
+    }
+    macro->mark = COMPLETE;
+    return true;
+}
+
 bool macro_start(struct board *board, int32_t id) {
-    if (!record_find(board, MACRO, id, board->records.newest)) return false;
-    board->run = (struct run){.moment = board->records.newest, .due = board->now};
+    build_index(board);
+    uint16_t slot = *find_slot(board, MACRO, id);
+    if (slot == 0 || !is_complete(board, &board->records.log[slot - 1], 0)) return false;
+    macro_end(board);
+    board->run.moment = board->records.newest;
+    board->run.due = board->now;
+    board->run.uninterruptible = false;
     return call(board, id, 65536);
 }
 
@@ -41,7 +84,7 @@ static uint64_t action_duration(const uint8_t *content) {
     return longest * UINT64_C(10000);
 }
 
-/* Execute a command once. False: what it names is not there, or calls itself. */
+/* Execute a command once. False: too many macros are nested. */
 static bool execute(struct board *board, const uint8_t *command, uint32_t scale) {
     struct run *run = &board->run;
     int32_t id = get_i32(command);
@@ -50,9 +93,7 @@ static bool execute(struct board *board, const uint8_t *command, uint32_t scale)
     if (command[4] == WAIT) {
         duration = get_u32(command) * UINT64_C(1000);
     } else {
-        const struct record *action = record_find(board, ACTION, id, run->moment);
-        if (!action) return false;
-        const uint8_t *content = record_content(action);
+        const uint8_t *content = record_content(record_find(board, ACTION, id, run->moment));
         servos_move(board, run->due, content + 38, get_u16(content + 36), scale);
         duration = action_duration(content);
     }

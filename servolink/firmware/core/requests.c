@@ -162,12 +162,20 @@ static bool are_commands(const uint8_t *commands, uint32_t count) {
     return true;
 }
 
+static bool are_buttons(const uint8_t *buttons, uint32_t count) {
+    for (uint32_t i = 0; i < count; i++) {
+        if (buttons[49 * i + 48] > 1) return false; /* uninterruptible */
+    }
+    return true;
+}
+
 static void add_record(HANDLER) {
     int32_t id = get_i32(content);
     bool is_valid = id != 0; /* in a response id 0 says that there is no such record */
     uint32_t count = get_u16(content + 36);
     if (request->kind == ACTION) is_valid = is_valid && are_steps(content + 38, count);
     if (request->kind == MACRO) is_valid = is_valid && are_commands(content + 38, count);
+    if (request->kind == TABLE) is_valid = is_valid && are_buttons(content + 38, count);
     respond_result(board, request, is_valid && records_change(board, request->kind, id, content, length));
 }
 

@@ -10,6 +10,7 @@
 #define UNIT 16U                                     /* records occupy whole units, the first one is their header */
 #define LOG_UNITS ((BOARD_MEMORY + 1024U) / UNIT)    /* some more, as deletions are records too until they are in flash */
 #define MACRO_DEPTH 16U
+#define INDEX_SIZE (BOARD_MEMORY / 32U) /* twice as many as there can be actions and macros */
 #define ALL_SERVOS 255U
 #define NEVER UINT32_MAX
 
@@ -18,7 +19,7 @@ enum kind { ACTION = 1, MACRO, TABLE, SERVO_PARAMETERS, PROJECT_ID, ACTIVE_TABLE
 
 /* Header of a record, in the log in RAM and in flash. A record was there at change n if born <= n < died. */
 struct record {
-    uint8_t kind, reserved;
+    uint8_t kind, mark; /* mark: of the check of a macro; 0 in flash */
     uint16_t size; /* bytes of content, which follow the header */
     int32_t id;
     uint32_t born; /* number of the change that added it */
@@ -86,6 +87,7 @@ struct run {
     bool uninterruptible;
     int32_t next; /* macro that starts when this one has ended, or 0 */
     struct call calls[MACRO_DEPTH];
+    uint16_t index[INDEX_SIZE]; /* 1 + place in the log of actions and macros, by kind and id */
 };
 
 struct button {

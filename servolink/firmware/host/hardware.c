@@ -95,6 +95,8 @@ void hardware_cut(struct hardware *hardware, uint32_t random) {
 
 void hardware_tick(struct hardware *hardware) { board_tick(hardware->board, hardware->now); }
 
+void hardware_detach(struct hardware *hardware) { board_detach(hardware->board); }
+
 void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t size) {
     board_receive(hardware->board, hardware->now, bytes, size);
 }

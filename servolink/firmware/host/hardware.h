@@ -33,6 +33,7 @@ void hardware_start(struct hardware *hardware);
 void hardware_cut(struct hardware *hardware, uint32_t random);
 
 /* The core's functions at the time `now`. */
+void hardware_detach(struct hardware *hardware);
 void hardware_tick(struct hardware *hardware);
 void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t size);
 size_t hardware_transmit(struct hardware *hardware, uint8_t *bytes, size_t size);

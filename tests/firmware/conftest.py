@@ -1,0 +1,24 @@
+"""Boards of the firmware for the tests here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.firmware.host import HostBoard, library
+
+
+@pytest.fixture(scope="session")
+def functions(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """Return the firmware as a library."""
+    return library(tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture
+def board(functions: Any) -> Iterator[HostBoard]:
+    """Return a board that was just switched on."""
+    made = HostBoard(functions)
+    yield made
+    made.close()
