@@ -1,0 +1,50 @@
+"""Build of the firmware for a Pico from the C sources of this package, the same bytes each time."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+from servolink.errors import ServolinkError
+from servolink.firmware.image import to_uf2
+
+SOURCES = Path(__file__).parent
+IMAGE = SOURCES / "servolink-pico.uf2"
+"""Image that the package brings along."""
+
+_COMPILER = "arm-none-eabi-gcc"
+_FLAGS = (
+    "-std=c99 -mcpu=cortex-m0plus -mthumb -Os -ffunction-sections -fdata-sections "
+    "-Wall -Wextra -Werror -Wconversion -Wno-unused-parameter "
+    "-nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--build-id=none -T pico/pico.ld"
+).split()
+
+
+def build(folder: Path) -> Path:
+    """Compile the firmware into `folder`, which is made if needed, and return the path of the image.
+
+    Raises:
+        ServolinkError: The compiler is not installed, or it fails.
+
+    """
+    if shutil.which(_COMPILER) is None:
+        raise ServolinkError(
+            f"{_COMPILER} is not installed; on Debian it is in the packages gcc-arm-none-eabi and "
+            "libnewlib-arm-none-eabi"
+        )
+    folder = folder.absolute()
+    folder.mkdir(parents=True, exist_ok=True)
+    elf, binary = folder / "servolink-pico.elf", folder / "servolink-pico.bin"
+    sources = [str(path.relative_to(SOURCES)) for path in sorted(SOURCES.glob("*/*.[cS]")) if path.parent.name != "host"]
+    _run(_COMPILER, *_FLAGS, "-o", str(elf), *sources)
+    _run("arm-none-eabi-objcopy", "-O", "binary", "--gap-fill", "0xff", str(elf), str(binary))
+    image = folder / IMAGE.name
+    image.write_bytes(to_uf2(binary.read_bytes()))
+    return image
+
+
+def _run(*command: str) -> None:
+    done = subprocess.run(command, cwd=SOURCES, capture_output=True, text=True, check=False)  # noqa: S603 - our own sources
+    if done.returncode:
+        raise ServolinkError(f"{command[0]} failed:\n{done.stderr.strip()}")

@@ -1,0 +1,72 @@
+"""Pico in an emulator, with the image that is flashed."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+FOLDER = Path(__file__).parent
+
+needs_emulator = pytest.mark.skipif(
+    shutil.which("node") is None or not (FOLDER / "node_modules/rp2040js").exists(),
+    reason="needs rp2040js: npm install --prefix tests/firmware",
+)
+
+
+@dataclass
+class EmulatedPico:
+    """Pico whose time goes on only in `run` and `ask`."""
+
+    process: subprocess.Popen[str]
+    line: str
+    now: float = 0.0
+    resets: int = 0
+    is_open: bool = False
+    pulses: dict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+    """Starts in seconds and widths in microseconds of the pulses at each pin."""
+
+    def command(self, **asked: Any) -> bytes:
+        """Give the bench a command, and return what the board transmitted meanwhile."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps(asked) + "\n")
+        self.process.stdin.flush()
+        answer = json.loads(self.process.stdout.readline())
+        assert answer["stalls"] == 0, "the firmware used the flash while it was busy"
+        for pin, start, width in answer["pulses"]:
+            self.pulses[pin].append((start, width))
+        self.now, self.resets, self.is_open = answer["now"], answer["resets"], answer["open"]
+        return bytes.fromhex(answer[self.line])
+
+    def run(self, seconds: float) -> bytes:
+        """Let time pass."""
+        return self.command(run=seconds)
+
+    def ask(self, data: bytes, seconds: float = 0.05) -> bytes:
+        """Send bytes, and return what comes within some time."""
+        return self.command(**{self.line: data.hex()}, run=seconds)
+
+    def widths_since(self, pin: int, start: float) -> list[float]:
+        """Return the widths of the pulses that began later than `start`."""
+        return [width for begun, width in self.pulses[pin] if begun >= start]
+
+
+@contextmanager
+def emulated(image: Path, line: str = "uart") -> Iterator[EmulatedPico]:
+    """Start a Pico with an image, which is reached by its UART or by USB."""
+    command = ("node", str(FOLDER / "bench.mjs"), str(image), line)
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        pico = EmulatedPico(process, line)
+        pico.run(0.3)  # it starts, and the host finds it
+        yield pico
+        assert process.stdin is not None
+        process.stdin.close()
