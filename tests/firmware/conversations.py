@@ -39,7 +39,8 @@ def frame(packet_id: int, content: bytes = b"") -> bytes:
 
 def _number(draw: random.Random, name: str, size: int, odd: float) -> bytes:
     usual = USUAL.get(name, (1, 2, 3) if size == 4 else (0, 1))
-    value = draw.choice(ODD if draw.random() < odd else usual)
+    is_odd = draw.random() < odd and name != "adjustedDegree"  # as it moves what later angles mean
+    value = draw.choice(ODD if is_odd else usual)
     return (value % 256**size).to_bytes(size, "little")
 
 

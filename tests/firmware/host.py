@@ -72,6 +72,13 @@ class HostBoard:
         self.fields.now = now
         functions.hardware_start(self._hardware)
 
+    def copy(self) -> HostBoard:
+        """Return another board with the same flash, which was just switched on."""
+        other = HostBoard(self._functions, self.fields.now)
+        ctypes.memmove(other.fields.flash, self.fields.flash, FLASH)
+        self._functions.hardware_start(other._hardware)
+        return other
+
     def close(self) -> None:
         """Free the memory."""
         self._functions.hardware_delete(self._hardware)

@@ -66,6 +66,7 @@ void servo_set(struct board *board, uint32_t index, bool is_start, bool is_hold)
     } else if (!is_start && servo->placed) {
         servo->from = servo->to = pulse_now(servo, board->now);
         servo->duration = 0;
+        show(board, index, (uint32_t)servo->to);
     }
     servo->is_start = is_start;
     servo->is_hold = is_hold;
