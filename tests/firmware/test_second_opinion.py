@@ -90,7 +90,7 @@ async def _compare(board: HostBoard, seed: int) -> None:
         one, other = ([(each[0], bytes(each[1])) for each in FrameParser().feed(sent)] for sent in answers)
         return one, other
 
-    await both(_READY + _TO_ZERO, 2)
+    await both(_READY + _TO_ZERO, 3)
     for asked, is_damaged in conversation(random.Random(seed), _LENGTH):
         one, other = await both(asked, 0.5)
         comparable = [[_comparable(*answer) for answer in answers] for answers in (one, other)]

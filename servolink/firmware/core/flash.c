@@ -123,16 +123,15 @@ static void copy_step(struct board *board) {
     flash->done = 0;
 }
 
-/* Check the next sector of the spare bank, and begin to erase it unless it is blank. */
+/* Check the next page of the spare bank, and begin to erase its sector unless it is blank. */
 static void prepare_spare(struct board *board) {
     struct flash *flash = &board->flash;
-    uint32_t end = flash->spare_checked + BOARD_FLASH_SECTOR;
-    for (uint32_t at = flash->spare_checked; at < end; at += BOARD_FLASH_PAGE) {
-        if (is_blank(board, 1 - flash->bank, at)) continue;
+    if (is_blank(board, 1 - flash->bank, flash->spare_checked)) {
+        flash->spare_checked += BOARD_FLASH_PAGE;
+    } else {
+        flash->spare_checked -= flash->spare_checked % BOARD_FLASH_SECTOR;
         board->ports->erase(board->ports->context, (1 - flash->bank) * bank_size(board) + flash->spare_checked);
-        return;
     }
-    flash->spare_checked = end;
 }
 
 /* Begin the next thing to be done in flash, if any. */

@@ -117,7 +117,7 @@ void board_tick(struct board *board, uint64_t now) {
     input_patience(board);
     macro_step(board);
     if (now >= board->period) {
-        board->period = now - board->period < BOARD_PERIOD ? board->period + BOARD_PERIOD : now + BOARD_PERIOD;
+        while (board->period <= now) board->period += BOARD_PERIOD;
         buttons_period(board);
         servos_period(board);
         board->ports->alive(board->ports->context);

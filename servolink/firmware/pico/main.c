@@ -111,12 +111,12 @@ static void uart_interrupt(void) {
 }
 
 static void serve_uart(bool is_used, uint64_t now) {
-    while (received_head != received_tail) {
-        uint8_t byte = received[received_head++ % sizeof received];
-        if (is_used) board_receive(&board, now, &byte, 1);
-    }
-    uint8_t byte;
-    while (is_used && !(REG(UART0 + 0x18U) & 1U << 5) && board_transmit(&board, &byte, 1)) REG(UART0) = byte;
+    uint8_t bytes[64];
+    uint32_t size = 0;
+    while (size < sizeof bytes && received_head != received_tail) bytes[size++] = received[received_head++ % sizeof received];
+    if (!is_used) return;
+    board_receive(&board, now, bytes, size);
+    while (!(REG(UART0 + 0x18U) & 1U << 5) && board_transmit(&board, bytes, 1)) REG(UART0) = bytes[0];
 }
 
 static void serve(void) {
@@ -139,6 +139,7 @@ void start(void) {
     if (settings.buttons < BOARD_BUTTONS) start_uart();
     flash_start();
     usb_start();
+    while (REG(PWM + 8U) / 1000U != 48U) {} /* so that periods begin 5 ms before the pulses */
     board_start(&board, &settings, &ports, microseconds());
     REG(PSM + 8U) = 0x1fffc; /* the watchdog resets all but the oscillators */
     alive(NULL);
