@@ -1,1 +1,1 @@
-"""Firmware that makes a board of a Raspberry Pi Pico: its image, how it is built, and how it gets onto a Pico."""
+"""Firmware for boards made of a Raspberry Pi Pico: C sources, image, compilation and installation."""

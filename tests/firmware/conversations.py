@@ -41,7 +41,7 @@ def _number(draw: random.Random, name: str, size: int, odd: float) -> bytes:
     usual = USUAL.get(name, (1, 2, 3) if size == 4 else (0, 1))
     is_odd = draw.random() < odd and name != "adjustedDegree"  # as it moves what later angles mean
     value = draw.choice(ODD if is_odd else usual)
-    return (value % 256**size).to_bytes(size, "little")
+    return int(value % 256**size).to_bytes(size, "little")
 
 
 def content(draw: random.Random, fields: list[dict[str, Any]], odd: float) -> bytes:

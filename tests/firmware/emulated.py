@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 
+from tests import processes
+
 FOLDER = Path(__file__).parent
 
 needs_emulator = pytest.mark.skipif(
@@ -64,9 +66,8 @@ class EmulatedPico:
 def emulated(image: Path, line: str = "uart") -> Iterator[EmulatedPico]:
     """Start a Pico with an image, which is reached by its UART or by USB."""
     command = ("node", str(FOLDER / "bench.mjs"), str(image), line)
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        pico = EmulatedPico(process, line)
-        pico.run(0.3)  # it starts, and the host finds it
-        yield pico
-        assert process.stdin is not None
-        process.stdin.close()
+    process = processes.start(command, stdin=subprocess.PIPE)
+    pico = EmulatedPico(process, line)
+    pico.run(0.3)  # time to start, and for the USB host to find the board
+    yield pico
+    processes.finish(process)

@@ -17,10 +17,20 @@ from servolink.transports.lifecycle import BaseTransport
 from tests import processes
 
 FIRMWARE = Path(servolink.__file__).parent / "firmware"
-FLAGS = (
-    "-std=c99 -Wall -Wextra -Werror -Wconversion -Wpedantic -Wno-unused-parameter -D_GNU_SOURCE -g -O1 "
-    "-fsanitize=undefined -fno-sanitize-recover=all"
-).split()
+FLAGS = [
+    "-std=c99",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wconversion",
+    "-Wpedantic",
+    "-Wno-unused-parameter",
+    "-D_GNU_SOURCE",
+    "-g",
+    "-O1",
+    "-fsanitize=undefined",
+    "-fno-sanitize-recover=all",
+]
 CORE = sorted(FIRMWARE.glob("core/*.c"))
 HARDWARE = FIRMWARE / "host/hardware.c"
 MEMORY = 65536
@@ -114,7 +124,7 @@ class HostBoard:
         """Return bytes for the host."""
         buffer = ctypes.create_string_buffer(size)
         size = self._functions.hardware_transmit(self._hardware, buffer, size)
-        return buffer[:size]
+        return bytes(memoryview(buffer)[:size])
 
     def ask(self, frame: bytes, seconds: float = 0.2) -> bytes:
         """Return what the board transmits within some time after a request, which ends early with the response."""

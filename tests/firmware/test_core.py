@@ -143,7 +143,7 @@ def test_servos_come_up_released_and_obey_when_they_are_held(board: HostBoard) -
     board.run(0.2)
     assert board.pulses == [0] * 16, "it must not jump to an angle for which nobody asked"
     board.receive(move((1, 45, 10)))
-    widths = [board.run(PERIOD, 20_000) and 0.0 or board.pulses[0] for _ in range(55)]
+    widths = [(board.run(PERIOD, 20_000), board.pulses[0])[1] for _ in range(55)]
     made = [width for width in widths if width]
     assert widths[:25].count(0) >= 18, "at first most pulses are left out"
     assert made == sorted(made)
@@ -203,6 +203,7 @@ def test_a_macro_keeps_time_with_ratio_loop_delay_and_nesting(ready: HostBoard) 
     assert [at[moment] for moment in (830, 1190, 2430, 2790, 3430)] == [2500] * 5
     assert all(2400 < at[moment] < 2500 for moment in (790, 2390))
     assert all(500 <= at[moment] < 570 for moment in (1600, 3200))
+
 
 @pytest.mark.parametrize(
     "commands",

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from servolink.firmware.build import IMAGE
+from servolink.errors import ServolinkError
+from servolink.firmware.compiling import IMAGE, build
 from tests.firmware.conversations import frame
 from tests.firmware.emulated import EmulatedPico, emulated, needs_emulator
 from tests.firmware.test_core import READY, RELEASE, STOP, add_action, add_macro, answers, move, run_macro
@@ -40,7 +42,7 @@ def test_sixteen_servos_get_the_pulses_of_their_angles(pico: EmulatedPico) -> No
         assert len(widths) in {9, 10, 11}
         assert all(abs(width - (1500 + angle * 1000 / 90)) <= 2 for width in widths), (pin, widths)
         starts = [start for start, _ in pico.pulses[pin] if start >= settled]
-        assert all(abs(after - before - PERIOD) < 1e-5 for before, after in zip(starts, starts[1:], strict=False))
+        assert all(abs(after - before - PERIOD) < 1e-5 for before, after in pairwise(starts))
 
 
 def test_no_pulse_is_ever_made_but_on_request_and_in_range(pico: EmulatedPico) -> None:
@@ -105,7 +107,7 @@ def test_records_outlive_a_reset_and_motion_goes_on_while_flash_is_erased(pico: 
             sent = pico.run(0.1)
         assert answers(sent) == [(30031, b"\1")]
     starts = [start for start, _ in pico.pulses[0] if start > begun]
-    assert max(after - before for before, after in zip(starts, starts[1:], strict=False)) < PERIOD + 1e-4
+    assert max(after - before for before, after in pairwise(starts)) < PERIOD + 1e-4
     pico.command(reset=True, run=4)
     assert len(answers(pico.ask(frame(30010), 0.3))[0][1]) == 2 + 4 * 36
 
@@ -130,10 +132,6 @@ def test_usb_is_a_serial_port() -> None:
 
 
 def test_the_image_has_the_bytes_that_its_sources_make(tmp_path: Path) -> None:
-    pytest.importorskip("servolink.firmware.build")
-    from servolink.errors import ServolinkError
-    from servolink.firmware.build import build
-
     try:
         built = build(tmp_path)
     except ServolinkError as error:

@@ -116,7 +116,10 @@ def _compare_angles(board: HostBoard, virtual: Answers, firmware: Answers) -> No
 
 @pytest.mark.parametrize(
     ("first", "count"),
-    [*((seed, 20) for seed in range(0, 100, 20)), *(pytest.param(at, 99, marks=pytest.mark.slow) for at in range(100, 10_000, 99))],
+    [
+        *((seed, 20) for seed in range(0, 100, 20)),
+        *(pytest.param(at, 99, marks=pytest.mark.slow) for at in range(100, 10_000, 99)),
+    ],
 )
 def test_the_firmware_answers_as_the_virtual_board_does(functions: Any, first: int, count: int) -> None:
     for seed in range(first, first + count):

@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json:
             print_json(described(report))
         else:
-            _print(report)
+            print_report(report)
         return NO_BOARD if report.is_absent else FAILED if report.findings else OK
 
     return run_interruptible(main, "nothing was changed")
@@ -108,7 +108,8 @@ def described(report: Report) -> dict[str, Any]:
     }
 
 
-def _print(report: Report) -> None:
+def print_report(report: Report) -> None:
+    """Print an examination: the facts, then each finding with its remedy."""
     print_table(Table((), list(_facts(report))))
     for number, finding in enumerate(report.findings, 1):
         print_text("")

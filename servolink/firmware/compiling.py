@@ -1,4 +1,4 @@
-"""Build of the firmware for a Pico from the C sources of this package, the same bytes each time."""
+"""Compilation of the firmware for a Pico from the C sources in this package."""
 
 from __future__ import annotations
 
@@ -10,19 +10,36 @@ from servolink.errors import ServolinkError
 from servolink.firmware.image import to_uf2
 
 SOURCES = Path(__file__).parent
+"""Folder of the C sources, in `core` and `pico`."""
 IMAGE = SOURCES / "servolink-pico.uf2"
-"""Image that the package brings along."""
+"""Image of this version, compiled when the version was made."""
 
 _COMPILER = "arm-none-eabi-gcc"
-_FLAGS = (
-    "-std=c99 -mcpu=cortex-m0plus -mthumb -Os -ffunction-sections -fdata-sections "
-    "-Wall -Wextra -Werror -Wconversion -Wno-unused-parameter "
-    "-nostartfiles --specs=nano.specs -Wl,--gc-sections -Wl,--build-id=none -T pico/pico.ld"
-).split()
+_FLAGS = [  # the same bytes for each build: no paths, no times, no build id
+    "-std=c99",
+    "-mcpu=cortex-m0plus",
+    "-mthumb",
+    "-Os",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-Wall",
+    "-Wextra",
+    "-Werror",
+    "-Wconversion",
+    "-Wno-unused-parameter",
+    "-nostartfiles",
+    "--specs=nano.specs",
+    "-Wl,--gc-sections",
+    "-Wl,--build-id=none",
+    "-T",
+    "pico/pico.ld",
+]
 
 
 def build(folder: Path) -> Path:
-    """Compile the firmware into `folder`, which is made if needed, and return the path of the image.
+    """Compile the firmware into a folder, and return the path of the image.
+
+    The folder is made if needed. The same compiler makes the same bytes.
 
     Raises:
         ServolinkError: The compiler is not installed, or it fails.
@@ -30,13 +47,14 @@ def build(folder: Path) -> Path:
     """
     if shutil.which(_COMPILER) is None:
         raise ServolinkError(
-            f"{_COMPILER} is not installed; on Debian it is in the packages gcc-arm-none-eabi and "
-            "libnewlib-arm-none-eabi"
+            f"{_COMPILER} is not installed; Debian has the packages gcc-arm-none-eabi and libnewlib-arm-none-eabi"
         )
     folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     elf, binary = folder / "servolink-pico.elf", folder / "servolink-pico.bin"
-    sources = [str(path.relative_to(SOURCES)) for path in sorted(SOURCES.glob("*/*.[cS]")) if path.parent.name != "host"]
+    sources = [
+        str(path.relative_to(SOURCES)) for path in sorted(SOURCES.glob("*/*.[cS]")) if path.parent.name != "host"
+    ]
     _run(_COMPILER, *_FLAGS, "-o", str(elf), *sources)
     _run("arm-none-eabi-objcopy", "-O", "binary", "--gap-fill", "0xff", str(elf), str(binary))
     image = folder / IMAGE.name
