@@ -25,7 +25,6 @@ FLAGS = [
     "-Wconversion",
     "-Wpedantic",
     "-Wno-unused-parameter",
-    "-D_GNU_SOURCE",
     "-g",
     "-O1",
     "-fsanitize=undefined",

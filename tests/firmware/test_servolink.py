@@ -1,0 +1,140 @@
+"""servolink with the firmware: in virtual time, and as a process with sanitizers that is killed."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import servolink
+from servolink.client.board import Board
+from servolink.client.connect import connect
+from servolink.errors import ServolinkError
+from tests import processes
+from tests.firmware.conversations import PACKETS, content, frame
+from tests.firmware.host import FIRMWARE, HARDWARE, HostBoard, HostTransport, compile_program, needs_compiler
+from tests.project.pulled import NEW, OLD
+from tests.sampling import every
+from tests.virtual_time import run
+
+pytestmark = needs_compiler
+
+DEMO = Path(servolink.__file__).parent / "studio/demo.servolink.json"
+
+
+async def _apply_with_a_power_cut(host: HostBoard, folder: Path, left: int, random_bits: int) -> None:
+    def lose_power(_: object) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            host.cut_power(random_bits)
+            raise ConnectionAbortedError
+
+    async with connect(HostTransport(host)) as board:
+        await board.apply_project(OLD, folder=folder)
+    try:
+        async with connect(HostTransport(host)) as board:
+            await board.apply_project(NEW, folder=folder, on_progress=lose_power)
+    except (ServolinkError, ConnectionAbortedError):
+        assert left <= 0
+    async with connect(HostTransport(host)) as board:
+        await board.apply_project(NEW, folder=folder)
+        assert await board.export_project() == NEW
+
+
+@every(15)
+def test_apply_again_ends_an_apply_that_lost_power(functions: Any, tmp_path: Path, step: int) -> None:
+    draw = random.Random(3)
+    for number in range(0, 90, step):
+        host = HostBoard(functions)
+        run(_apply_with_a_power_cut(host, tmp_path / str(number), 1 + number % 45, draw.randrange(2**32)))
+        host.close()
+
+
+async def _movements(board: Board, host: HostBoard) -> None:
+    await board.set_servo(255, start=True, hold=True)
+    await board.move({1: 30, 2: -45}, duration=1.0, wait=True)
+    assert host.pulses[:2] == pytest.approx([1500 + 30 / 0.09, 1000], abs=0.1)
+    await board.apply_project(OLD, backup=False)
+    await board.run_macro(1, wait=True)
+    assert host.pulses[0] == pytest.approx(1500 - 3 / 0.09, abs=0.1), "action 2 goes to 0, corrected by -3"
+    await board.stop()
+    assert [servo.is_start for servo in await board.servos()] == [False] * 16
+
+
+async def test_the_client_moves_the_firmware(board: HostBoard) -> None:
+    async with connect(HostTransport(board)) as connected:
+        await _movements(connected, board)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("program") / "board"
+    return compile_program(target, [HARDWARE, FIRMWARE / "host/main.c"], "-fsanitize=address")
+
+
+@pytest.fixture
+def serve(program: Path, tmp_path: Path) -> Callable[[str], tuple[subprocess.Popen[str], str]]:
+    def started(kind: str) -> tuple[subprocess.Popen[str], str]:
+        process = processes.start([str(program), kind, str(tmp_path / "flash")])
+        assert process.stdout is not None
+        place = process.stdout.readline().strip()
+        return process, place if kind == "tcp" else f"serial://{place}"
+
+    return started
+
+
+@pytest.mark.parametrize("kind", ["tcp", "pty"])
+def test_a_project_outlives_a_killed_process(
+    serve: Callable[[str], tuple[subprocess.Popen[str], str]], tmp_path: Path, kind: str
+) -> None:
+    def command(*words: str) -> str:
+        done = processes.run((sys.executable, "-m", "servolink", "--url", url, *words), check=True, cwd=tmp_path)
+        return done.stdout
+
+    process, url = serve(kind)
+    assert "verified" in command("apply", str(DEMO), "--yes")
+    process.kill()
+    processes.finish(process)
+    process, url = serve(kind)
+    assert "0 differences" in command("plan", str(DEMO))
+    command("servo", "start", "all")
+    moved = json.loads(command("move", "1=30", "--duration", "1", "--wait", "--json"))
+    assert moved, "the servo arrived"
+    assert "nothing is wrong" in processes.run((sys.executable, "-m", "servolink", "doctor", url), check=True).stdout
+    process.terminate()
+    _, errors = processes.finish(process)
+    assert not errors, "the sanitizers found something"
+
+
+def _seeds(folder: Path) -> None:
+    """Write a request of each kind, in the form that the target of the fuzzer reads: lengths before the parts."""
+    draw = random.Random(0)
+    for packet_id, packet in PACKETS.items():
+        data = frame(packet_id, content(draw, packet["fields"], odd=0))
+        parts = (data[at : at + 63] for at in range(0, len(data), 63))
+        (folder / str(packet_id)).write_bytes(b"".join(bytes([len(part) + 128]) + part for part in parts))
+
+
+@pytest.mark.skipif(shutil.which("clang") is None, reason="needs clang with libFuzzer, of the Debian package clang")
+@pytest.mark.parametrize(
+    "limit",
+    [
+        pytest.param("-runs=3000", id="some"),
+        pytest.param("-max_total_time=60", id="minute", marks=pytest.mark.slow),
+    ],
+)
+def test_any_bytes_are_survived(tmp_path: Path, limit: str) -> None:
+    target = tmp_path / "fuzz"
+    sources = [HARDWARE, FIRMWARE / "host/fuzz.c"]
+    compile_program(target, sources, "-fsanitize=fuzzer,address", compiler="clang")
+    (corpus := tmp_path / "corpus").mkdir()
+    _seeds(corpus)
+    processes.run((str(target), limit, "-max_len=4000", "-seed=1", str(corpus)), check=True, cwd=tmp_path)
