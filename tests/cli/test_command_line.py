@@ -31,7 +31,9 @@ UNTIL_CTRL_C = {"virtual", "share", "studio", "teach", "remote", "record", "repl
 SLOW = {"demo"}
 NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in below("fleet"))}
 """Those of the fleet, which `tests/fleet` runs with one."""
-EXAMPLES = {example: name for name, command in ALL.items() for example in command.examples}
+NEED_A_PICO = {"firmware", "firmware install", "firmware build"}
+"""Those that `tests/firmware` runs, with an imitated Pico or a compiler."""
+NOT_RUN = UNTIL_CTRL_C | SLOW | NEED_A_BROKER | NEED_A_PICO
 
 BOW = Action(1, "Bow", (Step(1, 30, 5),))
 NOD = Action(2, "Nod", (Step(2, 10, 5),))
@@ -131,7 +133,7 @@ def test_the_version_is_that_of_the_package() -> None:
     assert re.fullmatch(r"servolink \d+\.\d+\S* on \w+ 3\.\d+\.\d+, \w+ \w+\n", said.out)
 
 
-@pytest.mark.parametrize("name", [name for name in ALL if name not in UNTIL_CTRL_C | SLOW | NEED_A_BROKER])
+@pytest.mark.parametrize("name", [name for name in ALL if name not in NOT_RUN])
 def test_examples_of_a_page_work_one_after_the_other(
     name: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,7 +150,7 @@ def test_examples_of_a_page_work_one_after_the_other(
         assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), f"{example}: {said.err}"
 
 
-@pytest.mark.parametrize("name", sorted(UNTIL_CTRL_C | SLOW | NEED_A_BROKER))
+@pytest.mark.parametrize("name", sorted(NOT_RUN))
 def test_examples_of_commands_that_do_not_end_are_understood(name: str) -> None:
     for example in ALL[name].examples:
         assert parser_of().parse_args(shlex.split(example)).run

@@ -40,6 +40,7 @@ FIRMWARE = Command(
     "firmware",
     DEVELOPERS,
     help="make a board of a Raspberry Pi Pico and hobby servos",
+    examples=("firmware info", "firmware install --servos 6"),
     takes_board=False,
 )
 
@@ -75,6 +76,7 @@ def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...
     details="Hold the button BOOTSEL while you plug in the Pico. What an earlier servolink firmware stored stays.\n\n"
     "FILE for --pulses is JSON with pulse widths in microseconds and angles in degrees, at both ends, for servos that "
     'differ: {"1": [500, 2500, -90, 90]}.',
+    examples=("firmware install", "firmware install --servos 6 --pulses ranges.json --battery 6.4-8.4"),
     options=(
         option("--drive", "FOLDER", "drive of the Pico (found by itself)", not_empty),
         option("--pulses", "FILE", "ranges of servos that differ from 500 to 2500 us for -90 to 90 degrees", not_empty),
@@ -124,6 +126,7 @@ def run_install(args: argparse.Namespace) -> int:
     "firmware build",
     help="compile the firmware from the sources that servolink brings",
     details="Needs arm-none-eabi-gcc and its newlib. The same compiler makes the same bytes.",
+    examples=("firmware build out",),
     options=(option("folder", "DIR", "folder for the image; made if needed", not_empty),),
     takes_board=False,
 )
