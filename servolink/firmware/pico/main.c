@@ -133,6 +133,7 @@ static void serve(void) {
 
 void start(void) {
     extern uint32_t bss_start[], bss_end[];
+    /* cppcheck-suppress comparePointers ; ends of a section, set by the linker */
     for (uint32_t *word = bss_start; word < bss_end; word++) *word = 0;
     start_clocks();
     start_pins();
