@@ -29,6 +29,7 @@ _WIRING = [
     ("GPIO 26", "battery, through a divider to a third"),
     ("GND", "also to the servos' supply, which must not be the Pico's 3.3 V or USB"),
 ]
+"""Pins of the Pico, each with the part to connect."""
 _LARGEST = 1 << 20
 """Bytes of the largest file of ranges."""
 _DRIVE_SECONDS = 60.0
@@ -96,6 +97,7 @@ def run_install(args: argparse.Namespace) -> int:
         usage_error(args, str(error))
 
     async def main(interruption: Interruption) -> int:
+        # Ports of other boards with this firmware must not be mistaken for the new board.
         before = install.ports()
         if args.drive:
             drive = Path(args.drive)
@@ -133,6 +135,7 @@ def run_install(args: argparse.Namespace) -> int:
 def run_build(args: argparse.Namespace) -> int:
     """Compile the firmware, and compare it with the image of the package."""
     path = compiling.build(Path(args.folder))
+    # Another version of the compiler makes other bytes from the same sources.
     is_same = path.read_bytes() == compiling.IMAGE.read_bytes()
     text = f"{path}, {'the same as' if is_same else 'other bytes than'} the image of this servolink"
     print_result(args, {"image": str(path), "is_same": is_same}, text)
