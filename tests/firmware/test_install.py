@@ -1,9 +1,13 @@
-"""Image, settings and installation of the firmware, and the command."""
+"""Image, settings and installation of the firmware, and the command.
+
+Modules: servolink.cli.boards.firmware, servolink.firmware.compiling, servolink.firmware.image, servolink.platforms.drives.
+"""
 
 from __future__ import annotations
 
 import json
 import struct
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +16,7 @@ from servolink.cli.main import run as main
 from servolink.cli.usage import WrongUsage
 from servolink.errors import OpenError
 from servolink.firmware import compiling, image, install
+from servolink.platforms import drives
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from tests.firmware.conversations import frame
 from tests.firmware.emulated import emulated, needs_emulator
@@ -50,6 +55,19 @@ def test_settings_are_replaced_and_nothing_else() -> None:
     changed = image.with_settings(binary, settings)
     assert image.read_settings(changed) == settings
     assert image.with_settings(changed, image.ImageSettings()) == binary
+
+
+def test_the_drive_of_a_pico_is_found_among_the_mounted_ones(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert install.find_drives() == []
+    monkeypatch.setattr(install, "mounted_drives", lambda: [Path("/"), drive.parent, drive, drive / "missing"])
+    assert install.find_drives() == [drive]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux lists mount points in a file, with escaped spaces")
+def test_mount_points_may_have_spaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Path("/proc") in drives.mounted_drives()
+    monkeypatch.setattr(Path, "read_text", lambda *_: "/dev/sda1 /media/ada/RPI\\040RP2 vfat rw 0 0\n")
+    assert drives.mounted_drives() == [Path("/media/ada/RPI RP2")]
 
 
 @pytest.mark.parametrize(
