@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import random
-from pathlib import Path
 from typing import Any
 
-PACKETS: dict[int, dict[str, Any]] = {
-    packet["id"]: packet for packet in json.loads(Path("tests/data/protocol.json").read_text("utf-8"))["packets"]
-}
+from tests.protocol.declared import DOCUMENT
+
+PACKETS: dict[int, dict[str, Any]] = {packet["id"]: packet for packet in DOCUMENT["packets"]}
 REQUESTS = [packet_id for packet_id, packet in PACKETS.items() if packet["direction"] == "client-to-server"]
 SIZES = {"u8": 1, "u16": 2, "i16": 2, "u32": 4, "i32": 4}
 MAGIC = bytes.fromhex("134c051d")

@@ -6,7 +6,6 @@ import json
 import random
 import struct
 from itertools import pairwise
-from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -15,6 +14,7 @@ import pytest
 from servolink.protocol.parser import FrameParser
 from tests.firmware.conversations import frame
 from tests.firmware.host import PERIOD, HostBoard, needs_compiler
+from tests.protocol.declared import DATA
 
 pytestmark = needs_compiler
 
@@ -62,7 +62,7 @@ def ready(board: HostBoard) -> HostBoard:
 
 
 def test_every_golden_request_gets_its_response(board: HostBoard) -> None:
-    vectors = json.loads(Path("tests/data/vectors.json").read_text("utf-8"))
+    vectors = json.loads((DATA / "vectors.json").read_text("utf-8"))
     board.run(0.5)
     asked = 0
     for vector in vectors:

@@ -1,6 +1,7 @@
 """Image, settings and installation of the firmware, and the command.
 
-Modules: servolink.cli.boards.firmware, servolink.firmware.compiling, servolink.firmware.image, servolink.platforms.drives.
+Modules: servolink.cli.boards.firmware, servolink.firmware.compiling, servolink.firmware.image,
+servolink.platforms.drives.
 """
 
 from __future__ import annotations
