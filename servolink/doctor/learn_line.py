@@ -101,6 +101,8 @@ class TrialLine:
         """Number of bytes received so far."""
         self.received_at = self._loop.time()
         """Time of the latest byte, on the clock of the event loop."""
+        self.answered_at = 0.0
+        """Time of the first response to the latest burst; 0 before."""
         self.contradictions: dict[int, str] = {}
         """Reasons why contents cannot be read, by packet id, of frames with a right checksum."""
         self.stalls = 0
@@ -180,6 +182,7 @@ class TrialLine:
         self._fences.clear()
         self._frames.clear()
         self._received_frames.clear()
+        self.answered_at = 0.0
         outstanding = list(requests)
         await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
         found = await self._collect(outstanding)
@@ -236,6 +239,7 @@ class TrialLine:
             if request is not None:
                 outstanding.remove(request)
                 answers.append(frame)
+                self.answered_at = self.answered_at or self.received_at
         return answers
 
     def _answers(self, frame: Frame, request: Request[Response]) -> bool:
@@ -311,7 +315,7 @@ async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
         begun = loop.time()
         sendings += 1
         if await line.ask(query) is not None:
-            round_trips.append(line.received_at - begun)
+            round_trips.append(line.answered_at - begun)
     quality = Quality(sendings, tuple(round_trips))
     slowest = max(round_trips, default=PATIENCE)
     line.patience = max(_SHORTEST_PATIENCE, min(_LONGEST_PATIENCE, 2 * slowest))

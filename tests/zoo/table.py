@@ -45,6 +45,8 @@ _NO_SERVOS = "the board has no servos"
 _UNCONFIRMED = "a stop was sent 3 times and could not be confirmed"
 _NOT_APPLIED = "does not accept action 9"
 
+_TWICE = {"answers_twice": True, "depth": 1}
+
 TABLE: dict[str, Row] = {
     "plain": Row(),
     "big": Row(("byte order",), {"byte_order": "big"}, all_refuse("byte_order=big"), {}),
@@ -55,7 +57,7 @@ TABLE: dict[str, Row] = {
     "busy": Row((), {"depth": 1}),
     "old-busy": Row(("transmission mode",), {"depth": 1}),
     "late": Row(),
-    "very-late": Row(("opening",), _NOT_FOUND, all_refuse(_TOO_LITTLE)),
+    "very-late": Row((), {"depth": 4}),
     "merging": Row(),
     "halves": Row(),
     "single-bytes": Row((), {"depth": 8}),
@@ -64,9 +66,9 @@ TABLE: dict[str, Row] = {
     "boot-text": Row(),
     "logging": Row(("text",)),
     "resetting": Row(("absent",)),
-    "twice": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
-    "twice-2": Row(("opening",), {"depth": 1}, all_refuse(_TOO_LITTLE)),
-    "twice-10": Row((), {"depth": 1}),
+    "twice": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
+    "twice-2": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
+    "twice-10": Row(("answers twice",), _TWICE),
     "bad-sum": Row(("noise",)),
     "padded": Row(("contents",), _LONGER, all_refuse(_LONGER)),
     "flooding": Row(),

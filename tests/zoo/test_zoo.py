@@ -12,14 +12,17 @@ from pathlib import Path
 
 import pytest
 
+from docs.odd_boards import PAGE, with_table
 from servolink.virtual.odd.kinds import KINDS
+from tests.sampling import sampled
 from tests.zoo.table import COMMANDS, TABLE, USUAL
 from tests.zoo.trials import Zoo
 
+ALWAYS = {"plain", "big", "old-at-opening", "twice", "old-firmware", "servos-only", "no-all", "silent"}
+"""Kinds that are tried in every run, beside others."""
 REFUSED_WITHIN = 6.0
 """Seconds until a device that is not a board is refused."""
 
-_TWICE = ("twice", "twice-2", "twice-10")
 MakeZoo = Callable[[str], Zoo]
 
 
@@ -44,10 +47,7 @@ def check(found: Mapping[str, str], expected: Mapping[str, str]) -> None:
         assert words in found[name], name
 
 
-@pytest.mark.parametrize(
-    "kind",
-    [pytest.param(kind, marks=pytest.mark.slow) if kind in {"very-late", *_TWICE} else kind for kind in TABLE],
-)
+@pytest.mark.parametrize("kind", sampled(TABLE, 16, ALWAYS))
 def test_each_board_is_judged_used_and_learnt_as_the_table_says(kind: str, zoo: MakeZoo) -> None:
     board, row = zoo(kind), TABLE[kind]
     assert board.verdict() == row.verdict
@@ -120,6 +120,11 @@ def test_a_board_that_reports_the_commanded_angle_is_learnt(zoo: MakeZoo) -> Non
 def test_a_response_that_contradicts_itself_is_named(zoo: MakeZoo) -> None:
     said = zoo("wrong-count").learn()
     assert "QueryServoList is answered, and the response contradicts itself" in said.out
+
+
+def test_the_page_of_odd_boards_is_made_from_their_declarations() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    assert page == with_table(page), "run `python -m docs.odd_boards`"
 
 
 def test_every_kind_has_a_row() -> None:
