@@ -23,8 +23,8 @@ class Row(NamedTuple):
     """Findings of doctor; none for a healthy board."""
     learnt: Mapping[str, object] | str = {}
     """Learnt settings where they differ from the usual, None for a setting left open; or the words of a refusal."""
-    refused: Mapping[str, str] = {}
-    """Commands that refuse, each with words of the error, before the board is learnt."""
+    refused: Mapping[str, str] | None = {}
+    """Commands that refuse, each with words of the error, before the board is learnt; None where chance decides."""
     after: Mapping[str, str] | None = None
     """The same after learning; None for no difference."""
 
@@ -68,7 +68,7 @@ TABLE: dict[str, Row] = {
     "resetting": Row(("absent",)),
     "twice": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
     "twice-2": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
-    "twice-10": Row(("answers twice",), _TWICE),
+    "twice-10": Row(("answers twice",), _TWICE, None, {}),
     "bad-sum": Row(("noise",)),
     "padded": Row(("contents",), _LONGER, all_refuse(_LONGER)),
     "flooding": Row(),
