@@ -36,6 +36,7 @@ Talk: TypeAlias = "Callable[[argparse.Namespace, Board, Interruption], Awaitable
 UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
+WOKEN = "the board was in transmission mode 0, and is in mode 1 now; `servolink board mode 0` puts it back"
 UNTOUCHED = "nothing was changed on the board"
 ENDLESS = "Ctrl-C ends it with exit code 0. If an option sets the end, Ctrl-C before that ends it with 130."
 """Help of commands that run until Ctrl-C; such commands set `Interruption.code` accordingly."""
@@ -135,7 +136,9 @@ def run_with_board(
         async with connection as board:
             try:
                 with interruption.watched():
-                    if greet and is_answered(board, "QueryProjectID") and await board.has_unfinished_import():
+                    if getattr(board.connection, "woke", False):
+                        print_error(WOKEN)
+                    if greet and await _has_unfinished_import(board):
                         print_error(UNFINISHED_IMPORT)
                     return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
@@ -144,6 +147,16 @@ def run_with_board(
                 return fail(error, NO_BOARD, as_json=args.json)
 
     return run_interruptible(main, state)
+
+
+async def _has_unfinished_import(board: Board) -> bool:
+    """Return whether an import was interrupted; False for a board that answers, but not this question."""
+    try:
+        return await board.has_unfinished_import()
+    except RequestTimeout:
+        if board.stats.frames_received:
+            return False
+        raise
 
 
 def interruptible(
@@ -163,9 +176,8 @@ def on_board(*, state: str = _UNMOVED, **options: Any) -> Callable[[Talk], Run]:
 
 
 def is_answered(board: Board, query: str) -> bool:
-    """Return whether the board may answer a query, such as `QueryProjectID`: its profile does not say otherwise."""
-    known = board.profile and board.profile.settings.unsupported
-    return query not in (known or ())
+    """Return whether the board may answer a query, such as `QueryProjectID`, by its profile and the handshake."""
+    return query not in board.unanswered
 
 
 def refuse_without_answer(args: argparse.Namespace) -> None:

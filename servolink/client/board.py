@@ -63,7 +63,7 @@ R = TypeVar("R", bound=Response)
 class Board:
     """A connected board, made by `connect`, with a method for each command of the protocol's document, by chapters.
 
-    - Connection: `url`, `codec`, `profile`, `limits`, `connection`, `stats`, `states`, `request`, `send`,
+    - Connection: `url`, `codec`, `profile`, `limits`, `connection`, `unanswered`, `stats`, `states`, `request`, `send`,
       `took_effect`, `close`
     - 3.1 settings: `set_transmission_mode`, `clear_all_data`, `memory`, `battery`, `send_dummy_data`
     - 3.2 servos: `servo_ids`, `servos`, `watch`, `servo`, `set_servo`, `release`, `stop`, `set_angle_unit`, `unit_of`,
@@ -190,6 +190,11 @@ class Board:
     def connection(self) -> Connection:
         """An object that stands for the present connection: another one after a reconnect."""
         return self._session.connection  # type: ignore[return-value]  # another kind only within a hub
+
+    @property
+    def unanswered(self) -> frozenset[str]:
+        """Names of queries that the board does not answer, such as "QueryProjectID", by profile or on connecting."""
+        return self._session.unanswered
 
     @property
     def stats(self) -> Stats:

@@ -78,7 +78,7 @@ class IdentityGuard:
 
     async def _found(self) -> BoardIdentityRecord:
         """Return the identity of the connected board, in the facts known of the expected board."""
-        expected, unsupported = self._expected, self._profile.settings.unsupported or ()
+        expected, unsupported = self._expected, self._connection.unsupported
         servo_ids, memory_total, port = None, None, ANY_DEVICE
         if expected.servo_ids is not None and "QueryServoList" not in unsupported:
             servo_ids = (await self._connection.request(QueryServoListRequest())).servo_id_list

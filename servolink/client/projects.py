@@ -93,7 +93,10 @@ class ProjectTransfers:
     async def has_unfinished_import(self, folder: Path | None) -> bool:
         """Return whether an import was interrupted (see `Board.has_unfinished_import`)."""
         self._reported_unfinished = True  # to the caller, so not to the log as well
-        if is_unfinished(project_id := await self._session.project_id()):
+        project_id = 0
+        if "QueryProjectID" not in self._session.unanswered:
+            project_id = await self._session.project_id()
+        if is_unfinished(project_id):
             return True
         from servolink.project.transfer.backups import BackupStore, is_import_unfinished
 
@@ -114,10 +117,11 @@ class ProjectTransfers:
         from servolink.project.transfer.pinned import PinnedConnection
 
         profile = self._session.profile
+        unanswered = self._session.unanswered
         if profile is None:
-            return PinnedConnection(self._session)
+            return PinnedConnection(self._session, unanswered=unanswered)
         settings = profile.profile.settings
-        return PinnedConnection(self._session, settings.memory_unit, settings.project_id_bits)
+        return PinnedConnection(self._session, settings.memory_unit, settings.project_id_bits, unanswered)
 
 
 def check_project(project: object) -> None:

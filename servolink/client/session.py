@@ -74,6 +74,12 @@ class Session:
         return self.connection.stats
 
     @property
+    def unanswered(self) -> frozenset[str]:
+        """Names of queries that the board does not answer (see `Board.unanswered`)."""
+        known = (self.profile and self.profile.settings.unsupported) or ()
+        return getattr(self.connection, "unsupported", frozenset[str]()).union(known)
+
+    @property
     def state(self) -> ConnectionState:
         """Present state of the connection to the board."""
         return self._states.now

@@ -79,8 +79,6 @@ TABLE: dict[str, Row] = {
     "no-project-id": Row(
         (),
         {"unsupported": ("QueryProjectID",)},
-        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
-        dict.fromkeys(("info", "export"), _WITHOUT_PROJECT_ID),
     ),
     "old-firmware": Row(
         (),
@@ -93,8 +91,8 @@ TABLE: dict[str, Row] = {
                 "QueryJoystickTableList",
             )
         },
-        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
-        dict.fromkeys(("info", "export"), "was not answered"),
+        {"export": "was not answered"},
+        {},
     ),
     "servos-only": Row(
         (),
@@ -112,8 +110,8 @@ TABLE: dict[str, Row] = {
             ),
             "unknown_ids": None,
         },
-        dict.fromkeys(("servos", "info", "export", "move"), _WITHOUT_PROJECT_ID),
-        dict.fromkeys(("info", "export"), "was not answered"),
+        {"export": "was not answered"},
+        {"rollback": "nothing to undo"},  # as nothing of the project could be written
     ),
     "refusing": Row(
         (),

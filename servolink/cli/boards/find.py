@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import asdict
 from itertools import zip_longest
+from typing import TypeVar
 
 from servolink.cli.arguments import timeout
 from servolink.cli.boards.board_settings import battery_text, memory_text
@@ -34,7 +35,7 @@ from servolink.discovery.names import (
 )
 from servolink.discovery.search import NO_BOARD_FOUND, discover, is_same_place, search
 from servolink.doctor.contact import PATIENCE, ProbeResult, probe
-from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportError
+from servolink.errors import InvalidAddress, OpenError, Reason, RequestTimeout, ServolinkError, TransportError
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
@@ -42,6 +43,8 @@ from servolink.script import FAILED, NO_BOARD, OK
 from servolink.transports.address import with_options
 from servolink.transports.device_info import DeviceInfo
 from servolink.transports.registry import create
+
+T = TypeVar("T")
 
 
 @Command(
@@ -248,46 +251,61 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
 @on_board()
 async def run_info(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Ask for everything and print it."""
-    memory, battery = await board.memory(), await board.battery()
-    described = {
+    missing = set(board.unanswered)
+
+    async def ask(query: str, asking: Callable[[], Awaitable[T]]) -> T | None:
+        if query not in missing:
+            try:
+                return await asking()
+            except RequestTimeout:
+                missing.add(query)
+        return None
+
+    def count(found: Sequence[object] | None) -> int | None:
+        return None if found is None else len(found)
+
+    memory = await ask("QueryMemorySize", board.memory)
+    charge = await ask("QueryRemainPower", board.battery)
+    described: dict[str, object] = {
         "url": board.url,
-        "project_id": await board.project_id(),
-        "has_unfinished_import": await board.has_unfinished_import(),
-        "memory": {"size_bytes": memory.size, "total_size_bytes": memory.total_size},
-        "battery_percent": battery,
-        "servos": len(await board.servo_ids()),
-        "actions": len(await board.actions()),
-        "macros": len(await board.macros()),
-        "joystick_tables": len(await board.joystick_tables()),
-        "active_joystick_table": await board.active_joystick_table(),
+        "project_id": await ask("QueryProjectID", board.project_id),
+        "has_unfinished_import": await ask("", board.has_unfinished_import),
+        "memory": {"size_bytes": memory and memory.size, "total_size_bytes": memory and memory.total_size},
+        "battery_percent": charge,
+        "servos": count(await ask("QueryServoList", board.servo_ids)),
+        "actions": count(await ask("QueryActionList", board.actions)),
+        "macros": count(await ask("QueryMacroList", board.macros)),
+        "joystick_tables": count(await ask("QueryJoystickTableList", board.joystick_tables)),
+        "active_joystick_table": await ask("QueryActiveJoystickTable", board.active_joystick_table),
         "angle_unit": board.unit_of(ALL_SERVOS),
         "round_trip_seconds": board.stats.round_trip(50),
     }
+    described["unanswered"] = sorted(filter(None, missing))
+    if described["unanswered"]:
+        print_error(f"left out, as the board does not answer: {', '.join(sorted(missing))}")
     if args.json:
         print_json(described)
     else:
-        print_table(_facts(described, memory_text(board, memory), battery_text(battery)))
+        battery = None if "QueryRemainPower" in missing else battery_text(charge)
+        print_table(_facts(described, None if memory is None else memory_text(board, memory), battery))
     return OK
 
 
-def _facts(described: dict[str, object], memory: str, battery: str) -> Table:
-    """Return the table of `servolink info`, a row for each fact."""
+def _facts(described: dict[str, object], memory: str | None, battery: str | None) -> Table:
+    """Return the table of `servolink info`, a row for each fact that the board reports."""
     active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
-    project_id = described["project_id"] or "none"
-    if described["has_unfinished_import"]:
-        project_id = "none: an import is unfinished"
-    return Table(
-        (),
-        [
-            ("board", described["url"]),
-            ("project id", project_id),
-            ("memory", memory),
-            ("battery", battery),
-            ("servos", described["servos"]),
-            ("actions", described["actions"]),
-            ("macros", described["macros"]),
-            ("joystick tables", f"{described['joystick_tables']}, active: {'none' if active is None else active}"),
-            ("angle unit", f"{described['angle_unit']}, which servolink sets before it reads or moves servos"),
-            ("round trip", f"{round_trip * 1000:.1f} ms" if isinstance(round_trip, float) else "unknown"),
-        ],
-    )
+    project_id, tables = described["project_id"], described["joystick_tables"]
+    shown_id = "none: an import is unfinished" if described["has_unfinished_import"] else project_id or "none"
+    rows: list[tuple[str, object]] = [
+        ("board", described["url"]),
+        ("project id", None if project_id is None else shown_id),
+        ("memory", memory),
+        ("battery", battery),
+        ("servos", described["servos"]),
+        ("actions", described["actions"]),
+        ("macros", described["macros"]),
+        ("joystick tables", None if tables is None else f"{tables}, active: {'none' if active is None else active}"),
+        ("angle unit", f"{described['angle_unit']}, which servolink sets before it reads or moves servos"),
+        ("round trip", f"{round_trip * 1000:.1f} ms" if isinstance(round_trip, float) else "unknown"),
+    ]
+    return Table((), [row for row in rows if row[1] is not None])

@@ -35,6 +35,7 @@ async def plan_project(
 ) -> Plan:
     """Return the plan of `apply_project`. Raise ProjectError for a project impossible to write to any board."""
     check_writable(board, project, unchecked=unchecked)
+    project = board.holdable(project)
     loop = asyncio.get_running_loop()
     begun = loop.time()
     content = await BoardReader(board, on_progress, project).read()

@@ -55,6 +55,7 @@ async def apply_project(
     import.
     """
     check_writable(board, project, unchecked=unchecked)
+    project = board.holdable(project)
     before = await read_project_id(board)
     journals = await asyncio.to_thread(store.journals, before)
     begun = journal_of(journals, before, board.url)
@@ -210,6 +211,8 @@ async def roll_back(
 
 async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     """Return the backup of the board's content before the last import. Raise ProjectError without a backup."""
+    if not isinstance(board, PinnedConnection):
+        board = PinnedConnection(board, unanswered=getattr(board, "unanswered", ()))
     project_id, url = await read_project_id(board), board.connection.board_url
     journals = await asyncio.to_thread(store.journals, project_id)
     journal = journal_of(journals, project_id, url) or last_import(journals, project_id, url)

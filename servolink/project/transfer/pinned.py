@@ -3,16 +3,47 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine, Iterable
+import logging
+from collections.abc import Awaitable, Callable, Collection, Coroutine, Iterable
 from contextlib import AbstractContextManager
 from typing import Any, Literal, Protocol, TypeAlias, TypeVar
 
+import msgspec
+
 from servolink.errors import ConnectionLost
+from servolink.escaping import escape
+from servolink.project.model import Project
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import (
+    QueryActionListResponse,
+    QueryMacroListResponse,
+    QueryProjectIDResponse,
+    QueryServoParameterResponse,
+)
+from servolink.protocol.joystick import QueryActiveJoystickTableResponse, QueryJoystickTableListResponse
 from servolink.protocol.packet import Request, Response
 
 ProjectIDBits: TypeAlias = Literal[32, 16, 0]
 """Number of project id bits kept by a board; 0: the board returns the same number after any write."""
+
+_NOTHING: dict[str, Response] = {
+    "QueryProjectID": QueryProjectIDResponse(0),
+    "QueryServoParameter": QueryServoParameterResponse(),
+    "QueryActionList": QueryActionListResponse(),
+    "QueryMacroList": QueryMacroListResponse(),
+    "QueryJoystickTableList": QueryJoystickTableListResponse(),
+    "QueryActiveJoystickTable": QueryActiveJoystickTableResponse(0),
+}
+_FIELDS = {
+    "QueryProjectID": "project_id",
+    "QueryServoParameter": "servo_parameters",
+    "QueryActionList": "actions",
+    "QueryMacroList": "macros",
+    "QueryJoystickTableList": "joystick_tables",
+    "QueryActiveJoystickTable": "active_joystick_table",
+}
+"""Field of a project read with each query."""
+_logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 R = TypeVar("R", bound=Response)
@@ -79,12 +110,20 @@ class PinnedConnection:
     """Passes requests on. Raise ConnectionLost after any change of the connection, even to the same address."""
 
     def __init__(
-        self, board: BoardConnection, memory_unit: int | None = None, project_id_bits: ProjectIDBits | None = None
+        self,
+        board: BoardConnection,
+        memory_unit: int | None = None,
+        project_id_bits: ProjectIDBits | None = None,
+        unanswered: Collection[str] = (),
     ) -> None:
         self.memory_unit = memory_unit
         """Bytes per unit in the board's memory figures; None if unknown."""
         self.project_id_bits: ProjectIDBits | None = project_id_bits
         """Number of project id bits kept by the board; None if unknown."""
+        self.absent = {query: nothing for query, nothing in _NOTHING.items() if query in unanswered}
+        """Empty responses in place of queries that the board does not answer, such as `QueryProjectID`."""
+        if self.absent:
+            _logger.warning("%s does not answer %s: left out", escape(board.url), ", ".join(self.absent))
         self._board = board
         self.connection = board.connection
         self.url = board.connection.board_url
@@ -96,16 +135,24 @@ class PinnedConnection:
         return self._board.codec
 
     async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
-        """Return the response to `packet`."""
+        """Return the response to `packet`; an empty response to a query that the board does not answer."""
+        if (nothing := self.absent.get(type(packet).__name__.removesuffix("Request"))) is not None:
+            return nothing  # type: ignore[return-value]  # the response to that query
         return await self._pinned().request(packet, unchecked=unchecked)
 
     async def write_project_id(self, project_id: int) -> None:
-        """Write the project id."""
-        await self._pinned().write_project_id(project_id)
+        """Write the project id, unless it cannot be read back."""
+        if "QueryProjectID" not in self.absent:
+            await self._pinned().write_project_id(project_id)
 
     async def clear_all_data(self) -> None:
         """Delete everything."""
         await self._pinned().clear_all_data()
+
+    def holdable(self, project: Project) -> Project:
+        """Return `project` without the parts that the board cannot be asked for."""
+        changes: dict[str, Any] = {_FIELDS[query]: getattr(Project(), _FIELDS[query]) for query in self.absent}
+        return msgspec.structs.replace(project, **changes)
 
     def _pinned(self) -> BoardConnection:
         if self._board.connection is not self.connection:

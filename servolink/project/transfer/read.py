@@ -133,7 +133,12 @@ async def export_project(board: BoardConnection, on_progress: ProgressCallback) 
 
 
 async def read_project_id(board: BoardConnection, expected: object = _NOTHING_EXPECTED) -> int:
-    """Return the project id, from two equal readings, or from a single reading equal to `expected`."""
+    """Return the project id, from two equal readings, or from a single reading equal to `expected`.
+
+    The id of a board that does not tell it is 0.
+    """
+    if "QueryProjectID" in getattr(board, "unanswered", ()):
+        return 0
 
     async def read() -> int:
         return (await board.request(QueryProjectIDRequest())).project_id

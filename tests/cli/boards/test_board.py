@@ -309,7 +309,10 @@ def test_another_board_is_stopped_and_read_with_a_warning_and_not_moved(
 def test_a_board_without_project_ids_is_not_asked_for_an_unfinished_import(robot: Robot, say: type) -> None:
     robot.board = VirtualBoard(3, kind=BoardKind(unsupported=("QueryProjectID",)))
     say("use rex virtual:// --yes")
-    assert say("-b rex servos --timeout 0.5").code != 0
+    assert say("-b rex servos --timeout 0.5").code == 0
+    said = say("-b rex info --timeout 0.5")
+    assert (said.code, said.err) == (0, "left out, as the board does not answer: QueryProjectID\n")
+    assert "project id" not in said.out
     say("board set rex --unsupported QueryProjectID")
     assert say("-b rex servos --timeout 0.5").code == 0
 
