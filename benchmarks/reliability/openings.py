@@ -97,10 +97,10 @@ def walk(case: OpeningCase) -> tuple[int, list[str]]:
     """Return the number of states of a case, and what went wrong in them."""
     before = {name: getattr(handshake, name) for name in _LENGTHS}
     try:
-        vars(handshake).update(_LENGTHS)
+        handshake.__dict__.update(_LENGTHS)
         return _walk(case)
     finally:
-        vars(handshake).update(before)
+        handshake.__dict__.update(before)
 
 
 def _walk(case: OpeningCase) -> tuple[int, list[str]]:
