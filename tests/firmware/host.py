@@ -79,6 +79,8 @@ class HostBoard:
         self._hardware = functions.hardware_new(None)
         self.fields = self._hardware.contents
         self.fields.now = now
+        self._buffer = ctypes.create_string_buffer(1 << 17)
+        self._view = memoryview(self._buffer)
         functions.hardware_start(self._hardware)
 
     def copy(self) -> HostBoard:
@@ -119,11 +121,10 @@ class HostBoard:
         """Give the board bytes of the host."""
         self._functions.hardware_receive(self._hardware, data, len(data))
 
-    def transmit(self, size: int = 1 << 16) -> bytes:
-        """Return bytes for the host."""
-        buffer = ctypes.create_string_buffer(size)
-        size = self._functions.hardware_transmit(self._hardware, buffer, size)
-        return bytes(memoryview(buffer)[:size])
+    def transmit(self) -> bytes:
+        """Return bytes for the host, up to the size of the ring in the board."""
+        size = self._functions.hardware_transmit(self._hardware, self._buffer, len(self._buffer))
+        return bytes(self._view[:size])
 
     def ask(self, frame: bytes, seconds: float = 0.2) -> bytes:
         """Return what the board transmits within some time after a request, which ends early with the response."""
