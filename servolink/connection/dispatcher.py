@@ -123,7 +123,6 @@ class ResponseDispatcher:
         self._patience = patience
         self._now = now
         self._heard_at = 0.0  # when the latest bytes came
-        self._is_first = True  # whether no response in them was timed
         self._restarted_at = 0.0  # from when the time of the oldest slot counts
         self._arrival: _Arrival | None = None  # since then
         self._silence = Silence()
@@ -142,7 +141,6 @@ class ResponseDispatcher:
         if self.taps.members:
             self.taps.received(chunk)
         self._heard_at = self._now()
-        self._is_first = True
         self._load = None
         if self._lifecycle.state is not _READY:
             self._keep_evidence(chunk)
@@ -322,10 +320,9 @@ class ResponseDispatcher:
         if call is not None and call.response is not None:
             self.times.late()  # the call had a response already
         elif not slot.overdue:  # a response to an overdue slot may belong to another sending
-            if self._is_first:  # of several in one chunk, only the time of the first one is known
-                self._is_first = False
-                begun = free_at if free_at > slot.sent_at else slot.sent_at
-                self.times.record(slot.request.packet_id, self._heard_at - begun)
+            seconds = self._heard_at - (free_at if free_at > slot.sent_at else slot.sent_at)
+            if seconds > 0.0:  # else it came in one chunk with another one, and its time is not known
+                self.times.record(slot.request.packet_id, seconds)
         elif call is None or call.is_over:
             self.times.late()
         if load is not None and not slot.is_fence:
