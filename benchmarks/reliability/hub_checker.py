@@ -146,7 +146,7 @@ class HubChecker:
         if isinstance(packet, MOTION):
             self.counts["motion executed"] += 1
             self._check_unit(packet, asked)
-        if packet.repeatable or packet == STOP:
+        if packet.repeatable or packet == STOP or self._is_single_stop(packet):
             return number
         if not asked:
             self.fault(f"{packet} was executed and asked for by nobody")
@@ -154,6 +154,12 @@ class HubChecker:
             self.counts["executed twice"] += 1
             self.fault(f"{packet} was executed {self._executed[packet]} times and asked for {len(asked)} times")
         return number
+
+    def _is_single_stop(self, packet: Packet) -> bool:
+        """Return whether a stop goes to one servo too, as a board may ignore the id of all servos."""
+        if not self._stop_asked or not isinstance(packet, SetServoParameterRequest):
+            return False
+        return (packet.is_start, packet.is_hold) == (STOP.is_start, STOP.is_hold)
 
     def false_frame(self, packet: Packet | None) -> None:
         """Note that the hub believed a response that no board gave."""
