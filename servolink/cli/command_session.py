@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import asyncio
 import sys
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
-from servolink.cli.command import Run
+from servolink.cli.command import Run, flag
 from servolink.cli.screen.output import Table, console, fail, lost_output, print_error, show_table
 from servolink.cli.screen.terminal import can_ask, confirm, end_process
 from servolink.cli.usage import usage_error
@@ -37,6 +37,8 @@ UNFINISHED_IMPORT = (
     "this board holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes it"
 )
 WOKEN = "the board was in transmission mode 0, and is in mode 1 now; `servolink board mode 0` puts it back"
+KEEP_MODE = flag("--keep-mode", "leave the board in transmission mode 0 if it was in mode 0")
+"""Option of commands that only read."""
 UNTOUCHED = "nothing was changed on the board"
 ENDLESS = "Ctrl-C ends it with exit code 0. If an option sets the end, Ctrl-C before that ends it with 130."
 """Help of commands that run until Ctrl-C; such commands set `Interruption.code` accordingly."""
@@ -121,6 +123,9 @@ def run_with_board(
     """
     from servolink.client.connect import connect
 
+    keeps_mode: bool = getattr(args, "keep_mode", False)
+    if keeps_mode:
+        options["transmission_mode"] = "auto"  # in mode 0 a board is silent
     try:
         connection = connect(
             choose_board(args),
@@ -136,17 +141,34 @@ def run_with_board(
         async with connection as board:
             try:
                 with interruption.watched():
-                    if getattr(board.connection, "woke", False):
-                        print_error(WOKEN)
-                    if greet and await _has_unfinished_import(board):
-                        print_error(UNFINISHED_IMPORT)
-                    return await talk(board, interruption)
+                    async with _mode_restored(board, keeps_mode=keeps_mode):
+                        if greet and await _has_unfinished_import(board):
+                            print_error(UNFINISHED_IMPORT)
+                        return await talk(board, interruption)
             except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
                 if board.stats.frames_received:
                     raise
                 return fail(error, NO_BOARD, as_json=args.json)
 
     return run_interruptible(main, state)
+
+
+@asynccontextmanager
+async def _mode_restored(board: Board, *, keeps_mode: bool) -> AsyncIterator[None]:
+    """Put a board that was in transmission mode 0 back at the end with `keeps_mode`, else say that it is not."""
+    if not getattr(board.connection, "woke", False):
+        yield
+        return
+    if not keeps_mode:
+        print_error(WOKEN)
+    try:
+        yield
+    finally:
+        if keeps_mode:
+            try:
+                await board.set_transmission_mode(0)
+            except ServolinkError:
+                print_error(WOKEN)
 
 
 async def _has_unfinished_import(board: Board) -> bool:

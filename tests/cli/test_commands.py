@@ -83,9 +83,11 @@ def test_info(board: Board) -> None:
         "actions": 1,
         "macros": 1,
         "joystick_tables": 1,
+        "transmission_mode": {"found": 1, "set": None},
         "active_joystick_table": 3,
         "angle_unit": "degree",
         "round_trip_seconds": None,
+        "unanswered": [],
     }
     assert 0 < described["memory"]["size_bytes"] < described["memory"]["total_size_bytes"]
     assert 0 < described["battery_percent"] <= 100

@@ -13,7 +13,11 @@ from pathlib import Path
 import pytest
 
 from docs.odd_boards import PAGE, with_table
+from servolink.cli.command_session import WOKEN
+from servolink.virtual.odd.board import OddBoard
 from servolink.virtual.odd.kinds import KINDS
+from servolink.virtual.odd.lines import OldMode
+from servolink.virtual.odd.wire import Values
 from tests.sampling import sampled
 from tests.zoo.table import COMMANDS, TABLE, USUAL
 from tests.zoo.trials import Zoo
@@ -38,6 +42,11 @@ def _zoo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest
         return zoo
 
     return make
+
+
+def _stay_in_mode_1(board: OddBoard, values: Values) -> Values:
+    board.mode = 1
+    return {"result": 1}
 
 
 def check(found: Mapping[str, str], expected: Mapping[str, str]) -> None:
@@ -110,6 +119,40 @@ def test_the_unit_of_memory_is_unknown_until_it_is_learnt(kind: str, unit: int |
     assert board.learnt().get("memory_unit") == unit
     shown = board.on_board("board", "memory").out
     assert shown.endswith("in a unit not learnt so far\n" if unit is None else "65,536, bytes\n")
+
+
+@pytest.mark.parametrize("command", ["servos", "info", "actions", "board battery", "board memory"])
+def test_a_board_in_the_old_mode_is_put_back_on_request(command: str, zoo: MakeZoo) -> None:
+    board = zoo("old")
+    said = board.on_board(*command.split(), "--keep-mode")
+    assert (said.code, said.err, board.board.mode) == (0, "", 0)
+    said = board.on_board(*command.split())
+    assert (said.code, said.err, board.board.mode) == (0, f"{WOKEN}\n", 1)
+    said = board.on_board(*command.split())
+    assert (said.code, said.err, board.board.mode) == (0, "", 1)
+
+
+def test_info_shows_the_mode_found_and_set(zoo: MakeZoo) -> None:
+    board = zoo("old")
+    assert "0, and 1 during this command" in board.on_board("info", "--keep-mode").out
+    assert board.on_board("info", "--keep-mode", "--json").json["transmission_mode"] == {"found": 0, "set": 1}
+    assert "1, set by this command; 0 before" in board.on_board("info").out
+    assert board.on_board("info", "--json").json["transmission_mode"] == {"found": 1, "set": None}
+    assert "1, set at each opening" in board("--board", "virtual://zoo?transmission_mode=1", "info").out
+
+
+def test_a_learnt_mode_setting_does_not_hinder_putting_a_board_back(zoo: MakeZoo) -> None:
+    board = zoo("old-at-opening")
+    assert board.learn().code == 0
+    said = board.on_board("servos", "--keep-mode")
+    assert (said.code, said.err, board.board.mode) == (0, "", 0)
+
+
+def test_a_board_that_does_not_go_back_is_named(zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(OldMode, "set_mode", _stay_in_mode_1)
+    board = zoo("old")
+    said = board.on_board("servos", "--keep-mode")
+    assert (said.code, said.err, board.board.mode) == (0, f"{WOKEN}\n", 1)
 
 
 def test_a_board_that_reports_the_commanded_angle_is_learnt(zoo: MakeZoo) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import Command, flag, option
 from servolink.cli.command_session import (
+    KEEP_MODE,
     UNFINISHED_IMPORT,
     UNTOUCHED,
     Interruption,
@@ -89,7 +90,12 @@ async def run_mode(args: argparse.Namespace, board: Board, interruption: Interru
     return OK
 
 
-@Command("board memory", help="show how much memory is free", examples=("board memory", "board memory --json"))
+@Command(
+    "board memory",
+    help="show how much memory is free",
+    examples=("board memory", "board memory --json"),
+    options=(KEEP_MODE,),
+)
 @on_board(state=UNTOUCHED)
 async def run_memory(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the memory."""
@@ -110,7 +116,12 @@ def memory_text(board: Board, memory: QueryMemorySizeResponse) -> str:
     return f"{memory.size:,} free{total}, {'bytes' if unit else 'in a unit not learnt so far'}"
 
 
-@Command("board battery", help="show the charge of the battery", examples=("board battery", "board battery --json"))
+@Command(
+    "board battery",
+    help="show the charge of the battery",
+    examples=("board battery", "board battery --json"),
+    options=(KEEP_MODE,),
+)
 @on_board(state=UNTOUCHED)
 async def run_battery(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print the charge."""

@@ -13,6 +13,7 @@ from servolink.cli.arguments import timeout
 from servolink.cli.boards.board_settings import battery_text, memory_text
 from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
 from servolink.cli.command_session import (
+    KEEP_MODE,
     Interruption,
     agreed,
     interruptible,
@@ -247,6 +248,7 @@ def _named(name: str, alias: Alias) -> dict[str, str]:
     STORED,
     help="show project id, memory, battery and what is stored on the board",
     examples=("info", "info --json", "info --timeout 10"),
+    options=(KEEP_MODE,),
 )
 @on_board()
 async def run_info(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
@@ -276,6 +278,7 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
         "actions": count(await ask("QueryActionList", board.actions)),
         "macros": count(await ask("QueryMacroList", board.macros)),
         "joystick_tables": count(await ask("QueryJoystickTableList", board.joystick_tables)),
+        "transmission_mode": {"found": _mode_found(board), "set": getattr(board.connection, "mode_answered", None)},
         "active_joystick_table": await ask("QueryActiveJoystickTable", board.active_joystick_table),
         "angle_unit": board.unit_of(ALL_SERVOS),
         "round_trip_seconds": board.stats.round_trip(50),
@@ -287,11 +290,27 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
         print_json(described)
     else:
         battery = None if "QueryRemainPower" in missing else battery_text(charge)
-        print_table(_facts(described, None if memory is None else memory_text(board, memory), battery))
+        mode = _mode_text(_mode_found(board), kept=args.keep_mode)
+        print_table(_facts(described, None if memory is None else memory_text(board, memory), battery, mode))
     return OK
 
 
-def _facts(described: dict[str, object], memory: str | None, battery: str | None) -> Table:
+def _mode_found(board: Board) -> int | None:
+    """Return the transmission mode before this command; None if the board was not asked before mode 1 was set."""
+    if getattr(board.connection, "woke", False):
+        return 0
+    return 1 if getattr(board.connection, "mode_answered", None) is None else None
+
+
+def _mode_text(found: int | None, *, kept: bool) -> str:
+    if found is None:
+        return "1, set at each opening"
+    if found:
+        return "1"
+    return "0, and 1 during this command" if kept else "1, set by this command; 0 before"
+
+
+def _facts(described: dict[str, object], memory: str | None, battery: str | None, mode: str) -> Table:
     """Return the table of `servolink info`, a row for each fact that the board reports."""
     active, round_trip = described["active_joystick_table"], described["round_trip_seconds"]
     project_id, tables = described["project_id"], described["joystick_tables"]
@@ -305,6 +324,7 @@ def _facts(described: dict[str, object], memory: str | None, battery: str | None
         ("actions", described["actions"]),
         ("macros", described["macros"]),
         ("joystick tables", None if tables is None else f"{tables}, active: {'none' if active is None else active}"),
+        ("transmission mode", mode),
         ("angle unit", f"{described['angle_unit']}, which servolink sets before it reads or moves servos"),
         ("round trip", f"{round_trip * 1000:.1f} ms" if isinstance(round_trip, float) else "unknown"),
     ]

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import MOVE, Command, flag
-from servolink.cli.command_session import Interruption, is_answered, run_with_board
+from servolink.cli.command_session import KEEP_MODE, Interruption, is_answered, run_with_board
 from servolink.cli.screen.output import Table, print_error, print_json, print_table
 from servolink.errors import NotFound, Rejected, RequestTimeout
 from servolink.motion.angles import Angle
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     MOVE,
     help="show angle, current and temperature of each servo",
     examples=("servos", "servos --adc", "servos --json"),
-    options=(flag("--adc", "angles as raw ADC readings instead of degrees"),),
+    options=(flag("--adc", "angles as raw ADC readings instead of degrees"), KEEP_MODE),
 )
 def run(args: argparse.Namespace) -> int:
     """Print the servos."""

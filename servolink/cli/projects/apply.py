@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, option
-from servolink.cli.command_session import UNTOUCHED, Interruption, refuse_without_answer, run_with_board
+from servolink.cli.command_session import KEEP_MODE, UNTOUCHED, Interruption, refuse_without_answer, run_with_board
 from servolink.cli.projects.export import backup_named
 from servolink.cli.screen.live import PHASES, shown_progress
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
@@ -38,6 +38,7 @@ _NAMED = 5  # records that the question names
     options=(
         option("file", "FILE", "a project file", file_path),
         flag("--replace", "as for `servolink apply --replace`"),
+        KEEP_MODE,
     ),
 )
 def run_plan(args: argparse.Namespace) -> int:

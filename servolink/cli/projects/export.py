@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from servolink.cli.arguments import new_file
 from servolink.cli.command import PROJECTS, Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_with_board
+from servolink.cli.command_session import KEEP_MODE, Interruption, agreed, refuse_unasked, run_with_board
 from servolink.cli.screen.live import shown_progress
 from servolink.cli.screen.output import Table, counted, print_error, print_json, print_result, print_table, print_text
 from servolink.client.board import Board
@@ -31,6 +31,7 @@ from servolink.script import FAILED, OK
     options=(
         option("file", "FILE", "such as robot.servolink.json", new_file),
         flag("--yes", "replace a project file without asking"),
+        KEEP_MODE,
     ),
 )
 def run_export(args: argparse.Namespace) -> int:

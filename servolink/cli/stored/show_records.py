@@ -7,7 +7,7 @@ from typing import Any
 
 from servolink.cli.arguments import RECORD_NAME
 from servolink.cli.command import STORED, Command, option
-from servolink.cli.command_session import Interruption, run_with_board
+from servolink.cli.command_session import KEEP_MODE, Interruption, run_with_board
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.stored import NOUNS, a
 from servolink.cli.stored.record_tables import record_table
@@ -47,13 +47,14 @@ COMMANDS = tuple(
             STORED,
             help=f"list the {several} stored on the board, or show one",
             examples=(f"{noun}s", f"{noun}s 1"),
-            options=(_ANY_NAME,),
+            options=(_ANY_NAME, KEEP_MODE),
             needs_records=True,
         ),
         Command(
             f"{noun} list",
             help=f"list the {several} stored on the board",
             examples=(f"{noun} list",),
+            options=(KEEP_MODE,),
             defaults={"record": None},
             needs_records=True,
         ),
@@ -61,7 +62,7 @@ COMMANDS = tuple(
             f"{noun} show",
             help=f"show {a(noun)} in full",
             examples=(f"{noun} show 1", f"{noun} show 1 --json"),
-            options=(NAME,),
+            options=(NAME, KEEP_MODE),
             needs_records=True,
         ),
     )
