@@ -56,6 +56,8 @@ class _Fields(ctypes.Structure):
         ("millivolts", ctypes.c_uint32),
         ("periods", ctypes.c_uint32),
         ("erases", ctypes.c_uint32 * (FLASH // 4096)),
+        ("offset", ctypes.c_uint32),
+        ("size", ctypes.c_uint32),
     )
 
 
@@ -98,6 +100,11 @@ class HostBoard:
     def pulses(self) -> list[float]:
         """Widths of the pulses in microseconds, 0 for released servos."""
         return [width / 1000 for width in self.fields.pulses]
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether flash is being erased or programmed."""
+        return self.fields.size > 0
 
     def tick(self, now: int | None = None) -> None:
         """Let the board do what is due, at the time `now`."""

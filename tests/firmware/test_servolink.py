@@ -9,53 +9,20 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import servolink
 from servolink.client.board import Board
 from servolink.client.connect import connect
-from servolink.errors import ServolinkError
 from tests import processes
 from tests.firmware.conversations import PACKETS, content, frame
 from tests.firmware.host import FIRMWARE, HARDWARE, HostBoard, HostTransport, compile_program, needs_compiler
-from tests.project.pulled import NEW, OLD
-from tests.sampling import every
-from tests.virtual_time import run
+from tests.project.pulled import OLD
 
 pytestmark = needs_compiler
 
 DEMO = Path(servolink.__file__).parent / "studio/demo.servolink.json"
-
-
-async def _apply_with_a_power_cut(host: HostBoard, folder: Path, left: int, random_bits: int) -> None:
-    def lose_power(_: object) -> None:
-        nonlocal left
-        left -= 1
-        if left == 0:
-            host.cut_power(random_bits)
-            raise ConnectionAbortedError
-
-    async with connect(HostTransport(host)) as board:
-        await board.apply_project(OLD, folder=folder)
-    try:
-        async with connect(HostTransport(host)) as board:
-            await board.apply_project(NEW, folder=folder, on_progress=lose_power)
-    except (ServolinkError, ConnectionAbortedError):
-        assert left <= 0
-    async with connect(HostTransport(host)) as board:
-        await board.apply_project(NEW, folder=folder)
-        assert await board.export_project() == NEW
-
-
-@every(15)
-def test_apply_again_ends_an_apply_that_lost_power(functions: Any, tmp_path: Path, step: int) -> None:
-    draw = random.Random(3)
-    for number in range(0, 90, step):
-        host = HostBoard(functions)
-        run(_apply_with_a_power_cut(host, tmp_path / str(number), 1 + number % 45, draw.randrange(2**32)))
-        host.close()
 
 
 async def _movements(board: Board, host: HostBoard) -> None:
