@@ -104,7 +104,7 @@ class HostBoard:
     @property
     def is_busy(self) -> bool:
         """Whether flash is being erased or programmed."""
-        return self.fields.size > 0
+        return bool(self.fields.size)
 
     def tick(self, now: int | None = None) -> None:
         """Let the board do what is due, at the time `now`."""
