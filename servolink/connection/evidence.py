@@ -33,6 +33,8 @@ class LineEvidence(Struct, frozen=True):
     """Frames with the right sum in the other byte order."""
     longer: int = 0
     """Packet id of a response with the right sum and more content than in the document; 0 without one."""
+    longer_frames: int = 0
+    """Number of such responses."""
     text: str = ""
     """Beginning of the text between frames; empty without text."""
     sent: int = 0
@@ -48,6 +50,11 @@ class LineEvidence(Struct, frozen=True):
     def answers_twice(self) -> bool:
         """Whether more responses came than an earlier program can have left."""
         return self.sent >= _LEAST_SENT and self.answered - self.sent >= max(_LEAST_REPEATED, self.sent // 4)
+
+    @property
+    def has_longer_contents(self) -> bool:
+        """Whether responses with more content than in the document are no accident of a bad line."""
+        return self.longer_frames > max(1, self.frames)
 
     @property
     def is_board(self) -> bool:
@@ -131,6 +138,7 @@ def evidence_in(data: bytes, byte_order: ByteOrder, *, received: int, sent: int,
         echoes=len(fitting) - len(responses),
         other_frames=sum(fits and issubclass(PACKETS[packet_id], Response) for packet_id, _, _, fits in other),
         longer=longer[0] if longer else 0,
+        longer_frames=len(longer),
         text=text_between(data, byte_order),
         sent=sent,
         answered=answered,

@@ -10,7 +10,7 @@ from random import Random
 from typing import Any, TypeAlias
 
 from servolink.connection.deadlines import BACKOFF, DeadlineTimer, ResponseTimes
-from servolink.connection.evidence import HandshakeFailed, evidence_in
+from servolink.connection.evidence import HandshakeFailed, LineEvidence, evidence_in
 from servolink.connection.explain import same
 from servolink.connection.fences import FENCES, LISTS, RESERVES, SERVO_LIST, name_of, names, queries_about
 from servolink.connection.handshake import LEAST_KINDS, MOST_SILENT, THIRD_LENGTH, Handshake
@@ -357,19 +357,21 @@ class Opening:
         sent, answered = self._sent.total(), self._answered.total()
         if self._heard_at is not None and (sent >= _MOST_SENDINGS or answered - sent >= _MOST_REPEATED):
             raise self._failure()
-        if now >= self._limit():
+        if now >= self._limit() or (now >= self._since + self._patience and self._evidence().has_longer_contents):
             raise self._failure()
 
-    def _failure(self) -> HandshakeFailed:
-        """Return the error of a board that is silent or answers too little, with what was received meanwhile."""
-        sent = self._sent.total()
-        evidence = evidence_in(
+    def _evidence(self) -> LineEvidence:
+        return evidence_in(
             bytes(self._sample),
             self._codec.byte_order,
             received=self._seen,
-            sent=sent,
+            sent=self._sent.total(),
             answered=self._answered.total(),
         )
-        effort = f"{sent} queries in {self._time() - self._begun:.1f} s"
+
+    def _failure(self) -> HandshakeFailed:
+        """Return the error of a board that is silent or answers too little, with what was received meanwhile."""
+        evidence = self._evidence()
+        effort = f"{evidence.sent} queries in {self._time() - self._begun:.1f} s"
         explain = evidence.explain_silence if self._heard_at is None else evidence.explain_too_little
         return HandshakeFailed(f"{escape(self._url)} {explain(effort)}", evidence)

@@ -13,6 +13,7 @@ from servolink.doctor.learn_queries import (
     Survey,
     byte_order_finding,
     depth_finding,
+    longer_findings,
     mode_findings,
     survey_board,
     turnaround_finding,
@@ -82,6 +83,7 @@ async def learn_by_asking(
         learnt = Learnt(contact, quality, survey)
         learnt.measured += [
             byte_order_finding(contact, quality),
+            *longer_findings(contact),
             *twice_findings(contact),
             *mode_findings(contact, quality, power_cycled=power_cycled),
             encoding_finding(listed_captions(survey)),

@@ -10,9 +10,11 @@ from types import TracebackType
 from typing import Self
 
 from servolink.errors import ConnectionLost, DecodeError, OpenError, Reason
+from servolink.profiles.profile import BoardSettings
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import Frame
 from servolink.protocol.joystick import ButtonEventResponse
+from servolink.protocol.lenient import LenientParser
 from servolink.protocol.packet import Packet, Request, Response
 from servolink.protocol.parser import FrameParser
 from servolink.transports.base import Receiver, Transport
@@ -37,6 +39,8 @@ class SharedTransport:
         self._receiver: Receiver | None = None
         self._is_open = False
         self._lost: ConnectionLost | None = None
+        self.settings = BoardSettings()
+        """Settings without which the board cannot be used, as far as they are known."""
 
     @property
     def url(self) -> str:
@@ -109,7 +113,7 @@ class TrialLine:
         """Number of bursts with missing responses that no later response has proven lost: they may be late."""
         self._responded_at = self.received_at  # latest byte of a frame: neither text nor a button event
         self._transport = transport
-        self._parser = FrameParser(codec.byte_order)
+        self._parser = (LenientParser if transport.settings.ignore_extra else FrameParser)(codec.byte_order)
         self._frames: list[Frame] = []
         self._received_frames: list[Frame] = []  # all frames since the latest burst began
         self._fences: list[Request[Response]] = []  # sent after the latest burst

@@ -16,7 +16,7 @@ from servolink.doctor.contact import connect_in_any_order
 from servolink.doctor.learn_line import TRIES, Quality, SharedTransport, TrialLine
 from servolink.doctor.line_quality import measure
 from servolink.errors import OpenError
-from servolink.profiles.profile import Confidence, Measured
+from servolink.profiles.profile import BoardSettings, Confidence, Measured
 from servolink.protocol.editing import QueryServoParameterRequest
 from servolink.protocol.frame import OVERHEAD, ByteOrder, Frame
 from servolink.protocol.layout import content_size
@@ -56,15 +56,25 @@ class Contact:
     """Further queries, asked one at a time."""
     repeated: int = 0
     """How many of them were answered twice."""
+    longer: int = 0
+    """Packet id of a response with more content than in the document; 0 without one."""
 
 
 async def make_contact(transport: SharedTransport, patience: float | None = None) -> Contact:
     """Open the board as `servolink doctor` does, and ask it a few queries. Raise OpenError without an answer.
 
-    The search may take several seconds; `patience` is the time to wait for each response.
+    The search may take several seconds; `patience` is the time to wait for each response. `transport.settings` are
+    complete afterwards.
     """
+    longer = 0
     try:
-        connection = await connect_in_any_order(transport, patience=patience or PATIENCE)
+        try:
+            connection = await connect_in_any_order(transport, patience=patience or PATIENCE)
+        except HandshakeFailed as error:
+            if not (longer := error.evidence.longer):
+                raise
+            order = error.evidence.byte_order
+            connection = await connect_in_any_order(transport, order, patience=patience or PATIENCE, ignore_extra=True)
     except HandshakeFailed as error:
         if error.evidence.answered or error.evidence.longer:
             raise
@@ -75,9 +85,23 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
         line = await measure(connection, patience)
         mode, silent_queries = (0, _SILENT_QUERIES) if connection.woke else (1, 0)
         query = connection.answered[0]
-        return Contact(connection.codec.byte_order, query, mode, silent_queries, line.requests, line.repeated)
+        contact = Contact(
+            connection.codec.byte_order, query, mode, silent_queries, line.requests, line.repeated, longer
+        )
     finally:
         await connection.close()
+    transport.settings = BoardSettings(
+        answers_twice=bool(twice_findings(contact)), ignore_extra=bool(longer_findings(contact))
+    )
+    return contact
+
+
+def longer_findings(contact: Contact) -> list[Measured]:
+    """Return that responses have more content than in the document, if they have."""
+    if not contact.longer:
+        return []
+    text = f"packet {contact.longer} has more content than in the document; the rest is ignored"
+    return [Measured("ignore_extra", value=True, confidence="certain", evidence=text)]
 
 
 def twice_findings(contact: Contact) -> list[Measured]:

@@ -14,6 +14,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import OutcomeUnknown, ProjectError
+from servolink.profiles.profile import BoardProfile
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal, JournalPhase, journal_of
@@ -82,6 +83,7 @@ async def connected(transport: SharedTransport, codec: Codec, patience: float | 
         caption_encoding=codec.caption_encoding,
         patience=patience,
         depth=1,
+        profile=BoardProfile(settings=transport.settings),
     ) as board:
         yield board
 

@@ -124,7 +124,7 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
                 del table[name]
             else:
                 table[name] = _UNKNOWN
-        elif value is not None and not (name in table and _is_same(table[name].unwrap(), value)):
+        elif value is not None and not (name in table and _is_same(table[name], value)):
             item = parse_value(toml_value(name, value))
             if name in table or not hasattr(
                 table, "append"
@@ -134,7 +134,8 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
                 _add(table, name, item)
 
 
-def _is_same(found: object, value: object) -> bool:
+def _is_same(item: Any, value: object) -> bool:
+    found = item if isinstance(item, bool) else item.unwrap()  # tomlkit returns flags as they are
     return found == (list(value) if isinstance(value, tuple) else value) and isinstance(found, bool) == isinstance(
         value, bool
     )

@@ -141,6 +141,12 @@ def test_the_same_profile_changes_nothing() -> None:
     assert path.read_bytes() == text + b"\n"
 
 
+@pytest.mark.parametrize("flag", [True, False])
+def test_a_flag_is_left_or_changed(flag: bool) -> None:
+    text = "ignore_extra = true # by the makers\n"
+    assert changed_toml(text, {"ignore_extra": flag}) == text.replace("true", str(flag).lower())
+
+
 def test_a_file_that_cannot_be_changed_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     path = save_profile("rex", BoardProfile())
     text = path.read_bytes()

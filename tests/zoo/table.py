@@ -70,7 +70,7 @@ TABLE: dict[str, Row] = {
     "twice-2": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
     "twice-10": Row(("answers twice",), _TWICE, None, {}),
     "bad-sum": Row(("noise",)),
-    "padded": Row(("contents",), _LONGER, all_refuse(_LONGER)),
+    "padded": Row(("contents",), {"ignore_extra": True}, all_refuse(_LONGER), {}),
     "flooding": Row(),
     "silent": Row(("no response",), _NOT_FOUND, all_refuse(_SILENT)),
     "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),

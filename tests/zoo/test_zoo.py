@@ -83,6 +83,29 @@ def test_a_device_that_is_not_a_board_is_refused_soon(kind: str, command: str, z
     assert board.seconds < REFUSED_WITHIN
 
 
+@pytest.mark.parametrize("command", ["doctor", "servos"])
+def test_a_board_with_longer_contents_is_refused_soon_with_the_remedy(command: str, zoo: MakeZoo) -> None:
+    board = zoo("padded")
+    said = board(command, *(("rex",) if command == "doctor" else ("--board", "rex")))
+    assert said.code
+    assert "more content than the document says" in said.out + said.err
+    assert "ignore_extra=yes" in said.out + said.err
+    assert board.seconds < REFUSED_WITHIN
+
+
+@pytest.mark.parametrize(
+    ("kind", "setting"), [("padded", "ignore_extra"), ("twice", "answers_twice"), ("twice-10", "answers_twice")]
+)
+def test_a_board_is_written_to_with_the_settings_that_it_needs(kind: str, setting: str, zoo: MakeZoo) -> None:
+    board = zoo(kind)
+    before = dict(board.board.records[30010])
+    said = board("doctor", "rex", "--learn", "--write", "--yes")
+    assert (said.code, said.err) == (0, "")
+    assert board.learnt()[setting] is True
+    assert board.learnt()["project_id_bits"] == 32
+    assert board.board.records[30010] == before
+
+
 def test_each_servo_is_stopped_on_a_board_that_ignores_requests_for_all(zoo: MakeZoo) -> None:
     board = zoo("no-all")
     said = board.on_board("stop")
