@@ -6,6 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from servolink.client.session import Session
+from servolink.connection.options import HUB_MARGIN
 from servolink.errors import RequestTimeout, ServolinkError
 from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoRequest, ServoState
 
@@ -36,9 +37,12 @@ class AllServos:
         return await self._list(**options) if self.is_separate else (ALL_SERVOS,)
 
     async def finds_separate(self) -> bool:
-        """Return whether the board answers for single servos only, after a request for all was not answered."""
+        """Return whether the board answers for single servos only, after a request for all was not answered.
+
+        Within the time that a program behind a hub waits longer than the hub, which may be the caller.
+        """
         with suppress(ServolinkError):
-            await self.states()
+            await self.states(timeout=HUB_MARGIN / 2)
         return self.is_separate
 
     async def states(self, **options: Any) -> tuple[ServoState, ...]:

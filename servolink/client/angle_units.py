@@ -56,7 +56,7 @@ class AngleUnits:
         async with self._setting:
             if servo_id != ALL_SERVOS:
                 await self._set_first()  # or a later command would set all servos over this one
-            await self._set(unit_request(servo_id, unit))
+            await self._set_checked(unit_request(servo_id, unit))
 
     async def ensure(self) -> None:
         """Wait until units are known: for a change under way, and for the first one of this session."""
@@ -68,22 +68,34 @@ class AngleUnits:
     async def _set_first(self) -> None:
         """Set the unit of all servos unless it is known to be set. The caller holds the lock."""
         if not self._is_set and self._chosen is not None:
-            await self._set(unit_request(ALL_SERVOS, self._chosen))
+            await self._set_checked(unit_request(ALL_SERVOS, self._chosen))
 
-    async def _set(self, request: SetAngleUnitRequest) -> None:
-        """Set a unit: for each servo if the board ignores the request for all. The caller holds the lock."""
+    async def _set_checked(self, request: SetAngleUnitRequest) -> None:
+        _check_response(request, await self._set(request))
+
+    async def answer_to(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
+        """Set a unit as `set` does, and return the response, whatever it says."""
+        async with self._setting:
+            return await self._set(request)
+
+    async def _set(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
+        """Set a unit: for each servo if the board ignores the request for all. The caller holds the lock.
+
+        Return the response; the refusal of a single servo if there is one.
+        """
         if request.servo_id != ALL_SERVOS or not self._all.is_separate:
             try:
-                _check_response(request, await self._sent(request))
+                return await self._sent(request, unchecked=True)
             except OutcomeUnknown:
                 if request.servo_id != ALL_SERVOS or not await self._all.finds_separate():
                     raise
-            else:
-                return
         for servo_id in await self._all.ids():
             single = SetAngleUnitRequest(servo_id, request.unit_type)
-            _check_response(single, await self._sent(single))
+            response = await self._sent(single, unchecked=True)
+            if not is_accepted(single, response):
+                return response
         self.current.set(request)
+        return SetAngleUnitResponse(ALL_SERVOS, request.unit_type)
 
     async def request(
         self, packet: SetAngleUnitRequest, *, timeout: float | None = None, unchecked: bool = False

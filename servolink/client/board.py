@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Iterable, Mapping
+from collections.abc import AsyncGenerator, Iterable
 from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
@@ -53,7 +53,6 @@ if TYPE_CHECKING:  # imported at first use: few programs use most of these modul
     from servolink.client.servo_readings import ServoReadings, ServoWatch
     from servolink.client.servo_stream import ServoStream
     from servolink.client.stored_runs import StoredRuns
-    from servolink.motion.set_points import SetPoints
     from servolink.profiles.profile import ProfileInUse
     from servolink.project.model import Project
 
@@ -691,9 +690,9 @@ class Board:
         return await self._projects.has_unfinished_import(folder)
 
 
-async def send_set_points(board: Board, targets: Mapping[int, float], points: SetPoints, ticket: Ticket) -> None:
-    """Send a movement toward the set-points of a stream, shortened by `points` to its limits."""
-    await board._servos.stream(targets, points, ticket)  # noqa: SLF001 - for the hub, which sends what programs stream
+def servos_of(board: Board) -> ServoController:
+    """Return the controller of the servos of `board`."""
+    return board._servos  # noqa: SLF001 - for the hub, which sends for programs what no method of `Board` does
 
 
 def with_ticket(board: Board, ticket: Ticket) -> Board:

@@ -7,6 +7,7 @@ from collections.abc import AsyncGenerator, Iterable, Mapping
 from contextlib import suppress
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from servolink.client.all_servos import AllServos
 from servolink.client.angle_units import AngleUnits
@@ -110,8 +111,8 @@ class ServoController:
 
         An interval of 1 (3.2.5) stands for `interval_unit` seconds.
         """
-        self._all = AllServos(session)
-        self.units = AngleUnits(session, self._all, angle_unit)
+        self.all = AllServos(session)
+        self.units = AngleUnits(session, self.all, angle_unit)
         self.soft_start = SoftStart(session, limits)
         self._session = session
         self._limits = limits
@@ -140,26 +141,35 @@ class ServoController:
         is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
         ticket = ticket or self._session.ticket()
         servo_id = await id_of_servo(self._session, which)
-        servo_ids = await self._all.ids() if servo_id == ALL_SERVOS else (servo_id,)
-        try:
-            for each in servo_ids:
-                await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)
-        except OutcomeUnknown:
-            if is_start or servo_ids != (ALL_SERVOS,) or not await self._all.finds_separate():
-                raise
-            for each in self._all.separate_ids:
-                await self._set_flags(SetServoParameterRequest(each, is_start, is_hold), ticket)
-
-    async def _set_flags(self, request: SetServoParameterRequest, ticket: Ticket) -> None:
-        """Send `request`. Raise Rejected if the board reports another servo or state."""
-        response = await self.request(request, ticket=ticket)
-        expected = request.servo_id, request.is_start, request.is_hold
-        if (response.servo_id, response.is_start, response.is_hold) != expected:
+        request = SetServoParameterRequest(servo_id, is_start, is_hold)
+        response = await self.answer_to(request, ticket=ticket)
+        if response != SetServoParameterResponse(servo_id, is_start, is_hold):
             raise Rejected(
-                f"servo {request.servo_id} was asked for start {request.is_start}, hold {request.is_hold}; the board "
+                f"servo {servo_id} was asked for start {is_start}, hold {is_hold}; the board "
                 f"answered servo {response.servo_id}, start {response.is_start}, hold {response.is_hold}",
                 request,
             )
+
+    async def answer_to(
+        self, request: SetServoParameterRequest, *, ticket: Ticket | None = None, unchecked: bool = False
+    ) -> SetServoParameterResponse:
+        """Set a servo, or each servo if the board ignores the request for all, and return the response.
+
+        For each servo, the first response that refuses is returned, and no further servo is set.
+        """
+        if request.servo_id != ALL_SERVOS or not self.all.is_separate:
+            try:
+                return await self.request(request, ticket=ticket, unchecked=unchecked)
+            except OutcomeUnknown:
+                if request.is_start or request.servo_id != ALL_SERVOS or not await self.all.finds_separate():
+                    raise
+        accepted = SetServoParameterResponse(ALL_SERVOS, request.is_start, request.is_hold)
+        for servo_id in await self.all.ids():
+            single = SetServoParameterRequest(servo_id, request.is_start, request.is_hold)
+            response = await self.request(single, ticket=ticket, unchecked=unchecked)
+            if response != replace(accepted, servo_id=servo_id):
+                return response
+        return accepted
 
     async def request(
         self,
@@ -308,21 +318,21 @@ class ServoController:
             connection = self._session.connection
             # Not a normal request: nothing is waited for, and the response looks like that of an earlier
             # `set_servo`. So the state of the servos is what counts.
-            for servo_id in (ALL_SERVOS, *self._all.separate_ids):
+            for servo_id in (ALL_SERVOS, *self.all.separate_ids):
                 await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
             if connection.hub is not None and connection.is_suspended:
                 await connection.hub.stop()  # the hub reads the servos: no other program may now
                 return
             try:
                 await connection.shake_hands()  # if put off, so that the stop goes first
-                states = await self._all.states(timeout=connection.patience / _STOP_TRIES, first=True)
+                states = await self.all.states(timeout=connection.patience / _STOP_TRIES, first=True)
             except (RequestTimeout, DecodeError) as error:
                 doubt = str(error)
                 continue
             except TransportError as error:
                 raise ConnectionLost(f"a stop was sent and could not be confirmed: {error}") from error
             moving = [state.servo_id for state in states if state.is_start or not state.is_hold]
-            silent = sorted({*self._all.separate_ids} - {state.servo_id for state in states})
+            silent = sorted({*self.all.separate_ids} - {state.servo_id for state in states})
             if states and not moving and not silent:
                 return
             doubt = f"servos {silent} do not report" if silent and states else "no servo reports"
@@ -337,7 +347,7 @@ class ServoController:
             connection = self._session.connection
             units_sent = connection.units_sent
             if servo_id == ALL_SERVOS:
-                states = await self._all.states()
+                states = await self.all.states()
             else:
                 states = (await connection.request(QueryServoRequest(servo_id))).servos
             # After a unit sent during the query, the unit of the response is unknown: read again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any, NamedTuple
 
-from servolink.client.board import Board, send_set_points, with_ticket
+from servolink.client.board import Board, servos_of, with_ticket
 from servolink.client.collect import collect
 from servolink.errors import (
     EncodeError,
@@ -23,7 +23,6 @@ from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.servos import (
-    ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
     QueryServoRequest,
@@ -60,6 +59,8 @@ class Motions:
         """
         board = self._board if ticket is None else with_ticket(self._board, ticket)
         try:
+            if isinstance(packet, SetServoParameterRequest):
+                return Outcome(await servos_of(board).answer_to(packet, ticket=ticket, unchecked=unchecked))
             if isinstance(packet, Request):
                 return Outcome(await board.request(packet, unchecked=unchecked))
             assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
@@ -76,7 +77,7 @@ class Motions:
         assert isinstance(packet, ExecuteActionRequest), packet  # noqa: S101 - narrows the type
         targets = {step.servo_id: step.degree for step in packet.steps}
         try:
-            await send_set_points(self._board, targets, points, ticket)
+            await servos_of(self._board).stream(targets, points, ticket)
         except (EncodeError, RequestError) as error:
             return Outcome(None, error)
         return Outcome(None)
@@ -113,7 +114,7 @@ class Motions:
         while count < _RESTING:
             await asyncio.sleep(_PAUSE)
             try:
-                states = (await self._board.connection.request(QueryServoRequest(ALL_SERVOS))).servos
+                states = await servos_of(self._board).all.states()
             except ServolinkError:
                 count = 0
                 continue

@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
-from servolink.client.board import Board
+from servolink.client.board import Board, servos_of
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.button_relay import ButtonRelay
@@ -26,8 +26,10 @@ from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDReque
 from servolink.protocol.joystick import SubscribeButtonEventRequest
 from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
 from servolink.protocol.servos import (
+    ALL_SERVOS,
     ExecuteActionRequest,
     QueryServoRequest,
+    QueryServoResponse,
     SetAngleUnitRequest,
     SetServoParameterRequest,
 )
@@ -81,8 +83,8 @@ class PacketSender:
             return False
         heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
         has_angles = isinstance(packet, QueryServoRequest)
-        if has_angles:
-            if not units.enter_at_once(packet, exchange.program.units):
+        if isinstance(packet, QueryServoRequest):
+            if self._is_for_each(packet) or not units.enter_at_once(packet, exchange.program.units):
                 return False
             heard = partial(self._heard_angles, heard)
         try:
@@ -181,12 +183,18 @@ class PacketSender:
                     return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
             case WriteProjectIDRequest():  # by which the board is recognised after a loss
                 return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
+            case QueryServoRequest() if self._is_for_each(packet):
+                return QueryServoResponse(await servos_of(self._board).all.states())
             case Request():
                 return await self._request(packet, unchecked=exchange.is_unchecked)
             case _:
                 assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
                 await self._board.connection.send(packet)
                 return None
+
+    def _is_for_each(self, packet: QueryServoRequest) -> bool:
+        """Return whether a query for all servos must be sent for each servo (see `AllServos.is_separate`)."""
+        return packet.servo_id == ALL_SERVOS and servos_of(self._board).all.is_separate
 
     async def _move(self, exchange: Exchange) -> Packet | None:
         """Send a motion, unless forbidden by a limit, or by a stop or another holder since the request."""

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 from msgspec import Struct
 
-from servolink.client.board import Board
+from servolink.client.board import Board, servos_of
 from servolink.control.notifications import ProblemNotice
 from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.escaping import escape
@@ -115,6 +115,8 @@ class Stops:
         except ServolinkError as error:
             self.begin_unwatched(f"{program.who} has let go")
             raise OutcomeUnknown(f"{error}; all servos are stopped instead") from error
+        if ALL_SERVOS in servo_ids:
+            servo_ids = servos_of(self._board).all.separate_ids or servo_ids
         # A board may turn a started servo to an old target: start only stopped servos (3.2.3).
         for servo_id in servo_ids:
             if self._sender.is_stopped or self._upstream.waiting.holder not in (None, program.queue):
@@ -231,11 +233,13 @@ async def _stop_each(board: Board, servo_ids: Iterable[int]) -> None:
     wanted = set(servo_ids)
     for servo_id in wanted:
         await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
-    query = QueryServoRequest(ALL_SERVOS)
-    states = (await connection.request(query, timeout=connection.patience / _TRIES, first=True)).servos
+    states = await servos_of(board).all.states(timeout=connection.patience / _TRIES, first=True)
     stopped = {state.servo_id for state in states if (state.is_start, state.is_hold) == (0, 1)}
     if missing := sorted(wanted - stopped):
-        raise OutcomeUnknown(f"servos {missing} were asked to stop, and do not report that they are stopped", query)
+        raise OutcomeUnknown(
+            f"servos {missing} were asked to stop, and do not report that they are stopped",
+            QueryServoRequest(ALL_SERVOS),
+        )
 
 
 def _outcome_of(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from servolink.client.board import Board
+from servolink.client.board import Board, servos_of
 from servolink.errors import Reason, Rejected, RequestRefused
 from servolink.hub.rules.unit_rules import UnitReservation
 from servolink.motion.units import ServoUnits, is_accepted, servos_concerned
@@ -107,8 +107,8 @@ class UnitSwitch:
         return all(self._reservation.allows(request, units, now) for request in requests)
 
     async def _ask(self, request: SetAngleUnitRequest) -> SetAngleUnitResponse:
-        # Through the methods of `Board`, which check limits in the units known to them.
-        response = await self._board.request(request, unchecked=True)
+        # Through the units of the board, which limits are checked in.
+        response = await servos_of(self._board).units.answer_to(request)
         if not is_accepted(request, response):
             self._board.units.forget(request.servo_id)  # on a bad line, the board may have set the unit all the same
         return response
