@@ -15,7 +15,8 @@ class AllServos:
     """Reads all servos, and finds out whether the board answers for all of them together.
 
     A board is separate if its profile has `QueryServo` among the unsupported queries, or if it lists servos and returns
-    no state for all of them.
+    no state for all of them. A missing response counts only if two are missing in a row, and none came before: a line
+    may be interrupted.
     """
 
     def __init__(self, session: Session) -> None:
@@ -26,11 +27,12 @@ class AllServos:
         identity = profile and profile.identity
         self._listed = (identity and identity.servo_ids) or ()
         self._has_answered = False
+        self._unanswered = 0  # latest requests for all servos, until a response
 
     @property
     def separate_ids(self) -> tuple[int, ...]:
-        """Ids of all servos as far as known on a separate board, none on other boards."""
-        return self._listed if self.is_separate else ()
+        """Ids of all servos as far as known on a board that is or may be separate, none on other boards."""
+        return self._listed if self.is_separate or self._unanswered else ()
 
     async def ids(self, **options: Any) -> tuple[int, ...]:
         """Return the ids that address all servos: 255 (`ALL_SERVOS`), or the id of each on a separate board."""
@@ -41,6 +43,7 @@ class AllServos:
 
         Within the time that a program behind a hub waits longer than the hub, which may be the caller.
         """
+        self._unanswered += 1
         with suppress(ServolinkError):
             await self.states(timeout=HUB_MARGIN / 2)
         return self.is_separate
@@ -52,13 +55,15 @@ class AllServos:
             states: tuple[ServoState, ...] = ()
             try:
                 states = (await connection.request(QueryServoRequest(ALL_SERVOS), **options)).servos
+                self._unanswered = 0
             except RequestTimeout:
                 if self._has_answered or not await self._list(**options):
                     raise
+                self._unanswered += 1
             self._has_answered = self._has_answered or bool(states)
             if states or not await self._list(**options):
                 return states
-            self.is_separate = True
+            self.is_separate = self._unanswered != 1  # answered without a state, or twice not at all
         found: list[ServoState] = []
         for servo_id in await self._list(**options):
             found += (await connection.request(QueryServoRequest(servo_id), **options)).servos

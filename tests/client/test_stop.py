@@ -238,7 +238,7 @@ async def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoRespo
 )
 async def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
     fake = FakeBoard()
-    fake.plan(QueryServoRequest, *[doubt] * 20)
+    fake.plan(QueryServoRequest, *[doubt] * 100)
     async with opened(fake) as board:
         with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
             await board.stop()
