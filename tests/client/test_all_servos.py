@@ -11,12 +11,12 @@ from servolink.errors import RequestTimeout
 from servolink.protocol.servos import QueryServoRequest
 from servolink.virtual.odd.board import OddBoard
 from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual.transport import BoardTransport
 from tests.client.fake_board import LOST, FakeBoard, opened
 
 
 async def test_a_board_is_separate_after_two_missing_responses() -> None:
-    async with connect(VirtualTransport(KINDS["no-all"]()), angle_unit=None) as board:
+    async with connect(BoardTransport(KINDS["no-all"](), "virtual://"), angle_unit=None) as board:
         for is_separate in (False, True):
             assert len(await board.servos()) == 4
             assert board._servos.all.is_separate is is_separate
@@ -25,7 +25,7 @@ async def test_a_board_is_separate_after_two_missing_responses() -> None:
 
 async def test_a_board_that_answers_after_one_missing_response_is_not_separate() -> None:
     odd = KINDS["no-all"]()
-    async with connect(VirtualTransport(odd), angle_unit=None) as board:
+    async with connect(BoardTransport(odd, "virtual://"), angle_unit=None) as board:
         await board.servos()
         vars(odd)["answer"] = partial(OddBoard.answer, odd)
         assert len(await board.servos()) == 4

@@ -22,7 +22,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
 from servolink.virtual.odd.board import OddBoard, OddLine
 from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual.transport import BoardTransport
 from tests.hub.control_program import RpcProgram
 
 LEARNT = BoardProfile(
@@ -59,7 +59,7 @@ class There:
 async def on_hub(kind: str, profile: BoardProfile | None = None) -> AsyncIterator[There]:
     board = KINDS[kind]()
     async with (
-        connect(VirtualTransport(board), angle_unit=None, profile=profile) as upstream,
+        connect(BoardTransport(board, "virtual://"), angle_unit=None, profile=profile) as upstream,
         share(upstream, name="rex") as hub,
         connect(LocalTransport(hub, codec=Codec())) as program,
     ):
