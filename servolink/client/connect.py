@@ -44,6 +44,7 @@ _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
     "without async"
 )
+_AFTER_RESET = 0.3  # seconds
 
 
 class connect:  # noqa: N801 - reads as the function it stands for
@@ -161,7 +162,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         stats, device = Stats(), create(address)
         try:
             options, profile = await self._prepare(device, name, options_in(address) | self._options)
-            connection = await self._open_connection(device, options, stats, profile)
+            connection = await self._open_despite_reset(device, address, options, stats, profile)
         except OpenError as error:
             await _name_hub(address, error)
             raise
@@ -227,6 +228,25 @@ class connect:  # noqa: N801 - reads as the function it stands for
         from servolink.client.hub_link import join_hub  # late: most boards are not shared
 
         return await join_hub(hub, given, self._profile_of(None))
+
+    async def _open_despite_reset(
+        self, device: Transport, address: str, options: ConnectionOptions, stats: Stats, profile: ProfileInUse | None
+    ) -> Connection:
+        """Open a connection, and once more if it ends meanwhile: the first opening resets some boards."""
+        try:
+            return await self._open_connection(device, options, stats, profile)
+        except OpenError as error:
+            if not isinstance(error.__cause__, ConnectionLost) or _hub_on(device) is not None:
+                raise
+        await asyncio.sleep(_AFTER_RESET)
+        try:
+            return await self._open_connection(create(address), options, stats, profile)
+        except OpenError as error:
+            raise OpenError(
+                f"{error}; the connection ended during a first opening: the board may reset when its port is "
+                "opened, so wait until it has started and try again, or check cable and power",
+                reason=error.reason,
+            ) from error
 
     async def _open_connection(
         self, transport: Transport, options: ConnectionOptions, stats: Stats, profile: ProfileInUse | None

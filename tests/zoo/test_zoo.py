@@ -14,9 +14,10 @@ import pytest
 
 from docs.odd_boards import PAGE, with_table
 from servolink.cli.command_session import WOKEN
+from servolink.script import NO_BOARD
 from servolink.virtual.odd.board import OddBoard
 from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.odd.lines import OldMode
+from servolink.virtual.odd.lines import OldMode, Resetting
 from servolink.virtual.odd.wire import Values
 from tests.sampling import sampled
 from tests.zoo.table import COMMANDS, TABLE, USUAL
@@ -104,6 +105,21 @@ def test_a_board_is_written_to_with_the_settings_that_it_needs(kind: str, settin
     assert board.learnt()[setting] is True
     assert board.learnt()["project_id_bits"] == 32
     assert board.board.records[30010] == before
+
+
+@pytest.mark.parametrize("command", ["servos", "info", "stop"])
+def test_a_board_that_resets_at_the_first_opening_is_opened_once_more(command: str, zoo: MakeZoo) -> None:
+    board = zoo("resetting")
+    said = board.on_board(command)
+    assert (said.code, said.err) == (0, "")
+    assert board.seconds < 1
+
+
+def test_a_board_that_resets_at_each_opening_is_named(zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Resetting, "opened", lambda board, line: board.after(0.05, line.close))
+    said = zoo("resetting").on_board("servos")
+    assert said.code == NO_BOARD
+    assert "the board may reset when its port is opened, so wait until it has started" in said.err
 
 
 def test_each_servo_is_stopped_on_a_board_that_ignores_requests_for_all(zoo: MakeZoo) -> None:
