@@ -28,6 +28,11 @@ _BY_NUMBERS = ("tests/reliability/", "tests/hostile/test_lying_boards.py")
 """Tests that prove something by its numbers, through lines that others cover too."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the choice of the board behind the addresses of virtual boards."""
+    parser.addoption("--board", choices=("virtual", "firmware"), default="virtual", help="board of the tests")
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_xdist_auto_num_workers() -> Generator[None, int, int]:
     """Run the tests in three processes on two cores: a quarter of the time, they wait for programs and lines."""
@@ -52,9 +57,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker("no_cover")
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Collect no garbage while tests are collected: there is none, and looking for it takes a third of the time."""
     gc.disable()
+    if config.getoption("--board") == "firmware":
+        config.pluginmanager.import_plugin("tests.firmware.stand_in")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -58,6 +58,11 @@ class _Fields(ctypes.Structure):
         ("erases", ctypes.c_uint32 * (FLASH // 4096)),
         ("offset", ctypes.c_uint32),
         ("size", ctypes.c_uint32),
+        ("is_erase", ctypes.c_bool),
+        ("until", ctypes.c_uint64),
+        ("page", ctypes.c_uint8 * 256),
+        ("magic", ctypes.c_char * 16),
+        ("servos", ctypes.c_uint8),
     )
 
 
@@ -75,12 +80,13 @@ def library(folder: Path) -> Any:
 class HostBoard:
     """Board with its hardware, at a time of its own in microseconds."""
 
-    def __init__(self, functions: Any, now: int = 0) -> None:
+    def __init__(self, functions: Any, now: int = 0, servos: int = 16) -> None:
         """Power up with blank flash."""
         self._functions = functions
         self._hardware = functions.hardware_new(None)
         self.fields = self._hardware.contents
         self.fields.now = now
+        self.fields.servos = servos
         self._buffer = ctypes.create_string_buffer(1 << 17)
         self._view = memoryview(self._buffer)
         functions.hardware_start(self._hardware)
