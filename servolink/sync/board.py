@@ -143,6 +143,11 @@ class Board:
         return self._board.connection
 
     @property
+    def unanswered(self) -> frozenset[str]:
+        """Names of queries that the board does not answer, such as "QueryProjectID", by profile or on connecting."""
+        return self._board.unanswered
+
+    @property
     def stats(self) -> Stats:
         """Counters of the connection: frames, bytes, noise, late responses, round trips."""
         return self._board.stats
