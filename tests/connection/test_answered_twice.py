@@ -10,10 +10,12 @@ from typing import Any
 
 import pytest
 
+from servolink.connection.evidence import LineEvidence
+from servolink.connection.repeating_slots import RepeatingSlots
 from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryProjectIDRequest
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.servos import QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest
+from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LATENCY, FakeBoard, Fate, now
 from tests.connection.openings import LIST, STOP, opening
 from tests.virtual_time import run
@@ -101,3 +103,20 @@ async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
             await connection.send_stop(STOP)
             assert board.sent[-1] == (begun, STOP)
         assert len((await connection.request(QueryServoRequest(255))).servos) == 4
+
+
+def test_a_response_to_nothing_settles_nothing() -> None:
+    assert RepeatingSlots().settle(20012, b"") is None
+
+
+def test_a_line_with_longer_contents_only_is_explained_with_the_remedy() -> None:
+    assert "use ignore_extra=yes" in LineEvidence("little", longer=40061).explain_silence("6 queries")
+
+
+async def test_the_mode_is_set_before_the_first_query_on_request() -> None:
+    board = FakeBoard()
+    async with opening(board, transmission_mode=1) as link:
+        await link.shake_hands()
+        assert isinstance(board.sent[0][1], TransmissionModeSettingRequest)
+        assert link.mode_answered == 1
+        assert not link.woke
