@@ -12,7 +12,12 @@ import pytest
 
 from servolink.connection.evidence import LineEvidence
 from servolink.connection.repeating_slots import RepeatingSlots
-from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryProjectIDRequest
+from servolink.protocol.editing import (
+    AddActionRequest,
+    QueryActionRequest,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+)
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.servos import QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
@@ -106,7 +111,7 @@ async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
 
 
 def test_a_response_to_nothing_settles_nothing() -> None:
-    assert RepeatingSlots().settle(20012, b"") is None
+    assert RepeatingSlots().settle(30121, QueryProjectIDResponse(1)) is None
 
 
 def test_a_line_with_longer_contents_only_is_explained_with_the_remedy() -> None:
