@@ -45,6 +45,11 @@ async def _followed(readings: AsyncIterator[tuple[Servo, ...]]) -> int:
     return len([servos async for servos in readings])
 
 
+async def _two_set_points(board: Board) -> list[object]:
+    stream = board.stream()
+    return [await stream.send({1: angle}) for angle in (5, 6)]
+
+
 def calls(folder: Path) -> dict[str, Call]:
     """Return a call of each method of a board, by the method's name; files go into `folder`."""
     return {
@@ -58,6 +63,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "set_angle_unit": lambda board: board.set_angle_unit("adc", 1),
         "move": lambda board: board.move({1: 20, "left knee": -20}, speed=60, wait=True),
         "follow": lambda board: _followed(board.follow({1: 2, 2: 3}, 0.2)),
+        "stream": _two_set_points,
         "run_action": lambda board: board.run_action(1, wait=True),
         "play": lambda board: board.play(PROJECT, "dance"),
         "stop": lambda board: board.stop(),

@@ -67,6 +67,7 @@ EXEMPT = {
     "completion": "opens nothing",
     "complete": "opens nothing",
     "help": "opens nothing",
+    "firmware": "examines a new board as `doctor` does",
     "wireshark": "opens nothing",
     "spy": "goes on until somebody ends it, and sends nothing",
     "virtual": "is a board",

@@ -258,6 +258,7 @@ EXEMPT = {
     "demo": "reads nothing but its own virtual board, on which it stores its own captions",
     "completion": "reads nothing",
     "help": "reads nothing",
+    "firmware": "reads only the image and ranges of pulses, of which tests/firmware/test_install.py refuses others",
     "complete": "leaves out what is hostile; tests/cli/first_steps/test_completion.py has its trials",
 }
 """The other commands, and why they have no trials here."""
