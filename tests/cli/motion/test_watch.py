@@ -309,6 +309,7 @@ def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
         """A board that nobody answers for while its hub has lost it."""
 
         profile = None
+        unanswered: frozenset[str] = frozenset()
 
         def __init__(self) -> None:
             self.state = "connected"
