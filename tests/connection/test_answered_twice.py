@@ -110,6 +110,15 @@ async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
         assert len((await connection.request(QueryServoRequest(255))).servos) == 4
 
 
+async def test_a_request_that_is_sent_alone_holds_others_back_only_until_it_is_answered() -> None:
+    board = FakeBoard(usual=Fate(copies=2))
+    async with opening(board, **TWICE) as connection:
+        await connection.shake_hands()
+        for _ in range(2):
+            assert (await connection.request(TransmissionModeSettingRequest(1))).result == 1
+            assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
+
+
 def test_a_response_to_nothing_settles_nothing() -> None:
     assert RepeatingSlots().settle(30121, QueryProjectIDResponse(1)) is None
 

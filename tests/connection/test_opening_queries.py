@@ -184,6 +184,13 @@ async def test_the_only_kind_has_to_be_answered_when_the_line_was_quiet(lost: in
         assert now() > begun + 10
 
 
+async def test_a_board_that_is_known_to_answer_no_short_query_is_not_opened() -> None:
+    unsupported = tuple(kind.__name__.removesuffix("Request") for kind in (*FENCE_KINDS, *LIST_KINDS))
+    async with opening(FakeBoard(), unsupported=unsupported) as connection:
+        with pytest.raises(OpenError, match="no board answers"):
+            await connection.shake_hands()
+
+
 async def test_a_list_that_cannot_be_read_names_no_servos() -> None:
     board = without(FakeBoard(), *FENCE_KINDS, *LIST_KINDS[1:])
     board.usual_of[QueryServoListRequest] = Fate(mangle=lambda frame: encode_frame(20011, b"\x05\x01", "little"))
