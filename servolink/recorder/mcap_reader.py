@@ -215,8 +215,6 @@ class McapReader:
         compression = fields.text(_LONGEST_NAME)
         packed = fields.raw(fields.take(_LONG))
         self._sure += _HEAD.size - 1 + fields.at  # the inner lengths agree, so the next record is behind the chunk
-        if size > LARGEST:
-            raise UnusableChunk(f"chunks larger than {LARGEST // MIB} MiB were left out")
         try:
             data = decompress(compression, packed, size)
         except ImportError as error:
@@ -268,7 +266,9 @@ def _metadata(fields: _Fields) -> Metadata:
 
 
 def decompress(compression: str, packed: bytes, size: int) -> bytes:
-    """Return at most `size` + 1 bytes. Raise UnusableChunk for data not compressed in this way."""
+    """Return at most `size` + 1 bytes. Raise UnusableChunk for a size beyond LARGEST, or data of another kind."""
+    if size > LARGEST:
+        raise UnusableChunk(f"chunks larger than {LARGEST // MIB} MiB were left out")
     if compression == "zstd":
         return _zstd(packed, size)
     if compression == "lz4":

@@ -13,7 +13,7 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 
 from servolink.recorder.channels import Event, Message, encode
-from servolink.recorder.mcap_reader import LARGEST, MAGIC, McapReader, find_record
+from servolink.recorder.mcap_reader import LARGEST, MAGIC, McapReader, UnusableChunk, decompress, find_record
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.reading import Entry, Recording
 from servolink.recorder.repair import repair
@@ -200,3 +200,9 @@ def test_a_chunk_whose_lengths_do_not_agree_is_not_found() -> None:
     short = chunk(MARK, b"", MARK)[:-1]
     data = iter([short])
     assert find_record(lambda _: next(data, b""), 0, len(short)) is None
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+def test_a_chunk_that_claims_to_be_huge_takes_no_memory(compression: str) -> None:
+    with pytest.raises(UnusableChunk, match="larger than 16 MiB"):
+        decompress(compression, b"", 1 << 60)
