@@ -76,10 +76,7 @@ TABLE: dict[str, Row] = {
     "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
     "loop-back": Row(("echo",), _NOT_FOUND, all_refuse(_RETURNS)),
     "modem": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
-    "no-project-id": Row(
-        (),
-        {"unsupported": ("QueryProjectID",)},
-    ),
+    "no-project-id": Row((), {"unsupported": ("QueryProjectID",)}, None, {}),  # not each opening asks for the id
     "old-firmware": Row(
         (),
         {
