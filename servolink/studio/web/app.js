@@ -1,16 +1,17 @@
 // Starts the page: takes the token from the address, connects, and draws.
 
-import { html, render } from "./html.js";
+import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
 import { drawFigures } from "./parts/stage.js";
 import { App } from "./shell/app.js";
 import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
+import { loadAll } from "./shell/screens.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
 import { Motion } from "./state/motion.js";
 import { keepCurrent } from "./state/project.js";
-import { follow } from "./state/robot.js";
+import { follow, welcome } from "./state/robot.js";
 import { who } from "./state/settings.js";
 
 const KEY = "servolink.token";
@@ -42,3 +43,4 @@ await loadTemplates();
 render(html`<${App} link=${link} motion=${motion} />`, /** @type {Element} */ (document.getElementById("app")));
 drawFigures();
 link.open();
+effect(() => void (welcome.value && loadAll()));

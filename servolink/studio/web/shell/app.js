@@ -2,14 +2,6 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
-import { ActionsScreen } from "../screens/actions/index.js";
-import { BoardScreen } from "../screens/board/index.js";
-import { ButtonsScreen } from "../screens/buttons/index.js";
-import { LiveScreen } from "../screens/live/index.js";
-import { MacrosScreen } from "../screens/macros/index.js";
-import { ProjectScreen } from "../screens/project/index.js";
-import { RecordScreen } from "../screens/record/index.js";
-import { TeachScreen } from "../screens/teach/index.js";
 import { welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
 import { screen, showsKeys } from "../state/view.js";
@@ -18,26 +10,15 @@ import { Header, StopButton } from "./header.js";
 import { KeyList } from "./keys.js";
 import { Notices } from "./notices.js";
 import { Dock, Rail } from "./rail.js";
+import { useScreen } from "./screens.js";
 
 /** @typedef {import("../state/motion.js").Motion} Motion */
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {{ link: Link, motion: Motion }} Tools */
 
-/** @type {Record<string, (props: Tools) => any>} */
-const SCREENS = {
-  live: LiveScreen,
-  actions: ActionsScreen,
-  macros: MacrosScreen,
-  buttons: ButtonsScreen,
-  teach: TeachScreen,
-  record: RecordScreen,
-  project: ProjectScreen,
-  board: BoardScreen,
-};
-
 /** @param {Tools} tools */
 export function App(tools) {
-  const Screen = SCREENS[screen.value] ?? LiveScreen;
+  const Screen = useScreen(screen.value);
   return html`
     <a class="skip" href="#main">${t("app.skip")}</a>
     <${Banner} />
@@ -45,7 +26,7 @@ export function App(tools) {
     <${Rail} />
     <main id="main" tabindex="-1">
       <${Notices} ...${tools} />
-      <div class="screen"><${Screen} key=${screen.value} ...${tools} /></div>
+      <div class="screen">${Screen && html`<${Screen} key=${screen.value} ...${tools} />`}</div>
     </main>
     <${Dock}><${StopButton} ...${tools} /></${Dock}>
     <${Toasts} />
