@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 from msgspec import Meta, Struct, defstruct
 
 from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
+from servolink.motion.angles import AngleUnit
 from servolink.project.project_file import file_type
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import RECORD_TYPES
@@ -165,6 +166,12 @@ class Watching(Struct, frozen=True):
     credit: Annotated[int, about("how many notifications may be unacknowledged")] = CREDIT
 
 
+class ServosList(Struct, forbid_unknown_fields=True):
+    """Unit of the angles to read."""
+
+    unit: Annotated[AngleUnit, about("degrees, or raw ADC readings")] = "degree"
+
+
 class ServoList(Struct, frozen=True):
     """All servos with their latest readings."""
 
@@ -181,6 +188,42 @@ class Battery(Struct, frozen=True):
     """Remaining charge of the board's battery."""
 
     percent: Annotated[float | None, about("to 0.1; null if the board does not measure it")]
+
+
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+
+class BoardFacts(Struct, frozen=True):
+    """Identity and memory of the board. Null for a query that the board does not answer."""
+
+    servo_ids: tuple[int, ...]
+    project_id: Annotated[int | None, about("0 for none; null during an unfinished import too")]
+    is_unfinished: Annotated[bool, about("the board holds an unfinished import")]
+    memory_free: Annotated[int | None, about("bytes, if the profile has the unit; null if the board does not measure")]
+    memory_total: Annotated[int | None, about("in the same unit; null if the board does not report it")]
+
+
+class BoardMode(Struct, forbid_unknown_fields=True):
+    """Transmission mode of the board."""
+
+    mode: Annotated[Literal[0, 1], about("1 for this protocol, 0 for an older protocol")]
+
+
+class LineTest(Struct, forbid_unknown_fields=True):
+    """Size of the test data."""
+
+    size: Annotated[int, Meta(ge=0, le=4096, description="bytes of test data")] = 64
+
+
+class LineTested(Struct, frozen=True):
+    """Outcome of a query after test data."""
+
+    seconds: Annotated[float | None, about("until the response; null if the query was not answered")]
+    repeats: Annotated[int, about("requests that were sent again meanwhile, of any program")]
+    noise: Annotated[int, about("bytes outside any frame meanwhile")]
+
+
+# --- motions ----------------------------------------------------------------------------------------------------------
 
 
 class Move(Struct, forbid_unknown_fields=True):

@@ -25,6 +25,7 @@ from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
 from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
+from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.ticket import StopCounter, Ticket
@@ -56,19 +57,19 @@ class Readings:
 
     def __init__(self, hub: Hub) -> None:
         self._hub = hub
-        self._board: Board | None = None
+        self._boards: dict[AngleUnit, Board] = {}  # a session of the hub for each unit, as angles are never converted
 
-    async def board(self) -> Board:
-        """Return the board of this program."""
-        if self._board is None:
-            connection = DirectConnection(self._hub, who="the hub", role=Role.WATCH)
-            self._board = _board_on(self._hub, connection, self._hub.board.limits)
-        return self._board
+    async def board(self, unit: AngleUnit = "degree") -> Board:
+        """Return the board of this program, with angles in `unit`."""
+        if unit not in self._boards:
+            connection = DirectConnection(self._hub, who="the hub", role=Role.WATCH, unit=unit)
+            self._boards[unit] = _board_on(self._hub, connection, self._hub.board.limits, unit)
+        return self._boards[unit]
 
     async def close(self) -> None:
         """Leave the hub at the end."""
-        if self._board is not None:
-            await self._board.close()
+        for board in self._boards.values():
+            await board.close()
 
 
 class Control:
@@ -161,15 +162,15 @@ class Control:
         self._changed.set()
         await self.hub.end_move(self.session, servo_ids)
 
-    async def readings(self) -> Board:
+    async def readings(self, unit: AngleUnit = "degree") -> Board:
         """Return the board that the hub reads for all programs, once no program has exclusive use.
 
-        The program that holds it reads with its own board, if it can.
+        The program that holds it reads degrees with its own board, if it can.
         """
         await self.until_free()
-        if self.hub.exclusive_use is not None and self._connection is not None:
+        if unit == "degree" and self.hub.exclusive_use is not None and self._connection is not None:
             return await self.board()
-        return await self._readings.board()
+        return await self._readings.board(unit)
 
     async def read(self, work: Callable[[Board], Awaitable[T]], open_board: OpenBoard | None = None) -> T:
         """Return the result of `work` on the board of this program, or of `open_board`.
@@ -279,9 +280,9 @@ def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection
         raise OpenError(f"share://{hub.name}: {error}") from None
 
 
-def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits) -> Board:
+def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits, unit: AngleUnit = "degree") -> Board:
     """Return the board of `hub` for a program, within `limits`."""
     upstream = hub.board
     interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
     session = Session(connection, None, upstream.profile)
-    return Board(session, "degree", limits, interval_unit or INTERVAL_UNIT)
+    return Board(session, unit, limits, interval_unit or INTERVAL_UNIT)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
-from typing import Any, NamedTuple
+from collections.abc import Awaitable, Callable, Coroutine
+from functools import partial
+from typing import Any, NamedTuple, TypeVar
 
 from servolink.client.board import Board
 from servolink.control.messages import (
     Battery,
+    BoardFacts,
+    BoardMode,
     Done,
     Hold,
     HoldNow,
     LeaseNow,
     LeaseTake,
+    LineTest,
+    LineTested,
     Move,
     Moved,
     MoveEnd,
@@ -26,6 +31,7 @@ from servolink.control.messages import (
     ServoParameters,
     ServosAck,
     ServoSet,
+    ServosList,
     ServosWatch,
     Tighten,
     Watching,
@@ -34,12 +40,19 @@ from servolink.control.peer import Methods
 from servolink.control.roles import Role
 from servolink.control.status import BoardState, HubStatus
 from servolink.control.tightening import limits_in
+from servolink.errors import RequestTimeout
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
 from servolink.motion.ticket import Ticket
 from servolink.platforms.time_asleep import seconds_asleep
-from servolink.protocol.servos import ALL_SERVOS
+from servolink.project.model import is_unfinished
+from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest
+
+T = TypeVar("T")
+
+_LOST_AFTER = 1.0
+"""Seconds without a response to the query behind test data, after which the query counts as lost."""
 
 
 class Caller(NamedTuple):
@@ -173,9 +186,9 @@ def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
 
 
 @METHODS.add("servos.list", Role.WATCH)
-async def servos_list(caller: Caller, params: NoParams) -> ServoList:
-    """Return the state of all servos."""
-    servos = await caller.control.read(Board.servos, caller.control.readings)
+async def servos_list(caller: Caller, params: ServosList) -> ServoList:
+    """Return the state of all servos. The unit of the angles is set on the board for this reading only."""
+    servos = await caller.control.read(Board.servos, partial(caller.control.readings, params.unit))
     return ServoList(servos_now(servos))
 
 
@@ -286,3 +299,67 @@ async def run(caller: Caller, params: Run) -> Ran:
         return Ran(await board.run_action(params.id, wait=params.wait, dry_run=params.dry_run))
     await board.run_macro(params.id, wait=params.wait, dry_run=params.dry_run)
     return Ran(None)
+
+
+# --- settings ---------------------------------------------------------------------------------------------------------
+
+
+@METHODS.add("board.facts", Role.WATCH)
+async def board_facts(caller: Caller, params: NoParams) -> BoardFacts:
+    """Return ids of servos, project id and memory of the board. What the board does not answer is null."""
+    project_id = await _answer(caller, Board.project_id)
+    memory = await _answer(caller, Board.memory)
+    is_marked = project_id is not None and is_unfinished(project_id)
+    free = None if memory is None or memory.size < 0 else memory.size
+    return BoardFacts(
+        await caller.control.read(Board.servo_ids),
+        None if is_marked else project_id,
+        is_marked,
+        free,
+        None if memory is None else memory.total_size,
+    )
+
+
+async def _answer(caller: Caller, query: Callable[[Board], Awaitable[T]]) -> T | None:
+    """Return the response to a query, None if the board does not know the query."""
+    try:
+        return await caller.control.read(query)
+    except RequestTimeout:
+        return None
+
+
+@METHODS.add("board.mode", Role.EDIT, in_order=True)
+async def board_mode(caller: Caller, params: BoardMode) -> BoardMode:
+    """Set the transmission mode of the board for all programs: 1 for this protocol, 0 for an older protocol.
+
+    No stop reaches a board in mode 0, so all servos are stopped first, and MotionRefused says that another program has
+    the lease. The hub sets mode 1 again when it opens the silent connection anew.
+    """
+    control = caller.control
+    board = await control.board()
+    if params.mode == 1:
+        await board.set_transmission_mode(1)
+        return params
+    # Exclusive use keeps other programs from starting a servo between the stop and the new mode.
+    async with control.exclusive("the transmission mode is being set"):
+        with control.moving():
+            await asyncio.shield(control.hub.begin_stop(control.who, control.session))
+            await board.set_transmission_mode(0)
+    return params
+
+
+@METHODS.add("line.test", Role.EDIT, in_order=True)
+async def line_test(caller: Caller, params: LineTest) -> LineTested:
+    """Send test data, which the board ignores, and then a query; return how the query was answered."""
+    board, stats = await caller.control.board(), caller.control.hub.board.stats
+    # Counters of the hub: a repeated query of any program shows that the line has lost bytes.
+    retries, noise = stats.retries, stats.noise
+    begun_at = asyncio.get_running_loop().time()
+    await board.send_dummy_data(bytes(number % 256 for number in range(params.size)))
+    seconds: float | None = None
+    try:
+        await board.request(QueryServoListRequest(), timeout=_LOST_AFTER)
+        seconds = asyncio.get_running_loop().time() - begun_at
+    except RequestTimeout:
+        pass
+    return LineTested(seconds, stats.retries - retries, stats.noise - noise)
