@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from servolink.errors import TargetNotReached as TargetNotReached
     from servolink.errors import TransportError as TransportError
     from servolink.errors import TransportUnavailable as TransportUnavailable
+    from servolink.errors import TwinError as TwinError
     from servolink.errors import WrongBoard as WrongBoard
     from servolink.motion.angles import Adc as Adc
     from servolink.motion.angles import Angle as Angle
@@ -179,6 +180,7 @@ else:
         "TargetNotReached": "servolink.errors",
         "TransportError": "servolink.errors",
         "TransportUnavailable": "servolink.errors",
+        "TwinError": "servolink.errors",
         "validate_project": "servolink.project.validate",
         "WrongBoard": "servolink.errors",
     }

@@ -243,5 +243,9 @@ class ProjectError(ServolinkError, ValueError):
     """The project is unusable; the text names the place inside, such as `actions[3].steps[7].degree`."""
 
 
+class TwinError(ServolinkError, ValueError):
+    """The figure has no possible body, or MuJoCo is missing; the text gives the remedy."""
+
+
 class RecordingError(ServolinkError, ValueError):
     """The recording cannot be written or read; the text gives the remedy."""

@@ -50,6 +50,7 @@ ON_NEITHER_SIDE = {
     "ConnectionLost": "a cable, or the network",
     "ProjectError": "a file, or the content of a board",
     "RecordingError": "a file",
+    "TwinError": "a file, or a library is missing",
 }
 """Errors whose cause is neither the program nor the board alone."""
 

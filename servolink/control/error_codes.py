@@ -66,6 +66,7 @@ KINDS = (
     Kind(307, errors.RequestRefused, "read `reason` and the message: it was not sent, or a stop ended it"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
     Kind(401, errors.RecordingError, "follow the message; `recorder.status` describes the recording"),
+    Kind(402, errors.TwinError, "correct the figure, or install MuJoCo; the message says what to do"),
     Kind(500, errors.TargetNotReached, "the motion was sent: look at the robot, and do not simply repeat it"),
 )
 """One code for each kind of error of the library."""

@@ -38,6 +38,14 @@ Vector: TypeAlias = tuple[Place, Place, Place]
 Sizes: TypeAlias = tuple[Size, Size, Size]
 Servo: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
 Name: TypeAlias = Annotated[str, Meta(max_length=64)]
+Mass: TypeAlias = Annotated[float, Meta(ge=0.001, le=1000)]
+"""Mass of a part or of a robot, in kilograms."""
+Torque: TypeAlias = Annotated[float, Meta(ge=0.001, le=1000)]
+"""Torque of a servo, in newton metres."""
+Speed: TypeAlias = Annotated[float, Meta(ge=1, le=10_000)]
+Density: TypeAlias = Annotated[float, Meta(ge=1, le=25_000)]
+Friction: TypeAlias = Annotated[float, Meta(ge=0.01, le=10)]
+Stiffness: TypeAlias = Annotated[float, Meta(ge=0.0001, le=1000)]
 Axis: TypeAlias = Literal["x", "y", "z"]
 
 
@@ -74,6 +82,12 @@ class Joint(_Part, frozen=True):
     width: Annotated[Size, _about("thickness of a plain limb, mm")] = 26
     tip: Annotated[Vector | UnsetType, _about("point pulled by a drag")] = UNSET
     shapes: Annotated[tuple[Shape, ...], Meta(max_length=64)] | UnsetType = UNSET
+    mass: Annotated[Mass | UnsetType, _about("mass of the part, kg; by size if not given")] = UNSET
+    torque: Annotated[Torque | UnsetType, _about("strongest torque of the servo, N m; by default of the body")] = UNSET
+    speed: Annotated[Speed | UnsetType, _about("fastest turn of the servo, degrees/s; likewise")] = UNSET
+    stiffness: Annotated[Stiffness | UnsetType, _about("torque of the servo for each degree of lag, N m; likewise")] = (
+        UNSET
+    )
 
 
 class View(_Part, frozen=True):
@@ -99,6 +113,19 @@ class Feet(_Part, frozen=True, tag_field="mode", tag="feet"):
     sole: Annotated[Vector, _about("middle of a sole, in the frame of the foot")]
 
 
+class BodyFields(_Part, frozen=True):
+    """Physics of the robot for the twin; a value not given follows from the size of the figure."""
+
+    mass: Annotated[Mass | UnsetType, _about("mass of the whole robot, kg")] = UNSET
+    density: Annotated[Density | UnsetType, _about("density of parts without a mass, kg/m³")] = UNSET
+    torque: Annotated[Torque | UnsetType, _about("strongest torque of a servo, N m")] = UNSET
+    speed: Annotated[Speed, _about("fastest turn of a servo, degrees/s")] = 300
+    stiffness: Annotated[Stiffness | UnsetType, _about("torque of a servo for each degree of lag, N m")] = UNSET
+    friction: Annotated[Friction, _about("coefficient of friction, of parts and floor")] = 0.8
+    bolted: Annotated[bool | UnsetType, _about("whether the base is bolted down; true without feet")] = UNSET
+    touching: Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=256, description="parts that may overlap")] = ()
+
+
 class Figure(_Part, frozen=True):
     """Shape of a robot, with the joints turned by servos."""
 
@@ -110,6 +137,7 @@ class Figure(_Part, frozen=True):
     groups: Annotated[dict[str, dict[str, str]], _about(f"names of the limbs {', '.join(COLOURS)}, by language")] = (
         msgspec.field(default_factory=dict)
     )
+    body: Annotated[BodyFields | UnsetType, _about("masses and servos, for the twin")] = UNSET
 
 
 def figure_from_json(value: Any) -> Figure:
@@ -164,6 +192,10 @@ def _refuse_wrong_names(figure: Figure) -> None:
         for number, foot in enumerate(figure.base.feet):
             if foot not in joint_ids:
                 raise EncodeError(f"there is no joint {quote(foot)}", f"base.feet[{number}]")
+    for number, pair in enumerate(figure.body.touching if figure.body else ()):
+        for joint_id in pair:
+            if joint_id not in joint_ids:
+                raise EncodeError(f"there is no joint {quote(joint_id)}", f"body.touching[{number}]")
 
 
 def _refuse_wrong_servos(figure: Figure) -> None:

@@ -15,6 +15,7 @@ import pytest
 from servolink.cli.command import TOPICS
 from servolink.cli.command_line import EXIT_CODES, parser_of
 from servolink.cli.index import below, index, load
+from servolink.project.figure import Figure, Joint, View
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, Step
@@ -41,6 +42,7 @@ GREET = Macro(1, "Greet", (MacroCommand(1, total_interval=50),))
 REST = Macro(2, "Rest", (MacroCommand(500, 1, total_interval=500),))
 PAD = JoystickTable(1, "Pad", (Button(3, "greet", button_press_macro=1),))
 IN_FILES = Project(actions=(BOW,), macros=(GREET,), joystick_tables=(PAD,), active_joystick_table=1)
+DRAWN = Figure(1, "Arm", View(), (Joint("arm", servo=1, length=200, along=(0, 1, 0)),))
 ON_THE_BOARD = Project(actions=(BOW, NOD), macros=(GREET, REST), joystick_tables=(PAD,), active_joystick_table=1)
 
 
@@ -164,7 +166,7 @@ def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, sto
     monkeypatch.setenv("SERVOLINK_BOARD", "virtual://")
     monkeypatch.chdir(folder)
     for name in ("robot.servolink.json", "other.json"):
-        save_project(folder / name, IN_FILES)
+        save_project(folder / name, IN_FILES, figure=DRAWN)
     write_recording(folder / "out.mcap", [(0.0, Event("mark", "mark", text="here"))])
     if stored:
         robot.board.storage.contents = contents_of(ON_THE_BOARD)

@@ -104,7 +104,7 @@ def joint(**fields: Any) -> dict[str, Any]:
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"figure": 2}, "figure.figure: 2 is newer than 1, the newest this servolink reads; update servolink"),
     ({"figure": "1"}, "figure.figure: must be one of 1, not '1'"),
-    ({"wheels": 4}, "figure: 'wheels' is not a field; the fields are figure, name, view, joints, base, groups"),
+    ({"wheels": 4}, "figure: 'wheels' is not a field; the fields are figure, name, view, joints, base, groups, body"),
     ({"name": "q" * 65}, f"figure.name: '{'q' * 65}' has 65 characters; at most 64"),
     ({"view": {"pitch": 91}}, "figure.view.pitch: must be at least -90 and at most 90, not 91"),
     ({"view": {"yaw": True}}, "figure.view.yaw: must be a number, not true"),

@@ -7,13 +7,13 @@ from typing import Any
 
 import msgspec
 
-from servolink.project.figure import Feet, Figure, FixedBase, Joint, Shape, View
+from servolink.project.figure import BodyFields, Feet, Figure, FixedBase, Joint, Shape, View
 from servolink.project.project_file import SHIPPED, format_project, schema_text
 from tests.project.test_file import ROBOT
 
 _FIGURE = {
     field.encode_name
-    for part in (Feet, Figure, FixedBase, Joint, Shape, View)
+    for part in (BodyFields, Feet, Figure, FixedBase, Joint, Shape, View)
     for field in msgspec.structs.fields(part)
 } | {"mode"}
 

@@ -1,0 +1,143 @@
+"""Body in motion: a virtual board turns the servos of the body, and the clock of MuJoCo is the clock of the board."""
+
+from __future__ import annotations
+
+import math
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Final
+
+from servolink.errors import TwinError, install_extra
+from servolink.escaping import escape, quote
+from servolink.twin.body import Body
+from servolink.twin.mjcf import FLOOR, model_text, part_names, servo_joint
+from servolink.virtual.hardware import Hardware
+
+TICK: Final = 0.01
+"""Seconds between two looks of the servos at their board."""
+STEP: Final = 0.002
+"""Seconds of a step of the physics; a tick has a whole number of steps."""
+
+_DEGREES = 180 / math.pi
+_DEEPEST = 1e-3  # metres by which parts may overlap at rest
+
+
+def mujoco() -> Any:
+    """Return the module of MuJoCo. Raise TwinError without the extra `twin`."""
+    try:
+        return import_module("mujoco")
+    except ImportError as error:
+        raise TwinError(f"the twin needs MuJoCo; {install_extra('twin')} ({error})") from error
+
+
+def is_installed() -> bool:
+    """Return whether MuJoCo is installed."""
+    return find_spec("mujoco") is not None
+
+
+class Physics:
+    """Model of a body in MuJoCo, and the state of all its parts.
+
+    Attributes `model` and `data` are those of MuJoCo, for whatever is not here.
+    """
+
+    def __init__(self, body: Body, step: float = STEP) -> None:
+        """Put the body at rest. Raise TwinError for parts that overlap, or without MuJoCo."""
+        self._mujoco = mujoco()
+        self.body = body
+        try:
+            self.model = self._mujoco.MjModel.from_xml_string(model_text(body, step))
+        except ValueError as error:
+            raise TwinError(f"figure: MuJoCo cannot build the body: {escape(str(error))}") from error
+        self.data = self._mujoco.MjData(self.model)
+        self._bodies = [self.model.body(name).id for name in part_names(body)]
+        self._names = {0: FLOOR, **{number: part.name for number, part in zip(self._bodies, body.parts, strict=True)}}
+        self.servo_ids = tuple(body.drives)
+        """Servos in the order of the actuators of the model."""
+        joints = [self.model.joint(servo_joint(servo_id)) for servo_id in self.servo_ids]
+        self.positions = [int(joint.qposadr[0]) for joint in joints]
+        """Places of the servos in `data.qpos`."""
+        self._torques = self.model.actuator_forcerange.copy()
+        self.reset()
+        self._refuse_overlap()
+
+    def reset(self) -> None:
+        """Put the body at rest, with all servos at 0 or at the nearest limit, at the time 0."""
+        self._mujoco.mj_resetData(self.model, self.data)
+        for part, number in zip(self.body.parts, self._bodies, strict=True):
+            if part.servo is not None:
+                self.data.qpos[self.model.jnt_qposadr[self.model.body_jntadr[number]]] = part.rest
+        self.data.ctrl[:] = self.data.qpos[self.positions]
+        self.model.actuator_forcerange[:] = self._torques
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def advance(self, steps: int) -> None:
+        """Advance the physics by a number of steps."""
+        self._mujoco.mj_step(self.model, self.data, steps)
+
+    def release(self, at: int, *, released: bool) -> None:
+        """Take the torque from the servo at a place of `servo_ids`, or give the torque back."""
+        self.model.actuator_forcerange[at] = 0.0 if released else self._torques[at]
+
+    def touching(self) -> set[tuple[str, str]]:
+        """Return the names of the parts that touch each other or the floor, each pair in order of names."""
+        names = [self._names[int(number)] for number in self.model.geom_bodyid[self.data.contact.geom].flat]
+        return {(min(pair), max(pair)) for pair in zip(names[::2], names[1::2], strict=True)}
+
+    def _refuse_overlap(self) -> None:
+        for contact in self.data.contact:
+            one, other = (self._names[int(self.model.geom_bodyid[geom])] for geom in contact.geom)
+            if contact.dist < -_DEEPEST and FLOOR not in {one, other}:
+                raise TwinError(
+                    f"figure.joints: {quote(one)} and {quote(other)} overlap at rest by {-1000 * contact.dist:.1f} mm; "
+                    'move their shapes apart, or add both to "touching" in the body of the figure'
+                )
+
+
+class Simulation:
+    """Body with the hardware of a virtual board: the servos of the board are the commands of the servos of the body."""
+
+    def __init__(self, physics: Physics, hardware: Hardware) -> None:
+        """Put the body and the servos of the board at rest, at the time 0 of both."""
+        self.physics = physics
+        self.hardware = hardware
+        self._steps = round(TICK / physics.model.opt.timestep)
+        self._ticks = 0
+        self._released = set[int]()
+        physics.reset()
+        self._servos = [
+            (at, servo) for at, one in enumerate(physics.servo_ids) if (servo := hardware.servos.get(one)) is not None
+        ]
+        for at, servo in self._servos:
+            servo.angle = self.angle(at)
+
+    @property
+    def now(self) -> float:
+        """Simulated time in seconds, for body and board."""
+        return self._ticks * TICK
+
+    def angle(self, at: int) -> float:
+        """Return the angle in degrees of the servo at a place of `physics.servo_ids`, as the body has it."""
+        return float(self.physics.data.qpos[self.physics.positions[at]]) * _DEGREES
+
+    def advance(self, until: float) -> None:
+        """Advance board and body by whole ticks up to the time `until`, at most a tick later."""
+        while self.now < until - TICK / 1000:
+            self.tick()
+
+    def tick(self) -> None:
+        """Advance board and body by a tick."""
+        self.hardware.advance(self.now)
+        control = self.physics.data.ctrl
+        for at, servo in self._servos:
+            if not servo.is_hold:
+                servo.push(self.angle(at))
+            if servo.is_hold == (at in self._released):
+                self._change(at, released=not servo.is_hold)
+            control[at] = servo.angle / _DEGREES
+        self.physics.advance(self._steps)
+        self._ticks += 1
+
+    def _change(self, at: int, *, released: bool) -> None:
+        self.physics.release(at, released=released)
+        self._released ^= {at}

@@ -1,0 +1,42 @@
+"""Figures with bodies for the tests of the twin."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import servolink
+from servolink.project.figure import Figure, figure_from_json
+from servolink.twin.body import Body, body_of
+
+STUDIO = Path(servolink.__file__).parent / "studio"
+DEMO = STUDIO / "demo.servolink.json"
+LIMB = {"box": [20, 200, 20], "at": [0, -100, 0]}
+"""Limb of 200 mm that hangs from its joint."""
+
+
+def template(name: str) -> Figure:
+    """Return a figure that the studio brings."""
+    return figure_from_json(json.loads((STUDIO / f"web/figures/{name}.figure.json").read_bytes()))
+
+
+def figure(*joints: dict[str, Any], **more: Any) -> Figure:
+    """Return a figure of joints in the form of project files."""
+    return figure_from_json({"figure": 1, "name": "Test", "view": {}, "joints": list(joints), **more})
+
+
+def body(*joints: dict[str, Any], **more: Any) -> Body:
+    """Return the body of a figure."""
+    return body_of(figure(*joints, **more))
+
+
+def arm(degrees: float = 0, **more: Any) -> Body:
+    """Return a bolted limb of 0.4 kg that hangs from servo 1, raised forwards by `degrees` with the servo at 0."""
+    limb = {"id": "arm", "servo": 1, "shapes": [LIMB], "mass": 0.4, "axis": "x", "offset": -degrees, **more}
+    return body(limb, base={"mode": "fixed", "at": [0, 500, 0]})
+
+
+def box(**more: Any) -> Body:
+    """Return a free box, 40 mm wide and 100 mm high."""
+    return body({"id": "box", "shapes": [{"box": [40, 100, 40]}], "mass": 0.5}, body={"bolted": False, **more})
