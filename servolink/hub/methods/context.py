@@ -62,7 +62,8 @@ class Readings:
     async def board(self, unit: AngleUnit = "degree") -> Board:
         """Return the board of this program, with angles in `unit`."""
         if unit not in self._boards:
-            connection = DirectConnection(self._hub, who="the hub", role=Role.WATCH, unit=unit)
+            who = "the hub" if unit == "degree" else "the hub, for raw angles"
+            connection = DirectConnection(self._hub, who=who, role=Role.WATCH, unit=unit)
             self._boards[unit] = _board_on(self._hub, connection, self._hub.board.limits, unit)
         return self._boards[unit]
 

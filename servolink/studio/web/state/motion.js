@@ -36,6 +36,8 @@ export class Motion {
   #played = { wake: () => {} };
   /** Time until which a stored motion may turn servos, milliseconds of `performance.now()`. */
   #runsUntil = 0;
+  /** Whether the stored motion lasts only as long as a control is held. */
+  #isHeldRun = false;
   /** Time at which the latest movement arrives, in the same milliseconds; Infinity until that is known. */
   #arrivesAt = 0;
   /** Request that stops servos; null in all states but `ending` and `waiting`. @type {Promise<void> | null} */
@@ -120,12 +122,15 @@ export class Motion {
   /** End the hold: servos that still turn stop where they are. */
   end() {
     if (!this.#state.isHeld) return;
-    const moving = isMine.value ? this.#moving() : [];
-    this.#state.change(moving.length > 0 ? "braking" : "released");
+    const isStored = this.#isHeldRun && this.isRunning,
+      moving = isMine.value && !isStored ? this.#moving() : [];
+    const brakes = moving.length > 0 || (isMine.value && isStored);
+    this.#state.change(brakes ? "braking" : "released");
     this.#latest.drop();
     this.#played.wake();
     targets.value = {};
-    if (moving.length > 0) this.#brake(moving);
+    if (isStored) this.#forgetRun();
+    if (brakes) this.#brake(isStored ? this.#stopStored() : this.#stopMoving(moving));
   }
 
   /**
@@ -133,10 +138,15 @@ export class Motion {
    * @param {"action" | "macro"} type
    * @param {number} id
    * @param {number} seconds that it takes
+   * @param {boolean} [isHeld] whether `end` stops the motion
    */
-  async run(type, id, seconds) {
+  async run(type, id, seconds, isHeld = false) {
     this.#runsUntil = Infinity;
-    if (!(await this.begin())) return false;
+    this.#isHeldRun = isHeld;
+    if (!(await this.begin())) {
+      this.#runsUntil = 0;
+      return false;
+    }
     try {
       await this.#link.call("run", { type, id });
     } catch (error) {
@@ -144,6 +154,7 @@ export class Motion {
       this.#refuse(error);
       return false;
     }
+    if (isHeld && !this.#state.isHeld) return false; // released meanwhile, and stopped by that
     this.#runsUntil = performance.now() + (seconds + LATE) * 1000;
     const mine = (running.value = { type, id });
     setTimeout(() => running.value === mine && (running.value = null), seconds * 1000);
@@ -227,15 +238,25 @@ export class Motion {
   }
 
   /**
-   * Stop servos that still turn. Of several such requests, the last one ends the state.
-   * @param {number[]} ids
+   * Wait until servos are stopped. Of several such requests, the last one ends the state.
+   * @param {Promise<void>} stopping
    */
-  #brake(ids) {
-    const mine = (this.#braking = this.#stopMoving(ids).finally(() => {
+  #brake(stopping) {
+    const mine = (this.#braking = stopping.finally(() => {
       if (this.#braking !== mine) return;
       this.#braking = null;
       this.#state.change("braked");
     }));
+  }
+
+  /** Stop a stored motion, which only a stop of all servos ends. Servos start again unless one is limp or stopped. */
+  async #stopStored() {
+    const areReady = [...servos.value.values()].every(isReady);
+    try {
+      await (areReady ? this.#link.call("move.end", { servos: null }) : this.#link.call("stop"));
+    } catch (error) {
+      if (error instanceof RequestError) problem.value = error.message; // without a connection, the hub stops the robot
+    }
   }
 
   /** @param {number[]} ids */
@@ -252,11 +273,16 @@ export class Motion {
   #drop() {
     this.#state.change("dropped");
     this.#played.wake();
-    this.#runsUntil = 0;
-    running.value = null;
+    this.#forgetRun();
     this.#latest.drop();
     targets.value = {};
     if (!isMine.peek()) this.#beats.stop();
+  }
+
+  #forgetRun() {
+    this.#runsUntil = 0;
+    this.#isHeldRun = false;
+    running.value = null;
   }
 
   /** @param {unknown} error */

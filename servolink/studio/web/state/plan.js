@@ -1,7 +1,7 @@
 // Plan of the changes that writing the draft makes on the board, and the writing itself.
 
 import { batch, signal } from "../html.js";
-import { draft, reread } from "./project.js";
+import { draft, noteWritten, reread } from "./project.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
 /** @typedef {import("./records.js").Project} Project */
@@ -14,6 +14,17 @@ import { draft, reread } from "./project.js";
 
 /** Nothing was written. */
 export const NO_OUTCOME = Object.freeze({ state: "none", text: "", of: null });
+
+/** Content of a board after the deletion of everything. @type {Project} */
+const EMPTY = {
+  schema: 1,
+  project_id: 0,
+  servo_parameters: [],
+  actions: [],
+  macros: [],
+  joystick_tables: [],
+  active_joystick_table: null,
+};
 
 /** Latest plan, and the planned project. */
 export const plan = signal(/** @type {{ of: Project, plan: Plan, found: Found[] } | null} */ (null));
@@ -60,7 +71,16 @@ export async function makePlan(link) {
  * Write the draft to the board. A write that was interrupted goes on from there.
  * @param {Link} link
  */
-export const apply = (link) => write(link, "project.apply", { project: draft.value });
+export async function apply(link) {
+  const project = draft.value;
+  await write(link, "project.apply", { project }, () => project && noteWritten(project));
+}
+
+/**
+ * Delete everything stored on the board, after a backup.
+ * @param {Link} link
+ */
+export const clearBoard = (link) => write(link, "project.apply", { project: EMPTY, replace: true });
 
 /**
  * Write a backup to the board; null for the project before the latest writing.
@@ -79,13 +99,15 @@ export async function readBackups(link) {
  * @param {Link} link
  * @param {string} method
  * @param {object} params
+ * @param {() => void} [onWritten]
  */
-async function write(link, method, params) {
+async function write(link, method, params, onWritten = () => {}) {
   if (progress.value !== null) return;
   progress.value = { phase: "reading", done: 0, total: 0, item: "" };
   outcome.value = NO_OUTCOME;
   try {
     const { backup } = await link.call(method, params, (/** @type {Progress} */ step) => (progress.value = step));
+    onWritten();
     outcome.value = { state: method === "project.rollback" ? "rolled back" : "written", text: backup ?? "", of: null };
   } catch (error) {
     outcome.value = { state: "broken", text: textOf(error), of: null };

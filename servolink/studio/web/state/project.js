@@ -4,7 +4,7 @@ import { batch, computed, effect, signal } from "../html.js";
 import { differencesOf, rebased } from "./differences.js";
 import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
-import { recordOf, withEdit } from "./records.js";
+import { recordOf, targetOf, withEdit } from "./records.js";
 import { captions, isLive, linkState, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
@@ -44,6 +44,23 @@ export const differences = computed(() =>
 
 /** Whether the board was read on the present connection: another board may have the same name by now. */
 export const isCurrent = computed(() => readBy.value !== null && readBy.value === welcome.value);
+
+/**
+ * Return whether the board holds an action, or a macro that ends, with all its parts as the draft has them.
+ * @param {"action" | "macro"} type
+ * @param {number} id
+ * @returns {boolean}
+ */
+export function isWritten(type, id) {
+  const kind = type === "action" ? "actions" : "macros",
+    record = draft.value && recordOf(draft.value, { kind, id });
+  const isEdited = differences.value.some((one) => one.kind === kind && one.id === id);
+  if (!record || isEdited || !isCurrent.value) return false;
+  const commands = type === "action" ? [] : /** @type {import("./records.js").Macro} */ (record).commands;
+  return commands.every((each) =>
+    each.type === "action" || each.type === "macro" ? isWritten(each.type, targetOf(each)) : true,
+  );
+}
 
 effect(() => {
   if (stored.value)
@@ -94,6 +111,15 @@ export async function reread(link) {
   } catch (error) {
     reading.value = { ...reading.value, state: "failed", error: error instanceof Error ? error.message : "" };
   }
+}
+
+/**
+ * Take a project for the content of the board, which holds it since the latest writing: what is edited before the board
+ * is read again is an edit of that project.
+ * @param {Project} project
+ */
+export function noteWritten(project) {
+  stored.value = project;
 }
 
 /**

@@ -1,15 +1,15 @@
 // The figure as the editor of a pose, with the pose before, pale.
 
 import { html } from "../../html.js";
-import { HoldButton } from "../../parts/hold-button.js";
 import { Icon } from "../../parts/icon.js";
+import { RunHold } from "../../parts/run-hold.js";
 import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { withDegrees } from "../../state/edit-action.js";
 import { figure, limbs, nameOf } from "../../state/figure.js";
 import { within } from "../../state/limits.js";
-import { draft, settle } from "../../state/project.js";
-import { poseOf } from "../../state/records.js";
+import { draft, isWritten, settle } from "../../state/project.js";
+import { poseOf, secondsOf } from "../../state/records.js";
 import { actualPose } from "../../state/robot.js";
 import {
   action,
@@ -38,12 +38,15 @@ export function StageCard({ motion }) {
     const { parts, seconds } = trialOf(one);
     motion.play(parts, seconds);
   };
+  const one = action.value;
+  const stored =
+    one && isWritten("action", one.action_id) ? { type: "action", id: one.action_id, seconds: secondsOf(one) } : null;
   return html`<section class="stage" aria-label=${t("actions.editor")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene()} label=${t("actions.editor_aria")} view=${views.actions.value} onKey=${press} />`}
     <div class="tl col"><${ViewChoice} of="actions" /></div>
     <div class="tr"><${GhostChoice} /></div>
     <div class="bl hide-n"><span class="chip hint"><${Icon} name="hand" />${t("actions.drag")}</span></div>
-    <div class="br"><${HoldButton} label=${t("actions.hold_to_try")} onBegin=${trial} onEnd=${() => motion.end()} /></div>
+    <div class="br"><${RunHold} label=${t("actions.hold_to_try")} stored=${stored} motion=${motion} onBegin=${trial} /></div>
   </section>`;
 }
 

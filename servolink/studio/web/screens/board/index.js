@@ -14,7 +14,10 @@ import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 import { Doctor } from "./doctor.js";
 import { FitCard } from "./fit.js";
+import { LineTestCard } from "./line-test.js";
 import { LinkCard } from "./links.js";
+import { RawAnglesCard } from "./raw-angles.js";
+import { SettingsCard } from "./settings.js";
 
 /** @typedef {import("../../state/robot.js").Program} Program */
 /** @typedef {import("../../texts/text.js").Key} Key */
@@ -27,8 +30,8 @@ export function BoardScreen({ link, motion }) {
   if (fit.value !== null) return html`<${FitCard} link=${link} motion=${motion} />`;
   return html`<h1 class="sr">${t("screen.board")}</h1>
     <div class="conn">
-      <div><${BoardList} link=${link} /><${FigureCard} link=${link} /><${LinkCard} link=${link} /></div>
-      <div><${Doctor} link=${link} /><${About} /><${People} link=${link} /></div>
+      <div><${BoardList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} /><${LinkCard} link=${link} /></div>
+      <div><${Doctor} link=${link} /><${LineTestCard} link=${link} /><${About} /><${RawAnglesCard} link=${link} /><${People} link=${link} /></div>
     </div>`;
 }
 

@@ -52,6 +52,7 @@ export function Inspector({ link }) {
       </dl>
       <div class="row wrap actions">
         <button class="btn s" disabled=${isOff} onClick=${release}>${t("live.let_go")}</button>
+        <button class="btn s" disabled=${!isLive.value || !mayMove.value} onClick=${() => set({ start: false, hold: true })}>${t("live.hold_it")}</button>
         <button class="btn s" disabled=${isOff} onClick=${() => set({ start: true, hold: true })}>${t("live.start_it")}</button>
       </div>
     </div>

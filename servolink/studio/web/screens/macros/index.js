@@ -1,15 +1,15 @@
 // Macros: course in time, tried on the figure before the robot moves.
 
 import { html, useEffect, useMemo, useRef } from "../../html.js";
-import { HoldButton } from "../../parts/hold-button.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { Reading } from "../../parts/reading.js";
+import { RunHold } from "../../parts/run-hold.js";
 import { FigureStage } from "../../parts/stage.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { isRunning, pause, pose, runOnRobot, seek, time, togglePlay } from "../../state/macro-preview.js";
-import { draft } from "../../state/project.js";
+import { draft, isWritten } from "../../state/project.js";
 import {
   addEmptyMacro,
   course,
@@ -101,6 +101,9 @@ function row(one) {
 function StageCard({ motion }) {
   const scene = useMemo(() => ({ pose, chosen: () => chosen.value, onPick: chooseServo }), []);
   const isEmpty = course.value === null || course.value.isCut || course.value.turns.length === 0;
+  const id = macro.value?.macro_id ?? 0,
+    takes = macro.value && secondsOfMacro(macro.value);
+  const stored = takes !== null && isWritten("macro", id) ? { type: "macro", id, seconds: takes } : null;
   return html`<section class="stage" aria-label=${t("macros.preview")}>
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene} label=${t("macros.preview")} view=${views.macros.value} />`}
     <div class="tl col"><${ViewChoice} of="macros" /></div>
@@ -111,6 +114,6 @@ function StageCard({ motion }) {
           : html`<span class="chip acc"><${Icon} name="eye" />${t("macros.preview_only")}</span>`
       }
     </div>
-    <div class="br"><${HoldButton} label=${t("macros.hold_to_run")} disabled=${isEmpty} onBegin=${() => runOnRobot(motion)} onEnd=${() => motion.end()} /></div>
+    <div class="br"><${RunHold} label=${t("macros.hold_to_run")} stored=${stored} disabled=${isEmpty} motion=${motion} onBegin=${() => runOnRobot(motion)} /></div>
   </section>`;
 }

@@ -1,0 +1,291 @@
+"""Every command of the document from the page: what a person does with the mouse reaches the board as frames.
+
+Frames are read from the line between studio and board, and the commands from the table in `tests/data/vectors.json`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from servolink import sync
+from servolink.discovery import hubs
+from servolink.project.project_file import load_project
+from tests.processes import until
+from tests.studio.board_program import BoardProgram
+from tests.studio.browser import DEMO, in_browser, opened, running, show
+from tests.studio.wire import Wire, wire_to
+
+pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+
+pytestmark = in_browser
+
+_VECTORS = json.loads((Path(__file__).parents[1] / "data/vectors.json").read_text())
+COMMANDS = {
+    int(vector["id"]): str(vector["name"])
+    for vector in _VECTORS
+    if vector["id"] % 10 == 0 or vector["id"] == 40081  # requests, and the only frame that no request asks for
+}
+_ALL = 0xFF
+
+
+class Place(NamedTuple):
+    """A page of a studio, and the line behind the studio."""
+
+    page: Any
+    wire: Wire
+    board: sync.Board
+
+    def button(self, name: str) -> Any:
+        """Return the button of this name."""
+        return self.page.get_by_role("button", name=name, exact=True)
+
+
+@pytest.fixture(scope="module")
+def place(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    """A studio on a board with the demo content. The folders of the user are those of this module alone."""
+    folder = tmp_path_factory.mktemp("commands")
+    runtime = folder / "runtime"
+    runtime.mkdir(mode=0o700)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", str(runtime))
+        patch.setenv("XDG_DATA_HOME", str(folder / "data"))
+        patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
+        program = BoardProgram(folder, "--servos", "16")
+        with wire_to(program.url) as wire, running("studio", "--board", wire.url) as url:
+            [hub] = hubs.candidates()
+            with sync.connect(hub.url) as board:
+                board.apply_project(load_project(DEMO), backup=False)
+                with opened(chromium, url) as page:
+                    yield Place(page, wire, board)
+        program.kill()
+
+
+def read_again(place: Place) -> None:
+    show(place.page, "Project")
+    place.button("Read again").click()
+
+
+def reload(place: Place) -> None:
+    place.page.reload()
+    show(place.page, "Live")
+
+
+def read_settings(place: Place) -> None:
+    show(place.page, "Board")
+    place.page.get_by_role("region", name="Settings and memory").get_by_role("button", name="Read", exact=True).click()
+
+
+def write(place: Place) -> None:
+    """Write the edits to the board."""
+    show(place.page, "Project")
+    place.button("Write to the board").click()
+    place.page.get_by_text("Written", exact=True).wait_for()
+
+
+def set_mode(place: Place) -> None:
+    show(place.page, "Board")
+    place.button("Set mode 1").click()
+
+
+def clear(place: Place) -> None:
+    """Delete everything, and bring it back."""
+    before = place.board.export_project()
+    show(place.page, "Board")
+    place.button("Delete everything …").click()
+    dialog = place.page.get_by_role("dialog")
+    assert dialog.get_by_role("button", name="Delete everything").is_disabled()
+    dialog.get_by_role("checkbox").check()
+    dialog.get_by_role("button", name="Delete everything").click()
+    place.page.get_by_text("Written", exact=True).wait_for()
+    assert place.board.actions() == ()
+    place.page.get_by_role("button", name="Roll back …").first.click()
+    dialog.get_by_role("button", name="Roll back").click()
+    place.page.get_by_text("Rolled back", exact=True).wait_for()
+    assert place.board.export_project().actions == before.actions
+
+
+def run_line_test(place: Place) -> None:
+    show(place.page, "Board")
+    place.button("Test").click()
+    place.page.get_by_role("img", name=re.compile("40 of 40 answered")).wait_for()
+
+
+def watch(place: Place) -> None:
+    show(place.page, "Live")
+
+
+def stop_one(place: Place) -> None:
+    show(place.page, "Live")
+    place.page.get_by_role("button", name="L elbow").click()
+    place.button("Stop and hold").click()
+    until(lambda: place.wire.sent_of(20030)[-1] == bytes((6, 0, 1)))
+    place.button("Start").click()
+
+
+def raw_angles(place: Place) -> None:
+    show(place.page, "Board")
+    card = place.page.get_by_role("region", name="Raw angles")
+    card.get_by_role("button", name="Read").click()
+    card.get_by_role("row").nth(16).wait_for()
+    assert bytes((_ALL, 1)) in place.wire.sent_of(20040)
+    card.get_by_role("button", name="End").click()
+
+
+def move(place: Place) -> None:
+    show(place.page, "Live")
+    place.page.get_by_role("group", name="Robot").get_by_role("button", name="Robot").click()
+    slider = place.page.get_by_label("Target of servo 6")
+    slider.press("ArrowRight", delay=300)
+    place.page.get_by_role("group", name="Robot").get_by_role("button", name="Preview").click()
+
+
+def held(place: Place, packet_id: int) -> None:
+    """Let the board run what is shown, for as long as it takes to see the frame."""
+    place.button("As stored").click()
+    before = place.wire.count(packet_id)
+    button = place.button("Hold: the board runs it")
+    button.scroll_into_view_if_needed()
+    box = button.bounding_box()
+    place.page.mouse.move(box["x"] + 20, box["y"] + 20)
+    place.page.mouse.down()
+    until(lambda: place.wire.count(packet_id) > before)
+    stops = place.wire.count(20030)
+    place.page.mouse.up()
+    until(lambda: place.wire.count(20030) > stops)  # released before the end
+
+
+def run_action(place: Place) -> None:
+    show(place.page, "Actions")
+    place.page.locator(".pose").filter(has_text="Stand").first.click()
+    held(place, 20060)
+
+
+def run_macro(place: Place) -> None:
+    show(place.page, "Macros")
+    place.page.locator(".mrow").filter(has_text="Dance").first.click()
+    held(place, 30090)
+
+
+def add_action(place: Place) -> None:
+    show(place.page, "Actions")
+    place.button("New action, as the robot stands now").click()
+    write(place)
+
+
+def delete_action(place: Place) -> None:
+    add_action(place)
+    show(place.page, "Actions")
+    place.page.get_by_role("button", name="More: duplicate, delete").first.click()
+    place.page.get_by_role("menuitem", name="Delete").click()
+    write(place)
+
+
+def add_macro(place: Place) -> None:
+    show(place.page, "Macros")
+    place.button("New macro").click()
+    place.button("Add a pause").click()
+    write(place)
+
+
+def delete_macro(place: Place) -> None:
+    add_macro(place)
+    show(place.page, "Macros")
+    place.page.locator(".mrow[aria-pressed=true]").click()
+    place.page.get_by_role("button", name="More: duplicate, delete").click()
+    place.page.get_by_role("menuitem", name="Delete").click()
+    write(place)
+
+
+def write_project_id(place: Place) -> None:
+    show(place.page, "Board")
+    if place.button("Change the project id …").is_visible():
+        place.button("Change the project id …").click()
+    field = place.page.get_by_label("New project id, 0 for none")
+    field.fill("4321")
+    field.press("Enter")
+    write(place)
+    assert (4321).to_bytes(4, "little") in place.wire.sent_of(30120)
+
+
+def add_table(place: Place) -> None:
+    show(place.page, "Buttons")
+    place.button("New table").click()
+    write(place)
+
+
+def use_table(place: Place) -> None:
+    add_table(place)
+    show(place.page, "Buttons")
+    place.page.get_by_role("button", name=re.compile("^More for")).click()
+    place.page.get_by_role("menuitem", name=re.compile("^Use ")).click()
+    write(place)
+
+
+def delete_table(place: Place) -> None:
+    add_table(place)
+    show(place.page, "Buttons")
+    place.page.get_by_role("button", name=re.compile("^More for")).click()
+    place.page.get_by_role("menuitem", name=re.compile("^Delete ")).click()
+    write(place)
+
+
+def hear_button(place: Place) -> None:
+    show(place.page, "Buttons")
+    events = place.page.get_by_role("log").get_by_role("listitem")
+    place.wire.push(40081, (9).to_bytes(4, "little") + b"\0")
+    events.filter(has_text="9").first.wait_for()
+
+
+GESTURES: dict[int, Callable[[Place], None]] = {
+    10010: set_mode,
+    10020: clear,
+    10030: read_settings,
+    10040: reload,
+    10050: run_line_test,
+    20010: read_settings,
+    20020: watch,
+    20030: stop_one,
+    20040: raw_angles,
+    20050: move,
+    20060: run_action,
+    30010: read_again,
+    30020: read_again,
+    30030: add_action,
+    30040: delete_action,
+    30050: read_again,
+    30060: read_again,
+    30070: add_macro,
+    30080: delete_macro,
+    30090: run_macro,
+    30100: reload,
+    30120: write_project_id,
+    30130: read_settings,
+    40010: read_again,
+    40020: read_again,
+    40030: add_table,
+    40040: delete_table,
+    40050: use_table,
+    40060: read_again,
+    40070: reload,
+    40081: hear_button,
+}
+"""A way of a person to each command."""
+
+
+@pytest.mark.parametrize("packet_id", GESTURES, ids=lambda packet_id: f"{packet_id}-{COMMANDS[packet_id]}")
+def test_each_command_of_the_document_is_reached_from_the_page(place: Place, packet_id: int) -> None:
+    before = place.wire.count(packet_id)
+    GESTURES[packet_id](place)
+    if packet_id % 10 == 0:
+        until(lambda: place.wire.count(packet_id) > before)
+
+
+def test_every_command_of_the_document_is_in_the_table() -> None:
+    assert set(COMMANDS) - set(GESTURES) == {30110}
+    assert len(COMMANDS) == 32
