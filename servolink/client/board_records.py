@@ -99,7 +99,8 @@ class RecordStore:
             case AddServoParameterRequest():
                 return set(request.servos) <= set(await self.servo_parameters())
             case WriteProjectIDRequest():
-                return await self._session.project_id() == request.project_id
+                project_id = await self._session.find_project_id()
+                return None if project_id is None else project_id == request.project_id
             case SetActiveJoystickTableRequest():
                 return (await self.active_table() or 0) == request.table_id
             case SetServoParameterRequest():

@@ -30,6 +30,7 @@ from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.pauses import Pauses, Reconnecting
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.base import Transport
 from servolink.transports.foreign import contained
@@ -175,10 +176,15 @@ class connect:  # noqa: N801 - reads as the function it stands for
         async def reopen() -> Connection:
             return await self._open_connection(create(await port.url()), options, stats, profile)
 
-        board = self._board_on(Session(connection, reopen, profile))
+        session = Session(connection, reopen, profile)
+        board = self._board_on(session)
         try:
             await port.learn()
-            await board.project_id()  # to recognise the board after a loss
+            if "QueryProjectID" not in session.unanswered:
+                try:
+                    await board.project_id()  # to recognise the board after a loss
+                except RequestTimeout as error:
+                    await session.note_unanswered(QueryProjectIDRequest(), error)
         except BaseException as error:
             await board.close()
             if isinstance(error, RequestTimeout):

@@ -9,6 +9,8 @@ from servolink.client.session import Session
 from servolink.escaping import escape, quote
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+from servolink.protocol.editing import QueryProjectIDRequest
+from servolink.protocol.joystick import QueryActiveJoystickTableRequest
 
 if TYPE_CHECKING:  # loading transfers takes longer than loading all packets
     from pathlib import Path
@@ -28,7 +30,7 @@ class ProjectTransfers:
         """Return everything stored on the board (see `Board.export_project`)."""
         from servolink.project.transfer.read import export_project
 
-        board = self._pinned()
+        board = await self._pinned()
         async with self._session.transfer(""):
             return await export_project(board, on_progress)
 
@@ -37,7 +39,7 @@ class ProjectTransfers:
         from servolink.project.transfer.import_plan import plan_project
 
         check_project(project)
-        board = self._pinned()
+        board = await self._pinned()
         async with self._session.transfer("a project is being compared"):
             return await plan_project(
                 board,
@@ -62,7 +64,7 @@ class ProjectTransfers:
         from servolink.project.transfer.importing import apply_project
 
         check_project(project)
-        board, store = self._pinned(), BackupStore(folder)
+        board, store = await self._pinned(), BackupStore(folder)
         async with self._session.transfer("a project is being written", moves=True):
             return await apply_project(
                 board,
@@ -81,7 +83,7 @@ class ProjectTransfers:
         from servolink.project.transfer.backups import BackupStore
         from servolink.project.transfer.importing import roll_back
 
-        board, store = self._pinned(), BackupStore(folder)
+        board, store = await self._pinned(), BackupStore(folder)
         async with self._session.transfer("a backup is being restored", moves=True):
             return await roll_back(
                 board,
@@ -93,9 +95,7 @@ class ProjectTransfers:
     async def has_unfinished_import(self, folder: Path | None) -> bool:
         """Return whether an import was interrupted (see `Board.has_unfinished_import`)."""
         self._reported_unfinished = True  # to the caller, so not to the log as well
-        project_id = 0
-        if "QueryProjectID" not in self._session.unanswered:
-            project_id = await self._session.project_id()
+        project_id = await self._session.find_project_id() or 0
         if is_unfinished(project_id):
             return True
         from servolink.project.transfer.backups import BackupStore, is_import_unfinished
@@ -113,10 +113,14 @@ class ProjectTransfers:
             )
         return project_id
 
-    def _pinned(self) -> PinnedConnection:
+    async def _pinned(self) -> PinnedConnection:
+        """Return the board as a transfer needs it, which must know all that the board does not answer."""
         from servolink.project.transfer.pinned import PinnedConnection
 
         profile = self._session.profile
+        for query in (QueryProjectIDRequest(), QueryActiveJoystickTableRequest()):
+            if query not in self._session.connection.answered:
+                await self._session.find(query)
         unanswered = self._session.unanswered
         if profile is None:
             return PinnedConnection(self._session, unanswered=unanswered)

@@ -9,16 +9,25 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnector
 from servolink.connection.explain import described, lost, same
+from servolink.connection.fences import SERVO_LIST, name_of
 from servolink.connection.packet_connection import PacketConnection
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
-from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, ServolinkError
+from servolink.errors import (
+    ConnectionLost,
+    MotionRefused,
+    Reason,
+    Rejected,
+    RequestRefused,
+    RequestTimeout,
+    ServolinkError,
+)
 from servolink.escaping import escape, quote
 from servolink.motion.ticket import Ticket
 from servolink.numeric import check_seconds
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.packet import Command, Packet, Request, Response, Result
+from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse, WriteProjectIDRequest
+from servolink.protocol.packet import Command, Packet, Query, Request, Response, Result
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
 if TYPE_CHECKING:  # most boards have no profile
@@ -48,6 +57,7 @@ class Session:
         self._enders: list[Callable[[ConnectionLost], None]] = []
         self._restorers: list[Callable[[PacketConnection], Awaitable[None]]] = []
         self._mode: int | None = None  # transmission mode set by this session; None if unchanged
+        self._unanswered = connection.unsupported  # names of queries
         self._states = ConnectionStates()
         self.loop = asyncio.get_running_loop()
         """Event loop of the connection."""
@@ -77,7 +87,7 @@ class Session:
     def unanswered(self) -> frozenset[str]:
         """Names of queries that the board does not answer (see `Board.unanswered`)."""
         known = (self.profile and self.profile.settings.unsupported) or ()
-        return getattr(self.connection, "unsupported", frozenset[str]()).union(known)
+        return self.connection.unsupported.union(self._unanswered, known)
 
     @property
     def state(self) -> ConnectionState:
@@ -134,6 +144,29 @@ class Session:
             check_seconds("timeout", timeout)
         return self.connection.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
 
+    async def find(self, query: Query[R]) -> R | None:
+        """Return the response to a short query; None from a board that answers other queries only.
+
+        Not every opening asks each of them. Raise RequestTimeout for a board that answers nothing.
+        """
+        if name_of(query) in self.unanswered:
+            return None
+        try:
+            return await self.request(query)
+        except RequestTimeout as error:
+            await self.note_unanswered(query, error)
+            return None
+
+    async def note_unanswered(self, query: Query[Any], error: RequestTimeout) -> None:
+        """Count a short query with this error as unanswered, also after a loss, if the board answers another one.
+
+        Raise `error` if the board has answered the query before, and RequestTimeout if the board answers nothing.
+        """
+        if query in self.connection.answered:
+            raise error
+        await self.request(next(iter(self.connection.answered), SERVO_LIST))
+        self._unanswered |= {name_of(query)}
+
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> None:
         """Send a packet without a response (see `Board.send`)."""
         if not isinstance(packet, Command):
@@ -180,14 +213,23 @@ class Session:
         if self._reconnector is not None:
             # Only to recognise the board later; the data is deleted, so a failure here is not a failure of the call.
             with suppress(ServolinkError):
-                await self.project_id()
+                await self.find_project_id()
 
     async def project_id(self) -> int:
         """Return the project id of the board (3.3.13)."""
         changes = self.identity.changes
-        project_id = (await self.request(QueryProjectIDRequest())).project_id
-        self.identity.learn(project_id, changes)
-        return project_id
+        return self._learn_id(await self.request(QueryProjectIDRequest()), changes)
+
+    async def find_project_id(self) -> int | None:
+        """Return the project id of the board; None for a board that answers other queries only."""
+        changes = self.identity.changes
+        response = await self.find(QueryProjectIDRequest())
+        return None if response is None else self._learn_id(response, changes)
+
+    def _learn_id(self, response: QueryProjectIDResponse, changes: int) -> int:
+        """Learn the id in a response to a query sent when the identity had changed so many times; return the id."""
+        self.identity.learn(response.project_id, changes)
+        return response.project_id
 
     async def write_project_id(self, project_id: int) -> None:
         """Write the project id (3.3.12). Raise Rejected if the board refuses."""
@@ -198,7 +240,8 @@ class Session:
         if self._reconnector is not None:
             # Only to recognise the board later: some boards store less of the id.
             with suppress(ServolinkError):
-                self.identity.add((await self.request(QueryProjectIDRequest())).project_id)
+                if (found := await self.find(QueryProjectIDRequest())) is not None:
+                    self.identity.add(found.project_id)
 
     # --- loss and end -------------------------------------------------------------------------------------------
 
@@ -266,7 +309,8 @@ class Session:
         if self._mode is not None:
             await set_mode(connection, 1)
         # First, as another board may be plugged in at this address.
-        await self.identity.check(connection)
+        if name_of(QueryProjectIDRequest()) not in self._unanswered:
+            await self.identity.check(connection)
         # Before the swap: a caller who sees `connected` must find units and events as they were.
         for restore in self._restorers:
             await restore(connection)

@@ -285,8 +285,10 @@ class Connection:
         self.mode_answered = opening.mode_answered
         self.is_proved = opening.is_proved
         self._opened_by = opening.kinds
-        for query in leftover:
-            self._slots.open(Slot(query, self._slots.lanes[query.packet_id + 1], None, is_fence=True, overdue=True))
+        # Their order stands in for their times, by which the fences are chosen that settle the most.
+        for age, query in zip(range(len(leftover), 0, -1), leftover, strict=True):
+            lane = self._slots.lanes[query.packet_id + 1]
+            self._slots.open(Slot(query, lane, None, float(-age), is_fence=True, overdue=True))
         self._change(ConnectionEvent.HANDSHAKE_DONE)
 
     def _open_again(self, packet_id: int) -> None:

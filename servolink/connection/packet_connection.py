@@ -13,7 +13,7 @@ from servolink.errors import ConnectionLost
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Command, Request, Response
+from servolink.protocol.packet import Command, Query, Request, Response
 from servolink.protocol.servos import SetServoParameterRequest
 
 R = TypeVar("R", bound=Response)
@@ -39,6 +39,16 @@ class PacketConnection(Protocol):
     gates: Gates
     hub: BoardSharing | None
     on_another: Callable[[str], None]
+
+    @property
+    def unsupported(self) -> frozenset[str]:
+        """Names of queries that the board is known not to answer, such as `QueryMemorySize`."""
+        ...
+
+    @property
+    def answered(self) -> tuple[Query[Any], ...]:
+        """Short queries that the board has answered on opening."""
+        ...
 
     @property
     def answers(self) -> ConnectionEvents:

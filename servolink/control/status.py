@@ -86,6 +86,9 @@ class BoardState(Struct, frozen=True):
     another: Annotated[
         str, about("description of a different board in place of the lost one, and of the expected one; else empty")
     ]
+    unanswered: Annotated[
+        tuple[str, ...], about("names of queries that the board does not answer, such as `QueryMemorySize`")
+    ] = ()
 
 
 class ServoNow(Struct, frozen=True):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +23,7 @@ PATIENCE = 1.0
 _FIRST, _SECOND = 2.4, 1.1  # the same in the expected byte order and in the other one
 _FILLER = bytes(265)  # ends a frame that seems 256 bytes longer in the wrong byte order
 _AFTER_RESET = 0.3  # seconds
+_PATIENCES_AFTER_OPENING = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +108,15 @@ async def reach(url: str, byte_order: ByteOrder = "little", **options: Any) -> t
 async def response_of(connection: Connection) -> ProbeResponse:
     """Return how the board of a contact responds."""
     loop = asyncio.get_running_loop()
+    # First a query that the board answers: a slow board may still owe responses to the opening.
+    await connection.request(connection.answered[0], timeout=_PATIENCES_AFTER_OPENING * connection.patience)
     begun = loop.time()
     project_id = None
     if "QueryProjectID" not in connection.unsupported:
-        try:
-            project_id = (await connection.request(QueryProjectIDRequest(), timeout=connection.patience)).project_id
-        except (RequestTimeout, DecodeError):
-            begun = loop.time()
+        with suppress(RequestTimeout, DecodeError):
+            project_id = (await connection.request(QueryProjectIDRequest())).project_id
     if project_id is None:
+        begun = loop.time()
         await connection.request(connection.answered[0])
     mode = 0 if connection.woke else 1
     return ProbeResponse(connection.codec.byte_order, mode, project_id, loop.time() - begun)

@@ -77,7 +77,7 @@ async def learn_by_asking(
     async with TrialLine(transport, Codec(contact.byte_order)) as line:
         line.patience = patience or line.patience
         on_step("sending single queries")
-        quality = await measure_quality(line, contact.query)
+        quality = await measure_quality(line, contact.answered)
         on_step("sending each kind of query")
         survey = await survey_board(line, quality)
         learnt = Learnt(contact, quality, survey)
@@ -91,7 +91,7 @@ async def learn_by_asking(
         ]
         on_step("querying ids that the board does not list")
         learnt.measured.append(await unknown_ids_finding(line, survey, quality))
-        learnt.measured.append(turnaround_finding(contact.query, survey, quality, _baudrate(transport.url)))
+        learnt.measured.append(turnaround_finding(contact.answered[0], survey, quality, _baudrate(transport.url)))
         on_step("sending many queries at once")
         learnt.measured.append(await depth_finding(line, survey, quality))
     return learnt
@@ -145,7 +145,7 @@ async def _write(trial: Trial, learnt: Learnt, on_step: Step, *, clear: bool) ->
         on_step("storing records twice")
         measured.append(await duplicate_finding(board, trial))
     on_step("storing many records at once")
-    measured.append(await write_depth_finding(trial, learnt.quality))
+    measured.append(await write_depth_finding(trial, learnt.quality, learnt.contact.answered))
     if clear:
         on_step("clearing the board")
         async with trial.board() as board:

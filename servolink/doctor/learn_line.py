@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 from types import TracebackType
@@ -99,8 +100,6 @@ class TrialLine:
         self.codec = codec
         self.patience = PATIENCE
         """Seconds to wait for a response, and after the last response for another."""
-        self.fence: Request[Response] | None = None
-        """Query that the board answers: where a response is missing, waiting goes on until this later one has come."""
         self.received = 0
         """Number of bytes received so far."""
         self.received_at = self._loop.time()
@@ -117,6 +116,7 @@ class TrialLine:
         self._frames: list[Frame] = []
         self._received_frames: list[Frame] = []  # all frames since the latest burst began
         self._fences: list[Request[Response]] = []  # sent after the latest burst
+        self._fence_kinds: deque[Request[Response]] = deque()
         self._news = asyncio.Event()
         self._ended: Exception | None = None
 
@@ -147,6 +147,13 @@ class TrialLine:
         """End: the transport has ended."""
         self._ended = error or ConnectionLost(f"{self._transport.url}: closed")
         self._news.set()
+
+    def use_fences(self, queries: Iterable[Request[Response]]) -> None:
+        """Where a response is missing, wait until a later one has come: to one of `queries`, which the board answers.
+
+        They take turns: a late response to the fence behind one burst is none to the fence behind the next.
+        """
+        self._fence_kinds = deque(queries)
 
     async def settle(self) -> None:
         """Wait until no response has come for a moment, so that later responses belong to later packets."""
@@ -180,8 +187,8 @@ class TrialLine:
     async def burst(self, requests: Sequence[Request[Response]]) -> list[Frame]:
         """Send all requests at once, and return the frames of the responses: at most one for each request.
 
-        Waiting ends with the last response, or after `patience` without a frame. With a `fence`, that is then sent, and
-        waiting goes on until it is answered: what is still missing is lost and not late.
+        Waiting ends with the last response, or after `patience` without a frame. A fence is then sent, if there are any
+        (see `use_fences`), and waiting goes on until it is answered: what is still missing is lost and not late.
         """
         self._fences.clear()
         self._frames.clear()
@@ -190,8 +197,9 @@ class TrialLine:
         outstanding = list(requests)
         await self._transport.send(b"".join([self.codec.encode(each, unchecked=True) for each in requests]))
         found = await self._collect(outstanding)
-        if outstanding and self.fence is not None:
-            found += await self._await_fence(outstanding, self.fence)
+        if outstanding and self._fence_kinds:
+            self._fence_kinds.rotate()
+            found += await self._await_fence(outstanding, self._fence_kinds[0])
         answers = [frame for frame in found if any(self._answers(frame, each) for each in requests)]
         # A fence may be equal to a request: all that is missing then counts as requests.
         return answers[: max(0, len(requests) - sum(each in requests for each in outstanding))]
@@ -308,10 +316,11 @@ _LONGEST_MEASURING = 15.0  # seconds
 _SHORTEST_PATIENCE, _LONGEST_PATIENCE = 0.1, 2.0
 
 
-async def measure_quality(line: TrialLine, query: Request[Response]) -> Quality:
-    """Send `query` many times, one at a time, and set fence and patience of `line` by the responses."""
+async def measure_quality(line: TrialLine, queries: Sequence[Request[Response]]) -> Quality:
+    """Send the first of `queries` many times, one at a time, and set fences and patience of `line`."""
     loop = asyncio.get_running_loop()
-    line.fence = query
+    query = queries[0]
+    line.use_fences(queries)
     end = loop.time() + _LONGEST_MEASURING
     round_trips = []
     sendings = 0

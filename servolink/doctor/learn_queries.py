@@ -43,11 +43,11 @@ _FEW_REPEATED = 2  # second responses, which are chance
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Byte order, query and mode of the first response."""
+    """Byte order, mode, and queries answered by the board."""
 
     byte_order: ByteOrder
-    query: Query[Response]
-    """Short query answered by the board."""
+    answered: tuple[Query[Response], ...]
+    """Short queries answered by the board, at least one."""
     mode: int
     """Transmission mode before contact; mode 1 is set now. A board that sent bytes was in mode 1."""
     silent_queries: int
@@ -84,9 +84,8 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
     try:
         line = await measure(connection, patience)
         mode, silent_queries = (0, _SILENT_QUERIES) if connection.woke else (1, 0)
-        query = connection.answered[0]
         contact = Contact(
-            connection.codec.byte_order, query, mode, silent_queries, line.requests, line.repeated, longer
+            connection.codec.byte_order, connection.answered, mode, silent_queries, line.requests, line.repeated, longer
         )
     finally:
         await connection.close()

@@ -17,6 +17,7 @@ from servolink.profiles.profile import Measured
 from servolink.project.model import without_neutral
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.frame import OVERHEAD
+from servolink.protocol.packet import Query, Response
 from servolink.protocol.record_types import ACTION, RECORD_TYPES
 from servolink.protocol.records import Action, ServoParameter
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
@@ -138,13 +139,13 @@ async def _added_twice(board: Board, action: Action) -> tuple[str | None, str]:
     return ("reject" if is_accepted is False else None), text
 
 
-async def write_depth_finding(trial: Trial, quality: Quality) -> Measured:
-    """Store more and more records at once until some are lost."""
+async def write_depth_finding(trial: Trial, quality: Quality, fences: Sequence[Query[Response]]) -> Measured:
+    """Store more and more records at once until some are lost; `fences` are short queries that the board answers."""
     works, observation = 1, ""
     size = max(OVERHEAD + ACTION.size(action) for action in trial.scratch_actions(1))
     async with TrialLine(trial.transport, trial.codec) as line:
         line.patience = max(line.patience, 4 * quality.round_trip)
-        line.fence = ACTION.list_request
+        line.use_fences(fences)
         for depth in _DEPTHS:
             lost = 0
             for _ in range(_ROUNDS):

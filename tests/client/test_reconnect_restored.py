@@ -16,10 +16,10 @@ from servolink import (
 from servolink.client import connect as connecting
 from servolink.client.reconnect import SETTLES_AFTER
 from servolink.connection.connection import Connection
-from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.serial_ports import PortTracker
 from servolink.virtual.board import VirtualBoard
+from servolink.virtual.kind import BoardKind
 from tests.client.fake_board import LOST, FakeBoard, lie
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
@@ -107,16 +107,37 @@ async def test_closing_while_the_session_is_being_restored_frees_the_port(socket
     assert socket.live == []
 
 
-async def test_a_board_that_does_not_tell_which_it_is_is_not_connected_to(
+async def test_a_board_that_falls_silent_behind_its_opening_is_not_connected_to(
     socket: Socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fake = FakeBoard()
-    fake.plan(QueryProjectIDRequest, *[LOST] * 100)
+
+    async def learn(_: PortTracker) -> None:
+        fake.usual = LOST
+
+    monkeypatch.setattr(PortTracker, "learn", learn)
     monkeypatch.setattr(connecting, "create", lambda _: fake)
     with pytest.raises(OpenError, match="was not answered") as caught:
         await connect("virtual://", reconnect=True)
     assert caught.value.__suppress_context__  # the traceback of the request adds nothing
     assert fake.closed == 1
+
+
+@pytest.mark.parametrize("seed", [0, 23])  # the opening of the second does not ask for the id
+async def test_a_board_without_project_id_is_connected_to_again_after_a_loss(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("servolink.connection.connection.os.urandom", lambda size: bytes([seed] * size))
+    virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryProjectID",)))
+    socket = Socket(virtual)
+    monkeypatch.setattr(connecting, "create", socket.transport)
+    async with connect("virtual://", reconnect=True) as board:
+        assert board.unanswered == {"QueryProjectID"}
+        socket.pull()
+        socket.plug(virtual)
+        await until(board, "connected")
+        assert await board.servo_ids() == (1, 2)
+        assert not await board.has_unfinished_import()
 
 
 def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,15 +88,11 @@ def test_a_board_that_is_reset_by_its_opening_is_opened_once_more(
 # --- the line -----------------------------------------------------------------------------------------------------
 
 
-VERY_LATE = 1.0
-
-
 async def measured(board: FakeBoard, monkeypatch: pytest.MonkeyPatch) -> LineCounts:
     monkeypatch.setattr(contact, "create", lambda url: board)
     transport, connection = await reach("fake://board")
     try:
-        project_id = (await response_of(connection)).project_id
-        assert project_id == 0 or (project_id is None and board.usual.after == VERY_LATE)  # perhaps taken for silent
+        assert (await response_of(connection)).project_id == 0
         return await measure(connection)
     finally:
         await connection.close()
@@ -108,7 +104,7 @@ async def measured(board: FakeBoard, monkeypatch: pytest.MonkeyPatch) -> LineCou
     [
         (Fate(), []),
         (Fate(after=0.3), []),  # slow, but nothing is late
-        (Fate(after=VERY_LATE), []),
+        (Fate(after=1.0), []),  # the same
         (Fate(copies=2), ["answers twice"]),
         (Fate(mangle=lambda frame: b"temperature 21 degrees\r\n" + frame), ["text"]),
         (Fate(mangle=lambda frame: b"\x01\x02\x03" + frame), ["noise"]),

@@ -161,7 +161,7 @@ async def test_a_packet_that_the_hub_refuses_is_reported_to_its_program_alone() 
 
 async def test_who_did_not_ask_for_programs_is_not_told_of_them() -> None:
     async with shared() as here, here.program("script") as script:
-        nobody = {"state": "connected", "lease": None, "hold": None, "another": ""}
+        nobody: dict[str, object] = {"state": "connected", "lease": None, "hold": None, "another": "", "unanswered": []}
         assert await script.call("board.state") == nobody
         async with here.program("studio") as studio:
             await studio.call("lease.take")

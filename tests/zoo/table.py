@@ -67,8 +67,8 @@ TABLE: dict[str, Row] = {
     "logging": Row(("text",)),
     "resetting": Row(("absent",)),
     "twice": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
-    "twice-2": Row(("answers twice",), _TWICE, None, {}),
-    "twice-10": Row(("answers twice",), _TWICE, None, {}),
+    "twice-2": Row(("answers twice",), _TWICE, all_refuse("use answers_twice=yes"), {}),
+    "twice-10": Row(("answers twice",), _TWICE, {}),
     "bad-sum": Row(("noise",)),
     "padded": Row(("contents",), {"ignore_extra": True}, all_refuse(_LONGER), {}),
     "flooding": Row(),
@@ -76,7 +76,7 @@ TABLE: dict[str, Row] = {
     "chatting": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
     "loop-back": Row(("echo",), _NOT_FOUND, all_refuse(_RETURNS)),
     "modem": Row(("no response",), _NOT_FOUND, all_refuse(_SENDS_TEXT)),
-    "no-project-id": Row((), {"unsupported": ("QueryProjectID",)}, None, {}),  # not each opening asks for the id
+    "no-project-id": Row((), {"unsupported": ("QueryProjectID",)}),
     "old-firmware": Row(
         (),
         {

@@ -271,7 +271,7 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
     described: dict[str, object] = {
         "url": board.url,
         "project_id": await ask("QueryProjectID", board.project_id),
-        "has_unfinished_import": await ask("", board.has_unfinished_import),
+        "has_unfinished_import": await board.has_unfinished_import(),
         "memory": {"size_bytes": memory and memory.size, "total_size_bytes": memory and memory.total_size},
         "battery_percent": charge,
         "servos": count(await ask("QueryServoList", board.servo_ids)),
@@ -283,8 +283,8 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
         "angle_unit": board.unit_of(ALL_SERVOS),
         "round_trip_seconds": board.stats.round_trip(50),
     }
-    described["unanswered"] = sorted(filter(None, missing))
-    if described["unanswered"]:
+    described["unanswered"] = sorted(missing)
+    if missing:
         print_error(f"left out, as the board does not answer: {', '.join(sorted(missing))}")
     if args.json:
         print_json(described)

@@ -149,6 +149,16 @@ class DirectConnection:
         self.program.on_end = lambda: self._end(lost(self.url, ConnectionError("the hub has ended")))
 
     @property
+    def unsupported(self) -> frozenset[str]:
+        """Names of queries that the board is known not to answer."""
+        return self._hub.board.unanswered
+
+    @property
+    def answered(self) -> tuple[Query[Any], ...]:
+        """Short queries that the board has answered on opening."""
+        return self._hub.board.connection.answered
+
+    @property
     def depth_bound(self) -> int:
         """How many queries may ever be under way."""
         return self._hub.board.connection.depth_bound

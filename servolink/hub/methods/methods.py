@@ -98,7 +98,7 @@ def rename(caller: Caller, params: Rename) -> Done:
 def board_state(caller: Caller, params: NoParams) -> BoardState:
     """Return lease, exclusive use, and the state of the connection to the board."""
     hub = caller.control.hub
-    return BoardState(hub.state, hub.lease, hub.exclusive_use, hub.another)
+    return BoardState(hub.state, hub.lease, hub.exclusive_use, hub.another, tuple(sorted(hub.board.unanswered)))
 
 
 # --- the lease and the hold -------------------------------------------------------------------------------------------
