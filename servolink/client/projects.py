@@ -118,6 +118,7 @@ class ProjectTransfers:
         from servolink.project.transfer.pinned import PinnedConnection
 
         profile = self._session.profile
+        # Openings leave short queries out by chance, and a plan must know all gaps before the first reading.
         for query in (QueryProjectIDRequest(), QueryActiveJoystickTableRequest()):
             if query not in self._session.connection.answered:
                 await self._session.find(query)

@@ -164,6 +164,7 @@ class Session:
         """
         if query in self.connection.answered:
             raise error
+        # The programs of a hub have no opening of their own, and each board with servos lists these.
         await self.request(next(iter(self.connection.answered), SERVO_LIST))
         self._unanswered |= {name_of(query)}
 
