@@ -58,8 +58,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect no garbage while tests are collected: there is none, and looking for it takes a third of the time."""
+    """Collect no garbage while tests are collected: there is none, and looking for it takes a third of the time.
+
+    Where Python writes no compiled modules beside the sources, keep those of the tests, of the workers and of the
+    programs that tests start in pytest's cache: compiling the tests takes longer than collecting them.
+    """
     gc.disable()
+    if sys.dont_write_bytecode and (cache := getattr(config, "cache", None)):
+        sys.dont_write_bytecode = False
+        sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(cache.mkdir("pycache"))
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if config.getoption("--board") == "firmware":
         config.pluginmanager.import_plugin("tests.firmware.stand_in")
 
@@ -68,6 +76,7 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_runtestloop() -> None:
     """Keep the garbage collector from going through ten thousand tests again and again, which never are garbage."""
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
     gc.enable()
 
 
@@ -104,16 +113,6 @@ def _files_are_not_synced() -> Iterator[None]:
     """Leave files to the system, as nothing here has to outlive a power failure; a disk takes its time for each."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _modules_are_compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let the programs that tests start share compiled modules where Python writes none beside the sources."""
-    with pytest.MonkeyPatch.context() as patch:
-        if sys.dont_write_bytecode:
-            patch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-            patch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path_factory.getbasetemp().parent / "pycache"))
         yield
 
 
