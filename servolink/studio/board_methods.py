@@ -1,4 +1,4 @@
-"""Methods about the surroundings of a board: boards here, the doctor, and links for other machines."""
+"""Methods about the surroundings of a board: the doctor, and links for other machines."""
 
 from __future__ import annotations
 
@@ -10,31 +10,14 @@ from msgspec import Struct
 from servolink.control.error_codes import Code, RpcError
 from servolink.control.messages import NoParams
 from servolink.control.roles import Role
-from servolink.discovery.search import boards, search
 from servolink.doctor import Finding
 from servolink.doctor.examine import checks_before_opening
 from servolink.doctor.system import SystemFacts
 from servolink.errors import InvalidAddress
 from servolink.studio.links import LinkAddress, LinkRole
-from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.studio.studio_methods import METHODS, PageCaller, check_local
 
 _OF_THE_HUB = "in use"
-
-
-class FoundBoard(Struct, frozen=True):
-    """Board of this machine, as `servolink list` shows it."""
-
-    url: str
-    product: str
-    problem: str
-    is_ours: bool
-    """Whether the studio uses the board, directly or through a hub."""
-
-
-class FoundBoards(Struct, frozen=True):
-    """All boards on this machine."""
-
-    boards: tuple[FoundBoard, ...]
 
 
 class DoctorReport(Struct, frozen=True):
@@ -64,21 +47,11 @@ class LinkChange(Struct, forbid_unknown_fields=True):
     action: Literal["revoke", "renew"]
 
 
-@METHODS.add("studio.boards", Role.EDIT)
-async def studio_boards(caller: PageCaller, params: NoParams) -> FoundBoards:
-    """Return the boards on this machine without opening any."""
-    found = boards(await asyncio.to_thread(search))
-    ours = {caller.url, f"share://{caller.studio.hub}"}
-    return FoundBoards(
-        tuple(FoundBoard(one.url, one.product, one.problem, one.url in ours or one.shares in ours) for one in found)
-    )
-
-
 @METHODS.add("studio.doctor", Role.EDIT)
 async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
     """Examine the connection to the board without opening the port: a hub has the port open."""
     try:
-        found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [caller.url])
+        found = await asyncio.to_thread(checks_before_opening, SystemFacts(), [caller.url] if caller.url else [])
     except InvalidAddress:  # of a kind known to the hub only
         found = []
     # While the hub uses the board, the port is open in the process of the hub.
@@ -89,14 +62,14 @@ async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
 @METHODS.add("studio.links", Role.EDIT)
 def links(caller: PageCaller, params: NoParams) -> LinkList:
     """Return the links for other machines. Pages opened through a link are refused."""
-    _check_local(caller)
+    check_local(caller)
     return _links(caller)
 
 
 @METHODS.add("studio.links.change", Role.EDIT)
 def links_change(caller: PageCaller, params: LinkChange) -> LinkList:
     """Revoke a link, which also closes the pages opened through the link, or make a new link."""
-    _check_local(caller)
+    check_local(caller)
     known = caller.studio.links
     if known is None:
         raise RpcError(Code.FORBIDDEN, "the studio is not open to others", remedy="start it with --allow-host")
@@ -111,10 +84,3 @@ def links_change(caller: PageCaller, params: LinkChange) -> LinkList:
 def _links(caller: PageCaller) -> LinkList:
     known = caller.studio.links
     return LinkList(known.addresses() if known else (), known is not None)
-
-
-def _check_local(caller: PageCaller) -> None:
-    if caller.studio.links is not None and caller.studio.links.is_one(caller.page.token):
-        raise RpcError(
-            Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
-        )

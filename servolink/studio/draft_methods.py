@@ -40,16 +40,15 @@ class DraftSaved(Struct, frozen=True):
 @METHODS.add("studio.draft.get", Role.WATCH)
 async def draft_get(caller: PageCaller, params: NoParams) -> DraftNow:
     """Return the unwritten edits. From now on, `studio.draft` reports edits of other pages."""
-    return DraftNow(await caller.studio.drafts.kept())
+    return DraftNow(await caller.studio.drafts_of(caller.hub).kept())
 
 
 @METHODS.add("studio.draft.save", Role.EDIT, in_order=True)
 async def draft_save(caller: PageCaller, params: DraftSave) -> DraftSaved:
     """Keep each edit, unless another page has edited the record since the revision known to the page."""
-    saved, conflicts = await caller.studio.drafts.save(params.edits, caller.page.who)
-    for page in caller.studio.pages - {caller.page}:
-        if saved:
-            page.notify("studio.draft", DraftNow(saved))
+    saved, conflicts = await caller.studio.drafts_of(caller.hub).save(params.edits, caller.page.who)
+    if saved:
+        caller.tell_others("studio.draft", DraftNow(saved))
     return DraftSaved(saved, conflicts)
 
 
@@ -57,9 +56,10 @@ async def follow_drafts(studio: Studio) -> None:
     """Send the pages of `studio` the edits of other studios of the board, until cancelled."""
     while True:
         await asyncio.sleep(_LOOK)
-        if not studio.pages:
+        hub = studio.hub
+        if not hub or not studio.pages_of(hub):
             continue
         with suppress(ProjectError):  # the page gets the error with the next save
-            if records := await studio.drafts.news():
-                for page in studio.pages:
+            if records := await studio.drafts_of(hub).news():
+                for page in studio.pages_of(hub):
                     page.notify("studio.draft", DraftNow(records))

@@ -69,16 +69,15 @@ class FigureSave(Struct, forbid_unknown_fields=True):
 @METHODS.add("studio.figure.get", Role.WATCH)
 async def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
     """Return the figure of the robot, null for none."""
-    return _now(await asyncio.to_thread(read_figure, caller.studio.hub))
+    return _now(await asyncio.to_thread(read_figure, caller.hub))
 
 
 @METHODS.add("studio.figure.save", Role.EDIT, in_order=True)
 async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
     """Keep the figure of the robot. EncodeError names the faulty place in the figure."""
     figure = None if params.figure is None else checked_figure(params.figure)
-    await asyncio.to_thread(write_figure, caller.studio.hub, figure)
-    for page in caller.studio.pages - {caller.page}:
-        page.notify("studio.figure", _now(figure))
+    await asyncio.to_thread(write_figure, caller.hub, figure)
+    caller.tell_others("studio.figure", _now(figure))
     return _now(figure)
 
 

@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager, suppress
 from typing import Annotated
 
 import msgspec
-from aiohttp import WSMsgType, web
+from aiohttp import WSCloseCode, WSMsgType, web
 from msgspec import Meta, Struct
 
-from servolink.control.greeting import Greeting, Welcome
+from servolink.control.greeting import VERSION, Greeting, Welcome
 from servolink.control.peer import MOST_BYTES, Peer
 from servolink.control.roles import Role, RoleName
 from servolink.control.share_address import greet
@@ -24,6 +24,7 @@ from servolink.studio import (  # modules that add their methods on import
     figure_methods,
     project_methods,
     recording_methods,
+    robot_methods,
 )
 from servolink.studio.gate import Gate
 from servolink.studio.studio_methods import METHODS, MOST_NAME, PageCaller, Studio
@@ -36,6 +37,7 @@ __all__ = [
     "figure_methods",
     "project_methods",
     "recording_methods",
+    "robot_methods",
     "serve_page",
 ]
 
@@ -44,7 +46,7 @@ MOST_UNREAD = 64
 """Most unread messages of the studio to a page; beyond the limit, only the necessary ones are sent."""
 _TOKEN_LIMIT = 5.0  # seconds for the first message
 _MOST_LINE = 8 * MOST_BYTES  # bytes in a line of the hub
-_BAD_TOKEN, _NO_BOARD = 4401, 4404  # codes for closing the socket
+_BAD_TOKEN, _NO_HUB, _MOVING = 4401, 4404, 4410  # codes for closing the socket
 _OWN = "studio."
 
 
@@ -75,7 +77,7 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
             await messages.send_str(msgspec.json.encode(await studio.welcome(welcome)).decode())
             await _Page(studio, role, hello, welcome, messages, reader, writer).talk()
     except OpenError as error:
-        await messages.close(code=_NO_BOARD, message=str(error).encode()[:120])
+        await messages.close(code=_NO_HUB, message=str(error).encode()[:120])
 
 
 async def _hello(messages: web.WebSocketResponse) -> Hello | None:
@@ -87,9 +89,15 @@ async def _hello(messages: web.WebSocketResponse) -> Hello | None:
 @asynccontextmanager
 async def _connected(
     studio: Studio, who: str, role: RoleName
-) -> AsyncIterator[tuple[Welcome, asyncio.StreamReader, asyncio.StreamWriter]]:
-    """Connect to the control interface of the hub for a page. Raise OpenError if there is no hub."""
+) -> AsyncIterator[tuple[Welcome, asyncio.StreamReader, asyncio.StreamWriter | None]]:
+    """Connect to the control interface of the hub for a page. Raise OpenError if there is no hub.
+
+    Without a board, the page has no hub: there is no writer, and the reader stays silent.
+    """
     reader = asyncio.StreamReader(limit=_MOST_LINE)
+    if not studio.hub:
+        yield Welcome(servolink=VERSION, session="", name="", url="", role=role), reader, None
+        return
     protocol = asyncio.StreamReaderProtocol(reader)
     greeting = Greeting(wants="rpc", who=_name_for_hub(who), role=role)
     pipe, welcome = await greet(studio.hub, greeting, protocol)
@@ -113,38 +121,43 @@ class _Page:
         welcome: Welcome,
         messages: web.WebSocketResponse,
         reader: asyncio.StreamReader,
-        writer: asyncio.StreamWriter,
+        writer: asyncio.StreamWriter | None,
     ) -> None:
         self._messages = messages
         self._reader = reader
         self._writer = writer
-        self._responses: asyncio.Queue[bytes] = asyncio.Queue()
+        self._responses: asyncio.Queue[bytes | None] = asyncio.Queue()  # None ends the conversation
+        self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._code: int = WSCloseCode.OK
         self._studio = studio
         self.token = hello.token
         self.who = hello.who
-        caller = PageCaller(studio, welcome.url, self, _profile_in(welcome))
+        self.hub = welcome.name
+        caller = PageCaller(studio, welcome.url, self, welcome.name, _profile_in(welcome))
         self._own = Peer(METHODS, lambda: caller, self._respond, self._abort, role=Role.parse(role))
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""
         tasks = [asyncio.ensure_future(each) for each in (self._from_page(), self._from_hub(), self._from_studio())]
         self._studio.pages.add(self)
+        if self.hub != self._studio.hub:  # changed while the page connected
+            self.leave()
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait((*tasks, self._ended), return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._studio.pages.discard(self)
             for task in tasks:
                 task.cancel()
             await asyncio.wait(tasks)
             await self._own.close()
-        await self._messages.close()
+        await self._messages.close(code=self._code)
 
     async def _from_page(self) -> None:
         async for message in self._messages:
             if message.type is not WSMsgType.TEXT:
                 return
             text: str = message.data
-            if (method := _method(text)) in METHODS or method.startswith(_OWN):
+            if self._writer is None or (method := _method(text)) in METHODS or method.startswith(_OWN):
                 self._own.receive(text)
             else:
                 # A line for each message; line breaks in JSON occur only between values.
@@ -158,8 +171,8 @@ class _Page:
 
     async def _from_studio(self) -> None:
         with suppress(ConnectionError):
-            while True:
-                await self._messages.send_str((await self._responses.get()).decode())
+            while (response := await self._responses.get()) is not None:
+                await self._messages.send_str(response.decode())
                 if self._own.is_paused and self._responses.empty():
                     self._own.resume()
 
@@ -171,6 +184,8 @@ class _Page:
     def rename(self, who: str) -> None:
         """Rename the page to `who`, in the hub too."""
         self.who = who
+        if self._writer is None:
+            return
         params = {"who": _name_for_hub(who)}
         self._writer.write(msgspec.json.encode({"jsonrpc": "2.0", "method": "rename", "params": params}) + b"\n")
 
@@ -182,8 +197,16 @@ class _Page:
         """Close the page's session; the hub stops motions of the page."""
         self._abort("")
 
+    def leave(self) -> None:
+        """Disconnect after the messages that wait, so that the page connects again, to another board."""
+        self._code = _MOVING
+        self._responses.put_nowait(None)
+
     def _abort(self, _reason: str) -> None:
-        self._writer.transport.abort()
+        if self._writer is not None:
+            self._writer.transport.abort()
+        if not self._ended.done():
+            self._ended.set_result(None)
 
 
 def _name_for_hub(who: str) -> str:

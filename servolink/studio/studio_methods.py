@@ -9,15 +9,18 @@ from typing import Annotated, NamedTuple, Protocol
 import msgspec
 from msgspec import Meta, Struct
 
+from servolink.control.error_codes import Code, RpcError
 from servolink.control.greeting import Welcome
 from servolink.control.messages import NoParams
 from servolink.control.peer import Methods
 from servolink.control.roles import Role, RoleName
 from servolink.discovery import announcements
+from servolink.errors import OpenError, Reason
 from servolink.profiles.profile import ProfileInUse
 from servolink.studio.drafts import Drafts
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
+from servolink.studio.robots import Robots, stop_before_leaving
 
 MOST_NAME = 60
 """Characters of the name of a page."""
@@ -30,6 +33,8 @@ class OpenPage(Protocol):
     """Token with which the page was opened."""
     who: str
     """Name of the page for people."""
+    hub: str
+    """Hub of the board that the page shows; empty without a board."""
 
     def rename(self, who: str) -> None:
         """Give the page the name `who`."""
@@ -40,16 +45,62 @@ class OpenPage(Protocol):
     def close(self) -> None:
         """Close the page from the studio."""
 
+    def leave(self) -> None:
+        """Disconnect the page from its board; the page connects again, to the present board of the studio."""
+
+
+class Moving(Struct, frozen=True):
+    """Notification `studio.moving`: all pages go on to another board."""
+
+    by: str
+    """Name of the page that changes the board."""
+    left: str
+    """Name of the board before; empty for none."""
+    is_stopped: bool
+    """Whether that board confirms that all servos are stopped."""
+
 
 class Studio:
     """State shared by all pages of a studio."""
 
-    def __init__(self, hub: str) -> None:
-        self.hub = hub
-        self.drafts = Drafts(hub)
+    def __init__(self, hub: str = "", *, robots: Robots | None = None) -> None:
+        """Begin with the board of the hub `hub`; with none if empty."""
+        self.robots = robots or Robots()
         self.pages: set[OpenPage] = set()
         self.links: Links | None = None
         """Links of the studio; None if only this machine reaches the studio."""
+        self._turn = asyncio.Lock()
+        self.begin(hub)
+
+    def begin(self, hub: str) -> None:
+        """Use the board of the hub `hub` for new pages; none if empty."""
+        self.hub = hub
+        self._drafts = Drafts(hub) if hub else None
+
+    def drafts_of(self, hub: str) -> Drafts:
+        """Return the drafts of the board of the hub `hub`. Raise OpenError unless the studio uses this board."""
+        if self._drafts is None or hub != self.hub:
+            raise OpenError("the studio does not use this board any more", reason=Reason.NOT_FOUND)
+        return self._drafts
+
+    def pages_of(self, hub: str) -> list[OpenPage]:
+        """Return the open pages that show the board of the hub `hub`."""
+        return [page for page in self.pages if page.hub == hub]
+
+    async def use(self, hub: str, by: str) -> None:
+        """Lead all pages to the board of the hub `hub`, for the page `by`; to none if empty.
+
+        First the servos of the present board are stopped, and the pages are told; they give back the lease. Raise
+        OpenError while a program has exclusive use of the present board.
+        """
+        async with self._turn:
+            if hub == self.hub:
+                return
+            notice = Moving(by, self.hub, not self.hub or await stop_before_leaving(self.hub))
+            self.begin(hub)
+            for page in tuple(self.pages):
+                page.notify("studio.moving", notice)
+                page.leave()
 
     async def welcome(self, welcome: Welcome) -> Welcomed:
         """Return the first message for a page, after the hub has admitted the page.
@@ -73,6 +124,7 @@ class Welcomed(Struct, frozen=True):
     """Id of the page's session with the hub, as in the status."""
     role: RoleName
     name: str
+    """Name of the board; empty without a board."""
     url: str
     is_virtual: bool
     """Whether the board is virtual, so that nothing real moves."""
@@ -96,13 +148,29 @@ class PageCaller(NamedTuple):
 
     studio: Studio
     url: str
-    """The address of the board."""
+    """The address of the board; empty without a board."""
     page: OpenPage
+    hub: str = ""
+    """Hub of the board; empty without a board."""
     profile: ProfileInUse | None = None
     """Description of the board in the hub."""
 
+    def tell_others(self, name: str, params: Struct) -> None:
+        """Send a notification to the other pages that show this board."""
+        for page in self.studio.pages_of(self.hub):
+            if page is not self.page:
+                page.notify(name, params)
+
 
 METHODS: Methods[PageCaller] = Methods()
+
+
+def check_local(caller: PageCaller) -> None:
+    """Raise RpcError for a page that was opened through a link."""
+    if caller.studio.links is not None and caller.studio.links.is_one(caller.page.token):
+        raise RpcError(
+            Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
+        )
 
 
 @METHODS.add("rename", Role.WATCH)  # in place of the hub's, which gives any name

@@ -139,6 +139,19 @@ def show(page: Any, screen: str) -> None:
     page.locator(_FILLED[screen]).first.wait_for()
 
 
+def grab(page: Any, servo_id: int) -> tuple[float, float]:
+    """Press the mouse on the slider of a servo, where it stands, and return the place."""
+    slider = page.get_by_label(f"Target of servo {servo_id},")
+    place = slider.bounding_box()
+    low, high = (float(slider.get_attribute(name)) for name in ("min", "max"))
+    value = float(slider.input_value())
+    x = place["x"] + (value - low) / (high - low) * place["width"]
+    y = place["y"] + place["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    return x, y
+
+
 def is_stopped(studio: Studio) -> bool:
     """Return whether no servo can move."""
     return not any(servo.is_start for servo in studio.board.servos())

@@ -33,7 +33,8 @@ ROLES: dict[RoleName, str] = {
     "move": "move move.end release servo.set stream.begin stream.send",
     "edit": """
         board.hold board.release project.apply project.backups project.plan project.rollback records.delete records.put
-        studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save studio.links studio.links.change
+        studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save studio.give_back studio.links
+        studio.links.change studio.share studio.use
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""

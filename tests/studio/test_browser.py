@@ -13,24 +13,11 @@ import pytest
 
 from servolink import sync
 from tests.processes import until
-from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, in_browser, is_stopped, opened, running
+from tests.studio.browser import LISTEN, OF_OTHERS, SIZES, Studio, grab, in_browser, is_stopped, opened, running
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
 pytestmark = in_browser
-
-
-def grab(page: Any, servo_id: int) -> tuple[float, float]:
-    """Press the mouse on the slider of a servo, where it stands, and return the place."""
-    slider = page.get_by_label(f"Target of servo {servo_id},")
-    place = slider.bounding_box()
-    low, high = (float(slider.get_attribute(name)) for name in ("min", "max"))
-    value = float(slider.input_value())
-    x = place["x"] + (value - low) / (high - low) * place["width"]
-    y = place["y"] + place["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    return x, y
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -10,6 +10,7 @@ import { followAddress } from "./shell/rail.js";
 import { loadAll } from "./shell/screens.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
 import { Motion } from "./state/motion.js";
+import { followMoves } from "./state/moving.js";
 import { keepCurrent } from "./state/project.js";
 import { follow, welcome } from "./state/robot.js";
 import { who } from "./state/settings.js";
@@ -37,6 +38,7 @@ addEventListener("hashchange", () => location.hash.startsWith("#token=") && loca
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);
+followMoves(link);
 keepCurrent(link);
 listenToKeys({ link, motion });
 await loadTemplates();

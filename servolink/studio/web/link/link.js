@@ -7,7 +7,8 @@
 const FIRST_PAUSE = 250,
   LONGEST_PAUSE = 4000; // milliseconds
 const BAD_TOKEN = 4401,
-  NO_HUB = 4404; // codes with which the studio closes the connection
+  NO_HUB = 4404,
+  MOVING = 4410; // codes with which the studio closes the connection
 
 /** A request was answered with an error. */
 export class RequestError extends Error {
@@ -129,6 +130,7 @@ export class Link {
     this._waiting.clear();
     for (const each of waiting) each.reject(new LinkLost("the connection to the studio was lost"));
     if (event.code === BAD_TOKEN) return this.onState("refused");
+    if (event.code === MOVING) return this.open(); // the studio goes on to another board
     this.onState(event.code === NO_HUB ? "unshared" : "lost");
     setTimeout(() => this.open(), this._pause);
     this._pause = Math.min(LONGEST_PAUSE, this._pause * 2);

@@ -2,7 +2,7 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
-import { welcome } from "../state/robot.js";
+import { hasBoard, welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
 import { screen, showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
@@ -18,17 +18,18 @@ import { useScreen } from "./screens.js";
 
 /** @param {Tools} tools */
 export function App(tools) {
-  const Screen = useScreen(screen.value);
+  const name = hasBoard.value ? screen.value : "start",
+    Screen = useScreen(name);
   return html`
     <a class="skip" href="#main">${t("app.skip")}</a>
     <${Banner} />
     <${Header} ...${tools} />
-    <${Rail} />
+    ${hasBoard.value && html`<${Rail} />`}
     <main id="main" tabindex="-1">
       <${Notices} ...${tools} />
-      <div class="screen">${Screen && html`<${Screen} key=${screen.value} ...${tools} />`}</div>
+      <div class="screen">${Screen && html`<${Screen} key=${name} ...${tools} />`}</div>
     </main>
-    <${Dock}><${StopButton} ...${tools} /></${Dock}>
+    ${hasBoard.value && html`<${Dock}><${StopButton} ...${tools} /></${Dock}>`}
     <${Toasts} />
     ${showsKeys.value && html`<${KeyList} />`}
   `;

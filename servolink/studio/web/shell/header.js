@@ -3,7 +3,7 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { battery, boardState, linkState, welcome } from "../state/robot.js";
+import { battery, boardState, hasBoard, linkState, welcome } from "../state/robot.js";
 import { changeLanguage, changeTheme, theme } from "../state/settings.js";
 import { toast } from "../state/toasts.js";
 import { showKeys } from "../state/view.js";
@@ -33,7 +33,7 @@ export function Header(tools) {
       <button class="btn ic ghost hide-n" aria-label=${t("app.keys")} onClick=${() => showKeys(true)}>
         <${Icon} name="help" />
       </button>
-      <${StopButton} ...${tools} />
+      ${hasBoard.value && html`<${StopButton} ...${tools} />`}
     </div>
   </header>`;
 }
@@ -50,6 +50,7 @@ export function StopButton({ motion }) {
  * @param {import("../state/motion.js").Motion} motion
  */
 export async function stop(motion) {
+  if (!hasBoard.value) return;
   try {
     await motion.stop();
   } catch (error) {
@@ -61,10 +62,12 @@ export async function stop(motion) {
 
 function BoardName() {
   const isLost = linkState.value !== "open" || boardState.value !== "connected";
-  return html`<div class="boardbtn">
-    <span class=${isLost ? "dot lost" : "dot"}></span>
-    <span class="grow"><b class="ell">${safeText(welcome.value?.name ?? t("app.title"))}</b><small class="num ell">${place()}</small></span>
-  </div>`;
+  const dot = isLost ? "dot lost" : hasBoard.value ? "dot" : "dot off";
+  const name = safeText(welcome.value?.name ?? "") || t("app.title");
+  return html`<a class="boardbtn" href="#board" title=${t("screen.board")}>
+    <span class=${dot}></span>
+    <span class="grow"><b class="ell">${name}</b><small class="num ell">${place()}</small></span>
+  </a>`;
 }
 
 function BatteryChip() {
@@ -79,6 +82,7 @@ function place() {
   if (linkState.value === "connecting") return t("board.connecting");
   if (linkState.value === "unshared") return t("board.unshared");
   if (linkState.value !== "open") return t("board.studio_lost");
+  if (!hasBoard.value) return t("robots.no_robot");
   if (boardState.value !== "connected") return t("board.lost");
   return welcome.value?.is_virtual ? t("board.in_this_computer") : safeText(welcome.value?.url ?? "");
 }

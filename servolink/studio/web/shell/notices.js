@@ -8,6 +8,7 @@ import {
   another,
   boardState,
   dismissProblem,
+  hasBoard,
   hold,
   isLive,
   isOthers,
@@ -57,7 +58,7 @@ function present() {
   if (linkState.value === "refused") return { kind: "bad", urgent: true, ...both("note.refused") };
   if (linkState.value === "lost") return { kind: "bad", urgent: true, ...both("note.studio_lost") };
   if (linkState.value === "unshared") return { kind: "bad", urgent: true, ...both("note.unshared") };
-  if (linkState.value === "connecting") return null;
+  if (linkState.value === "connecting" || !hasBoard.value) return null;
   if (boardState.value !== "connected" && another.value !== "") {
     const name = safeText(welcome.value?.name ?? "");
     return { kind: "bad", urgent: true, ...both("note.another", { name, another: safeText(another.value) }) };

@@ -15,6 +15,7 @@ const LOADERS = {
   record: async () => (await import("../screens/record/index.js")).RecordScreen,
   project: async () => (await import("../screens/project/index.js")).ProjectScreen,
   board: async () => (await import("../screens/board/index.js")).BoardScreen,
+  start: async () => (await import("../screens/board/start.js")).StartScreen,
 };
 
 /** @type {Record<string, Screen>} */

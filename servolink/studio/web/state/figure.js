@@ -4,7 +4,7 @@ import { computed, effect, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
 import { safeText } from "../parts/safe-text.js";
 import { language, t } from "../texts/text.js";
-import { captions, servoIds, welcome } from "./robot.js";
+import { captions, hasBoard, servoIds, welcome } from "./robot.js";
 
 /** @typedef {import("../figure/figure.js").FigureData} FigureData */
 /** @typedef {import("../link/link.js").Link} Link */
@@ -30,7 +30,7 @@ export const figure = computed(() => {
 export function followFigure(link) {
   link.on("studio.figure", ({ figure: data }) => (ownFigure.value = data));
   effect(() => {
-    if (welcome.value === null) return;
+    if (welcome.value === null || !hasBoard.value) return;
     link.call("studio.figure.get").then(
       (answer) => (ownFigure.value = answer.figure),
       () => {},

@@ -52,8 +52,10 @@ export const servoIds = signal(/** @type {number[]} */ ([]));
 export const isMine = computed(() => lease.value !== null && lease.value.session === welcome.value?.session);
 /** Whether another program or page has the lease. */
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
+/** Whether the studio uses a board. */
+export const hasBoard = computed(() => welcome.value?.name !== "");
 /** Whether readings of the robot arrive at present. */
-export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected");
+export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected" && hasBoard.value);
 /** Whether the latest reading says how the robot is now. */
 export const isFresh = computed(() => isLive.value && isRead.value);
 /** Whether this page may move the robot at all. */
@@ -100,6 +102,7 @@ async function begin(link, first) {
   isRead.value = false;
   problem.value = "";
   forgetButtons();
+  if (!hasBoard.value) return;
   await refresh(link);
   await Promise.allSettled([link.call("servos.watch", { hz: HZ }), link.call("buttons.subscribe"), readStored(link)]);
 }

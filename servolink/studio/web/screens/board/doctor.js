@@ -35,7 +35,7 @@ export function Doctor({ link }) {
 }
 
 /** @param {{ number: number, finding: Finding }} props */
-function One({ number, finding: { check, observation, meaning, remedy } }) {
+export function One({ number, finding: { check, observation, meaning, remedy } }) {
   const said = language.value === "zh" ? DOCTOR_ZH[check] : undefined;
   return html`<div class="finding">
     <div class="row"><span class="chip warn num">${number}</span><b>${said?.title ?? safeText(check)}</b></div>

@@ -1,8 +1,7 @@
-// Board: list of boards, profile, figure, findings of the doctor, and other programs.
+// Board: list of robots, profile, figure, findings of the doctor, and other programs.
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
-import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { figure, ownFigure, saveFigure } from "../../state/figure.js";
 import { beginFit, fit } from "../../state/fitting.js";
@@ -10,19 +9,17 @@ import { isLive, lease, programs, servoIds, welcome } from "../../state/robot.js
 import { renamePage, who } from "../../state/settings.js";
 import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
-import { useAnswer } from "./asking.js";
-import { Command } from "./command.js";
 import { Doctor } from "./doctor.js";
 import { FitCard } from "./fit.js";
 import { LineTestCard } from "./line-test.js";
 import { LinkCard } from "./links.js";
 import { RawAnglesCard } from "./raw-angles.js";
+import { RobotList } from "./robots.js";
 import { SettingsCard } from "./settings.js";
 
 /** @typedef {import("../../state/robot.js").Program} Program */
 /** @typedef {import("../../texts/text.js").Key} Key */
 /** @typedef {import("../../link/link.js").Link} Link */
-/** @typedef {{ url: string, product: string, problem: string, is_ours: boolean }} Found */
 /** @typedef {import("../../shell/app.js").Tools} Tools */
 
 /** @param {Tools} tools */
@@ -30,53 +27,9 @@ export function BoardScreen({ link, motion }) {
   if (fit.value !== null) return html`<${FitCard} link=${link} motion=${motion} />`;
   return html`<h1 class="sr">${t("screen.board")}</h1>
     <div class="conn">
-      <div><${BoardList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} /><${LinkCard} link=${link} /></div>
+      <div><${RobotList} link=${link} /><${FigureCard} link=${link} /><${SettingsCard} link=${link} /><${LinkCard} link=${link} /></div>
       <div><${Doctor} link=${link} /><${LineTestCard} link=${link} /><${About} /><${RawAnglesCard} link=${link} /><${People} link=${link} /></div>
     </div>`;
-}
-
-// Boards found, and the command to begin with another board.
-
-const PLAIN = /^[\w:/.@?=&+-]+$/;
-
-/** @param {{ link: Link }} props */
-function BoardList({ link }) {
-  const { answer, isAsking, ask } = useAnswer(link, "studio.boards", () => ({}));
-  const boards = /** @type {{ boards: Found[] } | null} */ (answer)?.boards ?? [];
-  const others = boards.filter((board) => !board.is_ours);
-  return html`<section class="card">
-    <header><h2>${t("board.boards")}</h2>
-      <button class="btn s" disabled=${isAsking} onClick=${ask}><${Icon} name="search" />${t("board.look_again")}</button>
-    </header>
-    <ul>
-      <li class="bd2 on">
-        <span class="ico"><${Icon} name=${iconOf(welcome.value?.url ?? "")} /></span>
-        <div class="grow"><b>${safeText(welcome.value?.name ?? "")}</b>
-          ${isLive.value ? html`<span class="chip ok">${t("board.connected")}</span>` : html`<span class="chip bad">${t("board.is_lost")}</span>`}
-          <small class="num mono">${safeText(welcome.value?.url ?? "")}</small></div>
-      </li>
-      ${others.map((board) => html`<${Other} key=${board.url} board=${board} />`)}
-    </ul>
-    ${answer !== null && others.length === 0 && html`<p class="pad0 mut">${t("board.no_others")}</p>`}
-  </section>`;
-}
-
-/** @param {{ board: Found }} props */
-function Other({ board: { url, product, problem } }) {
-  return html`<li class="bd2">
-    <span class="ico"><${Icon} name=${iconOf(url)} /></span>
-    <div class="grow">
-      <b>${safeText(product) || t("board.some_board")}</b><small class="num mono">${safeText(url)}</small>
-      ${problem && html`<${Note} kind="warn" title=${safeText(problem)} />`}
-      ${PLAIN.test(url) && html`<${Command} text=${`servolink studio --board ${url}`} />`}
-    </div>
-  </li>`;
-}
-
-/** @param {string} url */
-function iconOf(url) {
-  const scheme = url.split(":")[0];
-  return { virtual: "chip", tcp: "wifi", share: "hand" }[scheme] ?? "usb";
 }
 
 // Figure of the robot, and buttons for changes.

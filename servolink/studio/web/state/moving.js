@@ -1,0 +1,61 @@
+// Change to another board: the page begins anew, because all that it knows belongs to the board before.
+
+import { effect } from "../html.js";
+import { safeText } from "../parts/safe-text.js";
+import { t } from "../texts/text.js";
+import { welcome } from "./robot.js";
+import { toast } from "./toasts.js";
+
+/** @typedef {import("../link/link.js").Link} Link */
+/** @typedef {{ by: string, left: string, is_stopped: boolean }} Moving */
+
+const KEY = "servolink.moving";
+const TAUGHT = "servolink.taught"; // poses taken on the screen Teach, of one robot
+const LASTS = 12_000; // milliseconds
+
+/**
+ * Load the page again when the studio goes on to another board, and then say so.
+ * @param {Link} link
+ */
+export function followMoves(link) {
+  /** @type {string | null} */
+  let board = null;
+  link.on("studio.moving", (notice) => sessionStorage.setItem(KEY, JSON.stringify(notice)));
+  effect(() => {
+    const now = welcome.value?.name;
+    if (now === undefined || now === board) return;
+    if (board === null) {
+      board = now;
+      say(now);
+      return;
+    }
+    keepTaught(board, now);
+    location.reload();
+  });
+}
+
+/**
+ * Put the poses taken on one robot aside, and bring back those of the other.
+ * @param {string} left
+ * @param {string} next
+ */
+function keepTaught(left, next) {
+  sessionStorage.setItem(`${TAUGHT}.${left}`, sessionStorage.getItem(TAUGHT) ?? "[]");
+  sessionStorage.setItem(TAUGHT, sessionStorage.getItem(`${TAUGHT}.${next}`) ?? "[]");
+}
+
+/**
+ * Say that the board has changed, if it has.
+ * @param {string} now name of the board
+ */
+function say(now) {
+  const kept = sessionStorage.getItem(KEY);
+  if (kept === null) return;
+  sessionStorage.removeItem(KEY);
+  /** @type {Moving} */
+  const { by, left, is_stopped } = JSON.parse(kept);
+  const title = now === "" ? t("robots.left", { name: safeText(left) }) : t("robots.now", { name: safeText(now) });
+  const unsure = is_stopped ? "" : t("robots.not_stopped", { name: safeText(left) });
+  const detail = unsure || (by === "" ? "" : t("robots.changed_by", { who: safeText(by) }));
+  toast({ kind: is_stopped ? "ok" : "bad", title, detail, lasts: LASTS });
+}

@@ -1,0 +1,108 @@
+"""Robots are chosen with the mouse, in a real browser: no terminal is needed after the studio has started."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink import sync
+from tests.processes import until
+from tests.studio.board_program import BoardProgram
+from tests.studio.browser import PATIENCE, grab, in_browser, opened, running, show
+from tests.studio.node_tools import needs_npm
+from tests.studio.test_accessible import found_by_axe
+
+playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
+expect = playwright.expect
+
+pytestmark = in_browser
+
+
+@pytest.fixture
+def nothing(user: Path) -> Iterator[str]:
+    """The address of a studio that was started where no board is."""
+    with running("studio") as url:
+        yield url
+
+
+@pytest.fixture
+def arm(user: Path) -> Iterator[str]:
+    """The address of a board with 6 servos, served by another program."""
+    program = BoardProgram(user, "--servos", "6")
+    yield program.url
+    program.kill()
+
+
+def no_overflow(page: Any) -> None:
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_robot_is_connected_and_changed_with_the_mouse_on_all_pages(nothing: str, arm: str, browser: Any) -> None:
+    with opened(browser, nothing) as page, opened(browser, nothing, "tablet", "dark") as other:
+        for each in (page, other):
+            expect(each.get_by_role("heading", name="Choose a robot")).to_be_visible()
+            assert each.get_by_role("button", name="STOP").count() == 0
+            no_overflow(each)
+        page.get_by_role("button", name="Start a virtual robot").click()
+        for each in (page, other):
+            expect(each.get_by_text("VIRTUAL BOARD")).to_be_visible()
+            expect(each.get_by_label("Target of servo 16,")).to_have_count(1)
+        other.locator(".stage .seg").get_by_text("Robot").click()
+        with sync.connect("share://virtual") as left:
+            before = left.servo(2).angle
+            x, y = grab(other, 2)  # and never let go
+            other.mouse.move(x + 60, y, steps=20)
+            until(lambda: left.servo(2).angle > before + 10)
+            show(page, "Board")
+            page.get_by_role("button", name="Connect: virtual board with 6 servos").click()
+            expect(page.locator(".boardbtn")).to_contain_text(arm.rpartition(":")[2])
+            expect(page.get_by_text("This is 127-0-0-1")).to_be_visible()
+            expect(other.locator(".boardbtn")).to_contain_text(arm.rpartition(":")[2])
+            expect(other.get_by_label("Target of servo 6,")).to_have_count(1)
+            assert other.get_by_label("Target of servo 7,").count() == 0
+            assert not any(servo.is_start for servo in left.servos())
+        page.get_by_role("button", name="Disconnect").click()
+        for each in (page, other):
+            expect(each.get_by_role("heading", name="Choose a robot")).to_be_visible()
+            expect(each.get_by_text("is disconnected")).to_be_visible()
+        with sync.connect(arm) as board:  # its port is free again
+            assert len(board.servos()) == 6
+        page.get_by_role("button", name="Use this one: virtual").click()
+        expect(page.locator(".boardbtn")).to_contain_text("virtual")
+
+
+def test_an_address_is_typed_and_a_wrong_one_says_why(nothing: str, arm: str, browser: Any) -> None:
+    with opened(browser, nothing) as page:
+        for address, text in (("nonsense", "is neither an address nor a name"), ("tcp://127.0.0.1:1", "127.0.0.1:1")):
+            page.get_by_label("Another address").fill(address)
+            page.get_by_label("Another address").press("Enter")
+            expect(page.get_by_role("alert").filter(has_text=text)).to_be_visible()
+        page.get_by_label("Another address").fill(arm)
+        page.get_by_role("button", name="Connect", exact=True).click()
+        expect(page.get_by_label("Target of servo 6,")).to_have_count(1)
+
+
+def test_a_board_is_shared_with_other_programs_and_given_back(nothing: str, arm: str, browser: Any) -> None:
+    with opened(browser, nothing) as page:
+        page.get_by_role("button", name="Share only").click()
+        expect(page.get_by_text("shared by this studio")).to_be_visible()
+        with sync.connect(f"share://{arm.removeprefix('tcp://').replace('.', '-').replace(':', '-')}") as board:
+            assert len(board.servos()) == 6
+        page.get_by_role("button", name="Give the port back").click()
+        expect(page.get_by_role("button", name="Share only")).to_be_visible(timeout=PATIENCE)
+
+
+@needs_npm
+@pytest.mark.parametrize(("size", "theme"), [("desktop", "light"), ("tablet", "dark"), ("phone", "dark")])
+def test_the_choice_of_a_robot_is_accessible(
+    nothing: str, arm: str, browser: Any, axe: str, size: str, theme: str
+) -> None:
+    with opened(browser, nothing, size, theme) as page:
+        page.emulate_media(reduced_motion="reduce")
+        page.evaluate(axe)
+        expect(page.get_by_role("button", name="Share only")).to_be_visible()
+        assert found_by_axe(page) == []
+        no_overflow(page)
