@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 from aiohttp import ClientSession, ClientWebSocketResponse
 
 from servolink.studio.gate import Gate
+from servolink.studio.robots import VIRTUAL
 from servolink.studio.server import serve_studio
-from servolink.studio.start import VIRTUAL, studio_for
+from servolink.studio.start import studio_for
 from servolink.studio.studio_methods import Studio
 
 LIMIT = 120.0

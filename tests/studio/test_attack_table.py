@@ -22,9 +22,9 @@ pytestmark = pytest.mark.usefixtures("user")
 
 ROLES: dict[RoleName, str] = {
     "watch": """
-        battery board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give limits.tighten
-        project.export recorder.list recorder.status records.get records.list rename servos.ack servos.list
-        servos.parameters servos.unwatch servos.watch status stop studio.about studio.check studio.draft.get
+        battery board.facts board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give
+        limits.tighten project.export recorder.list recorder.status records.get records.list rename servos.ack
+        servos.list servos.parameters servos.unwatch servos.watch status stop studio.about studio.check studio.draft.get
         studio.figure.get studio.file.read studio.file.write studio.rename tap.start tap.stop
     """,
     "run": """
@@ -32,9 +32,9 @@ ROLES: dict[RoleName, str] = {
     """,
     "move": "move move.end release servo.set stream.begin stream.send",
     "edit": """
-        board.hold board.release project.apply project.backups project.plan project.rollback records.delete records.put
-        studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save studio.give_back studio.links
-        studio.links.change studio.share studio.use
+        board.hold board.mode board.release line.test project.apply project.backups project.plan project.rollback
+        records.delete records.put studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save
+        studio.give_back studio.links studio.links.change studio.share studio.use
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""

@@ -17,8 +17,9 @@ from servolink.files import user_folder
 from servolink.hub.serving import serve_board
 from servolink.studio import draft_methods
 from servolink.studio.connections import HEADERS
+from servolink.studio.robots import VIRTUAL
 from servolink.studio.server import keep_port, last_ports, serve_studio
-from servolink.studio.start import VIRTUAL, studio_for
+from servolink.studio.start import studio_for
 from servolink.studio.studio_methods import Studio
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.serve import serve
