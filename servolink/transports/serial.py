@@ -8,6 +8,8 @@ import os
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import serial  # type: ignore[import-untyped]
@@ -30,26 +32,20 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
     """Port that reports failures to `failed`: pyserial-asyncio would log the error or close twice."""
 
     failed: Callable[[Exception], None]
+    descriptor = -1
+    """Descriptor of the open port; -1 for a closed port, and on Windows."""
+
+    def open(self) -> None:
+        super().open()
+        with suppress(OSError):  # on Windows ports have no descriptor
+            self.descriptor = self.fileno()
 
     def read(self, size: int = 1) -> bytes:
-        """Read without `select`, as data is known to be available; for a failure, pyserial finds the cause."""
-        try:  # on Windows ports have no descriptor: also an OSError
-            if data := os.read(self.fileno(), size):
-                return data
-        except OSError:
-            pass
         try:
             return bytes(super().read(size))
         except serial.SerialException as error:
             self.failed(error)
             return b""
-
-    def write_at_once(self, data: bytes) -> int:
-        """Return the number of bytes accepted by the system; 0 for a failure, raised by the next `write`."""
-        try:
-            return os.write(self.fileno(), data)
-        except OSError:
-            return 0
 
     def write(self, b: Any, /) -> int | None:
         try:
@@ -76,6 +72,7 @@ class _Port(serial.Serial):  # type: ignore[misc]  # pyserial has no types
 
     def close(self) -> None:
         """Close in a thread: for a stuck device Linux waits 30 s, and the event loop must not block."""
+        self.descriptor = -1
         if not self.is_open or sys.is_finalizing():  # a thread started at the end of the program never runs
             super().close()
             return
@@ -125,6 +122,8 @@ class SerialTransport(StreamTransport):
             raise
         pipe, _ = await serial_asyncio.connection_for_serial(loop, lambda: self, self._port)
         pipe._max_read_size = _READ_SIZE  # noqa: SLF001 - there is no other way
+        if self._port.descriptor >= 0:
+            pipe._read_ready = partial(self._read, pipe._read_ready)  # noqa: SLF001 - likewise
         return pipe  # type: ignore[no-any-return]  # pyserial-asyncio has no types
 
     def _open_port(self) -> None:
@@ -147,9 +146,23 @@ class SerialTransport(StreamTransport):
     def _release(self) -> None:
         self._port.close()
 
+    def _read(self, through_pyserial: Callable[[], None]) -> None:
+        """Read without `select`, as the event loop has found bytes; for a failure, pyserial finds the cause."""
+        try:
+            data = os.read(self._port.descriptor, _READ_SIZE)
+        except OSError:
+            data = b""
+        if data:
+            self._deliver(data)
+        else:
+            through_pyserial()
+
     def _write(self, pipe: asyncio.Transport, data: bytes) -> None:
         """Write as many bytes as possible immediately, usually all, and not one turn of the loop later."""
-        written = 0 if self._full else self._port.write_at_once(data)
+        try:
+            written = 0 if self._full else os.write(self._port.descriptor, data)
+        except OSError:  # of which the pipe will find the cause
+            written = 0
         if written < len(data):
             pipe.write(data[written:])
 
