@@ -22,7 +22,7 @@ from servolink.motion.units import ServoUnits
 from servolink.numeric import as_number
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
 from servolink.protocol.records import (
     Action,
@@ -219,6 +219,8 @@ class Board:
             unchecked: Whether values are allowed that only a board sends, such as control characters in captions. For
                 writing back records that were read from the board.
         """
+        if timeout is None and isinstance(packet, Query):  # most requests: nothing is to be checked or kept up to date
+            return await self._session.connection.request(packet, unchecked=unchecked)
         return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked, ticket=self._ticket)
 
     async def send(self, packet: Command) -> None:

@@ -11,7 +11,7 @@ from servolink.errors import EncodeError
 from servolink.motion.limits import MotionLimits
 from servolink.motion.ticket import Ticket
 from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Command, Query, Request, Response
+from servolink.protocol.packet import Command, Request, Response
 from servolink.protocol.servos import (
     ExecuteActionExRequest,
     ExecuteActionRequest,
@@ -41,8 +41,6 @@ class RawPackets:
         self, packet: Request[R], *, timeout: float | None, unchecked: bool, ticket: Ticket | None
     ) -> Coroutine[Any, Any, R]:
         """Return a coroutine to send a request (see `Board.request`)."""
-        if timeout is None and isinstance(packet, Query):  # most requests: nothing is to be checked or kept up to date
-            return self._session.connection.request(packet, unchecked=unchecked, ticket=ticket)
         if isinstance(packet, SetAngleUnitRequest):
             setting: Any = self._servos.units.request(packet, timeout=timeout, unchecked=unchecked)
             return setting  # type: ignore[no-any-return]

@@ -23,6 +23,8 @@ PACKETS: dict[int, type[Packet]] = {
 PACKETS_BY_NAME: dict[str, type[Packet]] = {declared.__name__: declared for declared in PACKETS.values()}
 """All packet classes of the document, by name in the document."""
 
+_MOST_QUERIES = 1024  # remembered frames: enough for all servos and the records of most boards
+
 
 def response_class(request: Request[Response]) -> type[Packet]:
     """Return the class of the response to `request`: the packet with the next higher id."""
@@ -39,10 +41,11 @@ class Codec:
         self.byte_order: ByteOrder = byte_order
         self.caption_encoding = check_encoding(caption_encoding)
         self._decoders: dict[int, Decoder] = {}  # filled on use
+        self._queries: dict[Packet, bytes] = {}  # frames of queries, as programs send the same ones again and again
 
     def __getstate__(self) -> dict[str, object]:
         """Return the state for a copy or another process: decoders cannot be pickled, and are created on use."""
-        return {**vars(self), "_decoders": {}}
+        return {**vars(self), "_decoders": {}, "_queries": {}}
 
     def encode(self, packet: Packet, *, unchecked: bool = False) -> bytes:
         """Return the frame of `packet`. Raise EncodeError naming packet, field, value and range.
@@ -50,8 +53,19 @@ class Codec:
         `unchecked` is for writing back values read from a board: captions may then have control characters, and numbers
         may have any value in the range of the wire.
         """
+        may_remember = packet.is_query and not unchecked
+        if may_remember:
+            try:
+                return self._queries[packet]
+            except (KeyError, TypeError):  # or a value without a hash, which is refused below
+                pass
         content = layout(type(packet), self.byte_order).encode(packet, self.caption_encoding, unchecked=unchecked)
-        return encode_frame(packet.packet_id, content, self.byte_order)
+        frame = encode_frame(packet.packet_id, content, self.byte_order)
+        if may_remember:
+            if len(self._queries) >= _MOST_QUERIES:
+                self._queries.clear()
+            self._queries[packet] = frame
+        return frame
 
     def decode(self, packet_id: int, content: bytes) -> Packet:
         """Return the packet in `content`. Raise DecodeError, with the content, for anything else."""

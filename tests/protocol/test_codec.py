@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, QueryActionResponse
+from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse, QueryMacroRequest
 from servolink.protocol.frame import ByteOrder, encode_frame
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Step
@@ -134,3 +134,19 @@ def test_what_a_board_said_can_be_given_back_exactly() -> None:
 def test_exact_still_refuses_what_the_wire_cannot_carry() -> None:
     with pytest.raises(EncodeError, match="interval: 40000 is outside"):
         Codec().encode(AddActionRequest(7, "a", (Step(1, 90, 40000),)), unchecked=True)
+
+
+def test_a_query_is_encoded_once_and_refused_each_time() -> None:
+    codec, fresh = Codec(), Codec()
+    first = codec.encode(QueryServoRequest(3))
+    assert codec.encode(QueryServoRequest(3)) is first
+    for servo_id in range(256):
+        for query in (QueryServoRequest(servo_id), QueryActionRequest(servo_id), QueryMacroRequest(servo_id)):
+            assert codec.encode(query) == fresh.encode(query, unchecked=True)
+    for number in range(2_000):
+        codec.encode(QueryActionRequest(number))
+    assert len(codec._queries) <= 1_024
+    for wrong in (256, [3], "3"):
+        for _ in range(2):
+            with pytest.raises(EncodeError, match="servo_id"):
+                codec.encode(QueryServoRequest(wrong))  # type: ignore[arg-type]
