@@ -32,7 +32,7 @@ class QueryAsker:
     def ask(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
         """Send a query at once; the caller has taken its permit."""
         sender = self._sender
-        sender.open_request(call, packet)
+        sender.open_request(call, packet, call.begun_at)
         call.on_wake = partial(self._woken, packet, frame, done)
         try:
             taking = sender.take(frame)

@@ -41,11 +41,12 @@ class Lane:
         """Bytes of a request or of its response, whichever has more."""
         self.response_size = UNKNOWN_SIZE
         """Bytes of a recent long response."""
-        self._request_size = 0
+        self.request_size = 0
+        """Bytes of the latest request."""
 
     def sent(self, size: int) -> None:
         """Learn from a frame of `size` bytes on its way to the board."""
-        self._request_size = size
+        self.request_size = size
         self.size = size if size > self.response_size else self.response_size
 
     def heard(self, size: int) -> None:
@@ -54,7 +55,7 @@ class Lane:
         if size != former:
             size = size if size > former or former == UNKNOWN_SIZE else former - (former - size) // 8
             self.response_size = size
-            self.size = size if size > self._request_size else self._request_size
+            self.size = size if size > self.request_size else self.request_size
 
     def hand_down(self, call: Call) -> Call:
         """Give the oldest awaited slot to `call`, whose slots are all over, and return the next call to send.

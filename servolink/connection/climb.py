@@ -77,19 +77,23 @@ class DepthClimb:
         self._wait = self._epochs_to_trial = 0  # until a greater depth is tried
         self._has_tried = False  # any other depth than 1
 
-    def answered(self, now: float, *, full: bool, has_backlog: bool) -> None:
-        """Count a response received at `now`, in seconds.
+    def answered(self, now: float, responses: int = 1, *, full: bool, has_backlog: bool) -> None:
+        """Count responses received together at `now`, in seconds.
 
         `full`: as many requests were under way as the depth allows; `has_backlog`: more of them wait.
         """
         since, self._answered_at = self._answered_at, now if full else None
-        epoch = self._epoch
         if self._settling:
-            self._settling -= 1
-        elif full and since is not None:
-            epoch.responses += 1
+            settled = min(self._settling, responses)
+            self._settling -= settled
+            responses -= settled
+            since = self._answered_at
+        if full and since is not None and responses:
+            epoch = self._epoch
+            epochs = epoch.responses // epoch.length
+            epoch.responses += responses
             epoch.seconds += now - since
-            if epoch.responses % epoch.length == 0:
+            if epoch.responses // epoch.length > epochs:
                 self._judge(epoch, has_backlog=has_backlog)
 
     def leap(self) -> None:

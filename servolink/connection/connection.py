@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
 from random import Random
+from threading import get_ident
 from typing import Any, TypeVar
 
 from servolink.connection.asking import Done, QueryAsker
@@ -104,6 +105,7 @@ class Connection:
         seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
         self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
         self._loop = asyncio.get_running_loop()
+        self._thread = get_ident()
         self._slots = RepeatingSlots() if answers_twice else Slots()
         if answers_twice:
             depth = write_depth = 1
@@ -350,25 +352,30 @@ class Connection:
         ticket: Ticket | None,
         begun_at: float | None,
     ) -> R:
-        if asyncio.get_running_loop() is not self._loop:
+        if get_ident() != self._thread or not self._loop.is_running():
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
+        is_query = packet.is_query
         frame = self.codec.encode(packet, unchecked=unchecked)
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].sent(len(frame))
-        call = self._call(packet, timeout)
-        ticket = ticket or (NO_TICKET if isinstance(packet, Query) else self.stops.ticket())
-        if begun_at is not None:
-            call.begun_at = begun_at
+        now = self._loop.time()
+        call = self._call(packet, timeout, now if begun_at is None else begun_at)
+        if ticket is None:
+            ticket = NO_TICKET if is_query else self.stops.ticket()
         deadline = None if timeout is None else call.begun_at + timeout
         if self.preparations and passes_gates(packet):
             await self._prepare(call, ticket, deadline)
-        if not self._may_send_at_once(packet):
+            now = self._loop.time()
+        if self.lifecycle.state is not _READY:
+            self._begin()
+        if not self._scheduler.acquire_at_once(packet):
             await self._acquire(call, deadline, first=first)
+            now = self._loop.time()
         limit = None if deadline is None else self._limit(call, deadline)
         try:
-            if not packet.is_query:
+            if not is_query:
                 self._raise_refusal(packet, ticket)
-            await self._sender.start(call, packet, frame)
+            await self._sender.start(call, packet, frame, now)
             answer: Any = call.response or await self._sender.converse(call, packet, frame)
             return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
         finally:
@@ -384,12 +391,14 @@ class Connection:
         For who asks much for others: no task waits, and `done` is called as soon as the response is read. It must not
         raise.
         """
-        if not self._takes_at_once or not self._may_send_at_once(packet):
+        self._sender.raise_if_ended()
+        is_ready = self._takes_at_once and self.lifecycle.state is _READY
+        if not is_ready or not self._scheduler.acquire_at_once(packet):
             return False
         frame = self.codec.encode(packet, unchecked=True)
         if self._window.learns:
             self._slots.lanes[packet.packet_id + 1].sent(len(frame))
-        self._asker.ask(self._call(packet, None), packet, frame, done)
+        self._asker.ask(self._call(packet, None, self._loop.time()), packet, frame, done)
         return True
 
     def send(self, packet: Command, *, ticket: Ticket | None = None) -> Coroutine[Any, Any, bool]:
@@ -403,11 +412,13 @@ class Connection:
     async def _send(self, packet: Command, ticket: Ticket | None) -> bool:
         self._check_loop()
         frame = self.codec.encode(packet)
-        call = self._call(packet, None)
+        call = self._call(packet, None, self._loop.time())
         ticket = ticket or self.stops.ticket()
         if self.preparations:
             await self.prepare(packet, ticket)
-        if not self._may_send_at_once(packet):
+        if self.lifecycle.state is not _READY:
+            self._begin()
+        if not self._scheduler.acquire_at_once(packet):
             await self._acquire(call, None)
         try:
             self._raise_refusal(packet, ticket)
@@ -438,19 +449,17 @@ class Connection:
         for prepare in self.preparations:
             await prepare(packet, ticket)
 
-    def _call(self, packet: Request[Any] | Command, timeout: float | None) -> Call:
+    def _call(self, packet: Request[Any] | Command, timeout: float | None, begun_at: float) -> Call:
         patience = self.patience + self._margin if timeout is None else timeout
         if timeout is None and not packet.is_query and isinstance(packet, ClearAllDataRequest):
             patience = max(patience, SLOW_PATIENCE + self._margin)
-        return Call(packet, patience, self._loop.time())
+        return Call(packet, patience, begun_at)
 
-    def _may_send_at_once(self, packet: Request[Any] | Command) -> bool:
-        """Take a permit if nothing at all stands in the way of `packet`, the usual case."""
-        if self.lifecycle.state is not _READY:
-            self._sender.raise_if_ended()
-            if self.lifecycle.state is State.UNPROVED:
-                self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
-        return self._scheduler.acquire_at_once(packet)
+    def _begin(self) -> None:
+        """Begin the handshake before the first request. Raise the error of an ended connection."""
+        self._sender.raise_if_ended()
+        if self.lifecycle.state is State.UNPROVED:
+            self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
         """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
@@ -504,7 +513,8 @@ class Connection:
         return timer
 
     def _check_loop(self) -> None:
-        if asyncio.get_running_loop() is not self._loop:
+        # Not with `get_running_loop`, as Python 3.11 asks the system for the process id in each call of that.
+        if get_ident() != self._thread or not self._loop.is_running():
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -47,13 +48,14 @@ class DeadlineTimer:
         self._received = received
         self._due = due
         self._timer: asyncio.TimerHandle | None = None
-        self._deadline = 0.0  # of the timer
+        self.deadline = math.inf
+        """Time of the timer; infinity without a timer. Callers of `arm` compare first, to save a call for each slot."""
 
     def arm(self, deadline: float) -> None:
         """Call `passed` once `deadline` (loop time) has passed; an earlier deadline stands."""
-        if self._timer is None or deadline < self._deadline:
+        if deadline < self.deadline:
             self.stop()
-            self._deadline = deadline
+            self.deadline = deadline
             self._timer = self._loop.call_at(deadline, self._reached, deadline)
 
     def stop(self) -> None:
@@ -61,9 +63,11 @@ class DeadlineTimer:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+            self.deadline = math.inf
 
     def _reached(self, deadline: float) -> None:
         self._timer = None
+        self.deadline = math.inf
         due = deadline if self._due is None else self._due()
         if due is not None and due > deadline:  # the request of this timer was answered
             self.arm(due)
@@ -118,6 +122,8 @@ class ResponseTimes:
         """Return the seconds for the next sending of `request` after `tries` earlier ones."""
         estimate = self._estimates.get(request.packet_id)
         if estimate is not None:
+            if tries < 2 and not after_write:  # most requests
+                return estimate[2]
             seconds = estimate[2]
         elif not request.repeatable:
             seconds = COMMAND_TRY
@@ -138,13 +144,12 @@ class Silence:
         """Start with nothing asked."""
         self.since: float | None = None
         """Time of the first request since the latest frame; None if there was none."""
-        self._sendings = 0
+        self.sendings = 0
+        """Number of requests since that time."""
 
-    def sent(self, now: float) -> None:
-        """Count a request sent at `now`."""
-        if self.since is None:
-            self.since, self._sendings = now, 0
-        self._sendings += 1
+    def begin(self, now: float) -> None:
+        """Count from `now`, when a request is sent."""
+        self.since, self.sendings = now, 0
 
     def count_from(self, now: float) -> None:
         """Forget the time before `now`, when the board could not answer."""
@@ -153,4 +158,4 @@ class Silence:
 
     def seconds(self, now: float) -> float:
         """Return the duration of the silence; 0.0 after too few requests for a judgement."""
-        return 0.0 if self.since is None or self._sendings < _SILENT_SENDINGS else now - self.since
+        return 0.0 if self.since is None or self.sendings < _SILENT_SENDINGS else now - self.since

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections import deque
 from collections.abc import Callable
+from logging import DEBUG
 
 from msgspec import Struct
 
@@ -16,7 +16,7 @@ from servolink.connection.scheduler import Load, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, Slots
 from servolink.connection.state import Lifecycle, State
 from servolink.connection.stats import Stats
-from servolink.connection.taps import FrameLog, Taps, frame_logger
+from servolink.connection.taps import FrameLog, Taps, is_logged
 from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
@@ -137,19 +137,22 @@ class ResponseDispatcher:
 
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
-        self.stats.bytes_received += len(chunk)
+        stats = self.stats
+        stats.bytes_received += len(chunk)
         if self.taps.members:
             self.taps.received(chunk)
         self._heard_at = self._now()
-        self._load = None
+        self.frame_log.is_on = is_logged(DEBUG)
         if self._lifecycle.state is not _READY:
             self._keep_evidence(chunk)
         frames = self._parser.feed(chunk)
         for frame in frames:
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
-                self.stats.hidden += 1
+                stats.hidden += 1
             else:
                 self._take(frame)
+        if self._load is not None:
+            self._learn(self._load)
         if self.later:
             self._call_later()
         if len(frames) > 1:
@@ -170,20 +173,20 @@ class ResponseDispatcher:
 
     def open(self, slot: Slot) -> None:
         """Wait for the response of a slot; called before the request is written."""
-        now = slot.sent_at
+        now, silence, timer = slot.sent_at, self._silence, self._timer
         if not self._slots.live:
-            self._restart(now)
+            self._restarted_at, self._arrival = now, None
         self._slots.open(slot)
-        self._silence.sent(now)
-        self._timer.arm(now + slot.timeout)
+        if silence.since is None:
+            silence.begin(now)
+        silence.sendings += 1
+        if (deadline := now + slot.timeout) < timer.deadline:
+            timer.arm(deadline)
 
     def leave(self, call: Call) -> None:
         """End a call. Without a response, the latest slot keeps the permit as long as a response is expected."""
         call.is_over = True
-        slot, call.latest = (
-            call.latest,
-            None,
-        )  # else a cycle for the garbage collector
+        slot, call.latest = call.latest, None  # else a cycle for the garbage collector
         if call.is_aside:
             self._scheduler.step_back()
             return
@@ -228,16 +231,18 @@ class ResponseDispatcher:
     def _take(self, frame: Frame) -> None:
         self.stats.frames_received += 1
         self._silence.since = None
-        if frame_logger.isEnabledFor(logging.DEBUG):
+        if self.frame_log.is_on:
             self.frame_log.received(frame)
         packet_id, content = frame
         lane = self._slots.lanes.get(packet_id)
-        if self._learns and lane is not None:
-            lane.heard(len(content) + OVERHEAD)
         opening = self._lifecycle.opening
-        if lane is not None and lane.slots and opening is None:
-            self._settle(packet_id, content)
-        elif packet_id == ButtonEventResponse.packet_id:
+        if lane is not None:
+            if self._learns and len(content) + OVERHEAD != lane.response_size:
+                lane.heard(len(content) + OVERHEAD)
+            if lane.slots and opening is None:
+                self._settle(packet_id, content)
+                return
+        if packet_id == ButtonEventResponse.packet_id:
             self.stats.events_received += 1
             if opening is not None:
                 opening.heard_event()
@@ -255,10 +260,13 @@ class ResponseDispatcher:
         except DecodeError as error:
             self.stats.undecodable += 1
             decoded = error
-        if self._learns and self._load is None:
-            self._load = self._scheduler.load()
-        settled = self._slots.settle(packet_id, decoded)
-        self.stats.repeated = self._slots.repeated
+        load = self._load
+        if load is None and self._learns:
+            load = self._load = self._scheduler.load()
+        slots = self._slots
+        settled = slots.settle(packet_id, decoded)
+        if slots.answer_twice:
+            self.stats.repeated = slots.repeated
         if settled is None:
             self.stats.mismatched += 1
             return
@@ -269,11 +277,13 @@ class ResponseDispatcher:
             if call is not None and call.on_wake is not None and answer is decoded:
                 call.content = content
             self._restarted_at, self._arrival = self._heard_at, None
-            if self._learns:
+            if load is not None:
                 if slot.sent_at < free_at and not self._expired:
-                    self._scheduler.window.heard(len(content) + OVERHEAD, self._heard_at - free_at)
+                    load.due += 1
+                    load.size += len(content) + OVERHEAD
+                    load.seconds += self._heard_at - free_at
                 self._expired = False
-        self._report(settled, free_at, self._load)
+        self._report(settled, free_at, load)
 
     def _report(self, settled: list[Settled], free_at: float = 0.0, load: Load | None = None) -> None:
         """Notify the calls of slots that are over; then further requests may be sent.
@@ -326,7 +336,12 @@ class ResponseDispatcher:
         elif call is None or call.is_over:
             self.times.late()
         if load is not None and not slot.is_fence:
-            load.climb.answered(self._heard_at, full=load.is_full, has_backlog=load.has_backlog)
+            load.responses += 1
+
+    def _learn(self, load: Load) -> None:
+        """Learn from all responses of a chunk at once."""
+        self._load = None
+        self._scheduler.learn(load, self._heard_at)
 
     def _call_later(self) -> None:
         while self.later:

@@ -86,10 +86,10 @@ class Window:
         pace = self.pace
         return owed <= pace * (MOST_OWED_IN_BULK if self._bulks else MOST_OWED) if pace else under_way < _UNMEASURED
 
-    def heard(self, size: int, seconds: float) -> None:
-        """Count a response of `size` bytes, received `seconds` after another one while already due."""
-        self._responses += 1
-        if self._responses == _MEMORY:
+    def heard(self, size: int, seconds: float, responses: int = 1) -> None:
+        """Count responses of `size` bytes, received together `seconds` after another one while already due."""
+        self._responses += responses
+        if self._responses >= _MEMORY:
             self._responses, self._bytes, self._seconds = _MEMORY // 2, self._bytes / 2, self._seconds / 2
         self._bytes += size
         self._seconds += seconds
@@ -105,14 +105,22 @@ class Waiting(Struct, eq=False):
     """Done when the permit is granted; fails if the connection ends."""
 
 
-class Load(Struct, frozen=True):
-    """How far the window is used."""
+class Load(Struct):
+    """How far the window is used when a chunk comes, and the responses of the chunk."""
 
     climb: DepthClimb
     """Depth in force for the requests under way."""
     is_full: bool
     has_backlog: bool
     """Whether somebody waits because of the depth."""
+    responses: int = 0
+    """Number of responses, except to fences."""
+    due: int = 0
+    """Number of responses that were already due when an earlier response came."""
+    size: int = 0
+    """Bytes of the responses that were due."""
+    seconds: float = 0.0
+    """Seconds since the earlier response."""
 
 
 class RequestScheduler:
@@ -257,7 +265,8 @@ class RequestScheduler:
         if under_way <= 0:
             return True
         window = self.window
-        if under_way >= window.climb(packet, self._changes).depth:
+        climb = window.queries if packet.is_query and not self._changes else window.writes
+        if under_way >= climb.depth:
             return False
         if not window.learns:
             return True
@@ -276,6 +285,15 @@ class RequestScheduler:
             lane.permits += 1
             if lane.permits == 1:
                 self._busy.append(lane)
+
+    def learn(self, load: Load, now: float) -> None:
+        """Learn depth and pace from a chunk that came at `now`, in seconds."""
+        if load.responses:
+            load.climb.answered(now, load.responses, full=load.is_full, has_backlog=load.has_backlog)
+        if load.due:
+            self.window.heard(load.size, load.seconds, load.due)
+        if self.waiting:
+            self.grant()
 
     def load(self) -> Load:
         """Return the present load of the window."""

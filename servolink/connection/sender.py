@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable
+from logging import DEBUG
 from typing import Any
 
 from servolink.connection.call import Call, Slot
@@ -14,7 +14,7 @@ from servolink.connection.fences import FENCES, SERVO_LIST
 from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, NO_OBSTACLE, Obstacle, Slots
 from servolink.connection.state import Lifecycle
-from servolink.connection.taps import frame_logger
+from servolink.connection.taps import is_logged
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Request, Response
@@ -66,6 +66,7 @@ class RequestSender:
         self._slots = slots
         self._scheduler = scheduler
         self._answers = answers
+        self._times = answers.times
         self._repeats = repeats
         self._window = scheduler.window
         self._stats = answers.stats
@@ -86,17 +87,20 @@ class RequestSender:
 
     # --- one call -----------------------------------------------------------------------------------------------
 
-    def start(self, call: Call, packet: Request[Any], frame: bytes) -> Awaitable[None]:
-        """Send the request of a call for the first time; return the awaitable until the call is woken.
+    def start(self, call: Call, packet: Request[Any], frame: bytes, now: float) -> Awaitable[None]:
+        """Send the request of a call for the first time, `now`; return the awaitable until the call is woken.
 
         Nothing may stand in the way (see `clear_way`). The usual case takes no coroutine. Raise ConnectionLost.
         """
-        self.open_request(call, packet)
+        self.open_request(call, packet, now)
         call.woken = woken = self._loop.create_future()
         if call.queued:
             self.leave_queue(call)
         sending = self.take(frame, may_join=packet.is_query)
-        return woken if sending is None and not self.needs_mark(call) else self._go_on_sending(call, sending, woken)
+        slots = self._slots
+        if sending is None and slots.unproved < _MARK_EVERY and not slots.unmatched:
+            return woken  # most requests: no mark is needed
+        return self._go_on_sending(call, sending, woken)
 
     async def _go_on_sending(self, call: Call, sending: Awaitable[None] | None, woken: asyncio.Future[None]) -> None:
         if sending is not None:
@@ -130,7 +134,7 @@ class RequestSender:
         if self._must_fence(call):
             frame = self._open_fence(call)
         else:
-            self.open_request(call, packet)
+            self.open_request(call, packet, self._loop.time())
         call.woken = woken = self._loop.create_future()
         return woken, frame
 
@@ -159,7 +163,7 @@ class RequestSender:
     async def _pause(self, call: Call) -> None:
         """Pause before repeating a request lost each time; end early if something happens to the call."""
         assert isinstance(call.packet, Request)  # noqa: S101 - narrows the type
-        seconds = self._answers.times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
+        seconds = self._times.timeout(call.packet, call.tries - _AT_ONCE, after_write=False)
         call.woken = self._loop.create_future()
         ends = call.woken, self._answers.over
         await asyncio.wait(ends, timeout=min(seconds, self._remaining(call)), return_when=asyncio.FIRST_COMPLETED)
@@ -239,8 +243,8 @@ class RequestSender:
             return call.tries > _FENCE_AFTER and call.open_slots > 0 and not fenced
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
-    def open_request(self, call: Call, packet: Request[Any]) -> None:
-        """Open a slot for the packet of a call, to be written now."""
+    def open_request(self, call: Call, packet: Request[Any], now: float) -> None:
+        """Open a slot for the packet of a call, to be written `now`."""
         if not packet.is_query and isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
         owner = call
@@ -248,25 +252,28 @@ class RequestSender:
             self._stats.retries += 1
             if not call.open_slots:
                 owner = self._slots.lanes[packet.packet_id + 1].hand_down(call)
-        owner.latest = self._open(packet, owner, owner.open_slots)  # a proved loss does not show a slow board
-        owner.open_slots += 1
+        open_slots = owner.open_slots
+        owner.latest = self._open(packet, owner, open_slots, now)  # a proved loss does not show a slow board
+        owner.open_slots = open_slots + 1
         call.tries += 1
 
     def _open_fence(self, call: Call) -> bytes:
         """Open a slot for a fence; return the frame to write now."""
         fence = self._next_fence(call.packet)
-        call.latest = self._open(fence, call, call.fences, is_fence=True)
+        call.latest = self._open(fence, call, call.fences, self._loop.time(), is_fence=True)
         call.fences += 1
         return self._codec.encode(fence)
 
-    def _open(self, request: Request[Any], call: Call | None, tries: int, *, is_fence: bool = False) -> Slot:
-        now = self._loop.time()
-        timeout = self._answers.times.timeout(request, tries, after_write=self._wrote)
+    def _open(
+        self, request: Request[Any], call: Call | None, tries: int, now: float, *, is_fence: bool = False
+    ) -> Slot:
+        timeout = self._times.timeout(request, tries, after_write=self._wrote)
         if call is not None:
             if not is_fence and not self._repeats:
                 timeout = call.patience
-            if now + timeout > (end := (call.since or now) + call.patience):
-                timeout = max(end - now, 0.001)
+            left = call.patience if call.since is None else call.since + call.patience - now
+            if timeout > left:
+                timeout = max(left, 0.001)
         self._wrote = not request.repeatable
         slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
         self._answers.open(slot)
@@ -293,7 +300,7 @@ class RequestSender:
     async def send_fence(self, packet: Packet) -> Slot:
         """Send a fence for whose response nobody waits."""
         fence = self._next_fence(packet)
-        slot = self._open(fence, None, 0, is_fence=True)
+        slot = self._open(fence, None, 0, self._loop.time(), is_fence=True)
         await self.write(self._codec.encode(fence))
         return slot
 
@@ -346,11 +353,12 @@ class RequestSender:
         """
         if self._lifecycle.ended is not None:
             raise same(self._lifecycle.ended)
-        self._stats.frames_sent += 1
-        self._stats.bytes_sent += len(frame)
+        stats = self._stats
+        stats.frames_sent += 1
+        stats.bytes_sent += len(frame)
         if self._taps.members:
             self._taps.sent(frame)
-        if frame_logger.isEnabledFor(logging.DEBUG):
+        if is_logged(DEBUG):
             self._answers.frame_log.sent(frame)
         if self._joined is None:
             data = frame

@@ -122,9 +122,20 @@ class Slots:
             return []
         oldest = slots[0]
         if lane.equal or len(slots) == 1:
-            if not fits(oldest.request, content):
+            if not (isinstance(content, DecodeError) or oldest.request.accepts(content)):  # `fits`, on the way of all
                 return None
+            if oldest is self._order[0] and not self.unmatched:  # nothing older is open: the usual case
+                if len(slots) == 1:
+                    self.unproved = self.unanswerable = 0
+                self._order.popleft()
+                self._close(oldest)
+                return [(oldest, content)]
             return self._settle_exact(oldest, content) if len(slots) == 1 else self._settle_oldest(oldest, content)
+        return self._settle_among(lane, content)
+
+    def _settle_among(self, lane: Lane, content: Content) -> list[Settled] | None:
+        """Several slots with different requests: the content tells which of them may be the origin."""
+        slots = lane.slots
         candidates = [slot for slot in slots if fits(slot.request, content)]
         if not candidates:
             return None
@@ -206,19 +217,17 @@ class Slots:
 
     def _close(self, slot: Slot) -> None:
         slot.open = False
-        live = self.live
-        if live and slot is live[0]:
-            live.popleft()
-            if live and (live[0].overdue or not live[0].open):
-                self._tidy()
-        lane = slot.lane
-        slots = lane.slots
-        slots.popleft()  # this one: the slots of a lane end in their order
-        if not slots:
+        lane, live = slot.lane, self.live
+        lane.slots.popleft()  # this one: the slots of a lane end in their order
+        if not lane.slots:
             lane.stopped = False
         if slot.overdue:
             self.overdue -= 1
             lane.overdue -= 1
+        elif live and slot is live[0]:
+            live.popleft()
+            if live and (live[0].overdue or not live[0].open):
+                self._tidy()
         if slot is self._exclusive:
             self._exclusive = None
 

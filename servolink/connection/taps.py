@@ -16,6 +16,7 @@ from servolink.protocol.packet import Packet, Query
 T = TypeVar("T")
 
 frame_logger = logging.getLogger("servolink.frames")
+is_logged = frame_logger.isEnabledFor
 
 _LONGEST = 1000  # characters of one packet in the log: an action can have thousands of steps
 
@@ -84,7 +85,7 @@ class Taps:
 class FrameLog:
     """Log of every frame sent and received, decoded, with its time, at debug level of `servolink.frames`.
 
-    Callers check `frame_logger.isEnabledFor(DEBUG)` themselves: nothing else is done while nobody reads the log, and it
+    Callers check `is_logged(DEBUG)` themselves: nothing else is done while nobody reads the log, and it
     can be switched on while a connection is open.
     """
 
@@ -94,6 +95,8 @@ class FrameLog:
         self._codec = codec
         self._now = now
         self._start = now()
+        self.is_on = False
+        """Whether the log is written, as found when the latest chunk came."""
 
     def sent(self, frame: bytes) -> None:
         """Log a whole frame on its way to the board."""

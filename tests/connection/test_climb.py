@@ -219,6 +219,23 @@ def test_a_depth_that_still_pays_is_kept_when_the_line_gets_worse_for_all() -> N
     assert usual(line.run(20_000)) == 8
 
 
+def test_responses_of_one_chunk_count_as_they_do_one_by_one() -> None:
+    together, one_by_one = DepthClimb(2), DepthClimb(2)
+
+    def answer(now: float, responses: int) -> tuple[int, int]:
+        together.answered(now, responses, full=True, has_backlog=True)
+        for _ in range(responses):
+            one_by_one.answered(now, full=True, has_backlog=True)
+        return together.depth, one_by_one.depth
+
+    assert answer(0.0, 1) == (1, 1)  # from which the time counts
+    depths = [answer(0.01 * number, 4) for number in range(1, LEAST_RESPONSES // 4 + 1)]
+    assert depths == [(1, 1)] * (len(depths) - 1) + [(2, 2)]
+    assert answer(1.0, 3) == (2, 2)  # two are responses to what was sent at depth 1, and one counts
+    depths = [answer(2.0 + number, 1) for number in range(LEAST_RESPONSES - 1)]
+    assert depths == [(2, 2)] * (len(depths) - 1) + [(1, 1)]  # it did not pay
+
+
 # --- a transfer that cannot wait for a climb ----------------------------------------------------------------------
 
 
