@@ -11,6 +11,7 @@ import pytest
 
 from servolink.errors import ServolinkError
 from servolink.firmware.compiling import IMAGE, build
+from servolink.firmware.image import ImageSettings, from_uf2, to_uf2, with_settings
 from tests.firmware.conversations import frame
 from tests.firmware.emulated import EmulatedPico, emulated, needs_emulator
 from tests.firmware.test_core import READY, RELEASE, STOP, add_action, add_macro, answers, move, run_macro
@@ -118,6 +119,33 @@ def test_buttons_and_battery_are_read_at_their_pins(pico: EmulatedPico) -> None:
     events = [struct.unpack("<IB", content) for _, content in answers(sent)]
     assert events == [(1, 1), (1, 4), (7, 1), (7, 4)]
     assert answers(pico.ask(frame(10040))) == [(10041, struct.pack("<h", 1000))], "no battery is measured"
+
+
+def _image(folder: Path, settings: ImageSettings) -> Path:
+    """Return a file with the shipped image and other settings."""
+    path = folder / "image.uf2"
+    path.write_bytes(to_uf2(with_settings(from_uf2(IMAGE.read_bytes()), settings)))
+    return path
+
+
+def test_the_battery_is_measured_at_its_pin(tmp_path: Path) -> None:
+    with emulated(_image(tmp_path, ImageSettings(battery_empty=6000, battery_full=8400))) as pico:
+        for millivolts in (8400, 7200, 6010, 5000, 9800):
+            pico.command(battery=millivolts / 3000)  # a third, by the divider
+            ((packet_id, content),) = answers(pico.ask(frame(10040)))
+            expected = min(max((millivolts - 6000) / 2.4, 0), 1000)
+            assert packet_id == 10041
+            assert struct.unpack("<h", content)[0] == pytest.approx(expected, abs=2)
+
+
+def test_the_eighth_button_has_the_pin_of_the_uart_which_is_off_then(tmp_path: Path) -> None:
+    image = _image(tmp_path, ImageSettings(buttons=8))
+    with emulated(image, "usb") as pico:
+        pico.ask(frame(40070, b"\1"))
+        sent = b"".join(pico.command(pressed=pins, run=0.1) for pins in ([17], [], [28], []))
+        assert [struct.unpack("<IB", content) for _, content in answers(sent)] == [(8, 1), (8, 4), (7, 1), (7, 4)]
+    with emulated(image) as pico:
+        assert pico.ask(frame(20010)) == b""
 
 
 def test_usb_is_a_serial_port() -> None:

@@ -54,9 +54,8 @@ struct records {
 struct flash {
     uint32_t bank, tail, generation;
     uint32_t spare_checked; /* bytes of the spare bank that are blank */
-    uint32_t born;          /* number of the record that is being written, or 0 */
-    uint32_t done;          /* bytes of it that are written */
-    bool copying, heading;  /* records are being copied to the spare bank; and its header is being written */
+    uint32_t done;          /* bytes of the record that is being written which are written */
+    bool copying;           /* records are being copied to the spare bank */
     uint32_t copied;        /* number of the last record that was copied */
     uint32_t moment;        /* number of the last change to be copied */
     struct record header;

@@ -10,7 +10,8 @@
 
 static const uint8_t BUTTON_PINS[BOARD_BUTTONS] = {18, 19, 20, 21, 22, 27, 28, 17};
 
-__attribute__((section(".settings"), used)) static const struct board_settings settings = {
+/* Neither const nor static: the compiler would put these values into the code, and the installation changes them here. */
+__attribute__((section(".settings"))) struct board_settings settings = {
     BOARD_SETTINGS_MAGIC, BOARD_SERVOS, BOARD_BUTTONS - 1, 0, 0, 0,
     {BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE,
      BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE, BOARD_RANGE},
