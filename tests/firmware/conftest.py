@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from tests.firmware.host import HostBoard, library
+from tests.firmware.host import HARDWARE, LIBRARY, HostBoard, compile_once, load
 
 
 @pytest.fixture(scope="session")
 def functions(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Return the firmware as a library."""
-    return library(tmp_path_factory.mktemp("firmware"))
+    return load(compile_once(tmp_path_factory, "board.so", [HARDWARE], *LIBRARY))
 
 
 @pytest.fixture

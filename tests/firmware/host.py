@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import ctypes
+import fcntl
+import os
 import shutil
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ FLAGS = [
 ]
 CORE = sorted(FIRMWARE.glob("core/*.c"))
 HARDWARE = FIRMWARE / "host/hardware.c"
+LIBRARY = ("-shared", "-fPIC")
+"""Flags for a library."""
 MEMORY = 65536
 """Bytes for records."""
 FLASH = 3 * MEMORY
@@ -45,6 +48,33 @@ def compile_program(target: Path, sources: Iterable[Path], *flags: str, compiler
     """Compile C sources with the core into `target`."""
     processes.run((compiler, *FLAGS, *flags, "-o", str(target), *map(str, [*CORE, *sources])), check=True)
     return target
+
+
+def compile_once(factory: pytest.TempPathFactory, name: str, sources: Iterable[Path], *flags: str) -> Path:
+    """Compile C sources with the core, once for all processes of a test run."""
+    folder = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    target = folder / name
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not target.exists():
+            compile_program(target, sources, *flags)
+    return target
+
+
+def compile_library(target: Path) -> Path:
+    """Compile the core with its hardware in memory as a library."""
+    return compile_program(target, [HARDWARE], *LIBRARY)
+
+
+class _Range(ctypes.Structure):
+    _fields_ = (
+        ("shortest", ctypes.c_uint16),
+        ("longest", ctypes.c_uint16),
+        ("least", ctypes.c_int16),
+        ("greatest", ctypes.c_int16),
+    )
 
 
 class _Fields(ctypes.Structure):
@@ -63,13 +93,17 @@ class _Fields(ctypes.Structure):
         ("page", ctypes.c_uint8 * 256),
         ("magic", ctypes.c_char * 16),
         ("servos", ctypes.c_uint8),
+        ("buttons", ctypes.c_uint8),
+        ("battery_empty", ctypes.c_uint16),
+        ("battery_full", ctypes.c_uint16),
+        ("reserved", ctypes.c_uint16),
+        ("ranges", _Range * 16),
     )
 
 
-@cache
-def library(folder: Path) -> Any:
-    """Return the functions of `host/hardware.h`, compiled into `folder`."""
-    loaded = ctypes.CDLL(str(compile_program(folder / "board.so", [HARDWARE], "-shared", "-fPIC")))
+def load(library: Path) -> Any:
+    """Return the functions of `host/hardware.h` in a library."""
+    loaded = ctypes.CDLL(str(library))
     loaded.hardware_new.restype = ctypes.POINTER(_Fields)
     loaded.hardware_transmit.restype = ctypes.c_size_t
     for name in ("start", "tick", "detach", "delete"):
@@ -80,13 +114,15 @@ def library(folder: Path) -> Any:
 class HostBoard:
     """Board with its hardware, at a time of its own in microseconds."""
 
-    def __init__(self, functions: Any, now: int = 0, servos: int = 16) -> None:
-        """Power up with blank flash."""
+    def __init__(self, functions: Any, now: int = 0, servos: int = 16, angles: tuple[float, float] = (-90, 90)) -> None:
+        """Power up with blank flash. `angles` are those of the shortest and of the longest pulse."""
         self._functions = functions
         self._hardware = functions.hardware_new(None)
         self.fields = self._hardware.contents
         self.fields.now = now
         self.fields.servos = servos
+        for servo in self.fields.ranges:
+            servo.least, servo.greatest = map(int, angles)
         self._buffer = ctypes.create_string_buffer(1 << 17)
         self._view = memoryview(self._buffer)
         functions.hardware_start(self._hardware)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import random
 import shutil
 import subprocess
 import sys
@@ -16,8 +15,15 @@ import servolink
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from tests import processes
-from tests.firmware.conversations import PACKETS, content, frame
-from tests.firmware.host import FIRMWARE, HARDWARE, HostBoard, HostTransport, compile_program, needs_compiler
+from tests.firmware.fuzz import fuzz
+from tests.firmware.host import (
+    FIRMWARE,
+    HARDWARE,
+    HostBoard,
+    HostTransport,
+    compile_once,
+    needs_compiler,
+)
 from tests.project.pulled import OLD
 
 pytestmark = needs_compiler
@@ -43,8 +49,7 @@ async def test_the_client_moves_the_firmware(board: HostBoard) -> None:
 
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    target = tmp_path_factory.mktemp("program") / "board"
-    return compile_program(target, [HARDWARE, FIRMWARE / "host/main.c"], "-fsanitize=address")
+    return compile_once(tmp_path_factory, "board", [HARDWARE, FIRMWARE / "host/main.c"], "-fsanitize=address")
 
 
 @pytest.fixture
@@ -81,15 +86,6 @@ def test_a_project_outlives_a_killed_process(
     assert not errors, "the sanitizers found something"
 
 
-def _seeds(folder: Path) -> None:
-    """Write a request of each kind, in the form that the target of the fuzzer reads: lengths before the parts."""
-    draw = random.Random(0)
-    for packet_id, packet in PACKETS.items():
-        data = frame(packet_id, content(draw, packet["fields"], odd=0))
-        parts = (data[at : at + 63] for at in range(0, len(data), 63))
-        (folder / str(packet_id)).write_bytes(b"".join(bytes([len(part) + 128]) + part for part in parts))
-
-
 @pytest.mark.skipif(shutil.which("clang") is None, reason="needs clang with libFuzzer, of the Debian package clang")
 @pytest.mark.parametrize(
     "limit",
@@ -99,9 +95,4 @@ def _seeds(folder: Path) -> None:
     ],
 )
 def test_any_bytes_are_survived(tmp_path: Path, limit: str) -> None:
-    target = tmp_path / "fuzz"
-    sources = [HARDWARE, FIRMWARE / "host/fuzz.c"]
-    compile_program(target, sources, "-fsanitize=fuzzer,address", compiler="clang")
-    (corpus := tmp_path / "corpus").mkdir()
-    _seeds(corpus)
-    processes.run((str(target), limit, "-max_len=4000", "-seed=1", str(corpus)), check=True, cwd=tmp_path)
+    fuzz(tmp_path, limit)
