@@ -69,7 +69,7 @@ def pytest_configure(config: pytest.Config) -> None:
         sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(cache.mkdir("pycache"))
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     if config.getoption("--board") == "firmware":
-        config.pluginmanager.import_plugin("tests.firmware.stand_in")
+        config.pluginmanager.import_plugin("tests.firmware.board_option")
 
 
 @pytest.hookimpl(tryfirst=True)

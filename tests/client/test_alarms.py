@@ -92,6 +92,7 @@ def test_each_servo_and_each_alarm_counts_for_itself() -> None:
     ]
 
 
+@pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
     fake = FakeBoard(servos=2)
     async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
@@ -106,6 +107,7 @@ async def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
         assert 0 <= (await board.servo(1)).angle < 45
 
 
+@pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_does_not_wait_for_it() -> None:
     fake = FakeBoard(servos=1)
     alarms = [Alarm.parse("current_raw>50", stops=True), Alarm.parse("current_raw>51")]
@@ -120,6 +122,7 @@ async def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_doe
         assert (await anext(found)).alarms == ()
 
 
+@pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -145,6 +148,7 @@ def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_s
     run(main())
 
 
+@pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_stop_is_finished_before_the_board_is_closed() -> None:
     fake = FakeBoard(servos=1)
     async with opened(fake) as board:
@@ -154,6 +158,7 @@ async def test_a_stop_is_finished_before_the_board_is_closed() -> None:
     assert len(fake.executed_of(SetServoParameterRequest)) == 1
 
 
+@pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
     fake = FakeBoard(servos=1)
     async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:

@@ -219,6 +219,7 @@ async def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> 
         assert isinstance((await board.servo(3)).angle, Adc)
 
 
+@pytest.mark.virtual_only("the raw angles of the firmware are pulse widths")
 def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
     toy = VirtualBoard(servos=3, kind=BoardKind(bus_powered=True))
     socket = Socket(toy)

@@ -234,6 +234,7 @@ async def test_a_wrong_option_in_the_address_is_refused_before_anything_is_opene
         await connect("tcp://127.0.0.1:1?dept=4")
 
 
+@pytest.mark.virtual_only("the firmware has no old transmission mode")
 async def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
     fake = FakeBoard()
     fake.virtual.mode = 0

@@ -47,6 +47,7 @@ async def test_a_link_keeps_counting_in_the_same_stats(socket: Socket) -> None:
         assert isinstance(board.connection, Connection)
 
 
+@pytest.mark.virtual_only("the firmware has no old transmission mode")
 async def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
     async with connected() as board:
         await board.set_transmission_mode(1)
@@ -60,6 +61,7 @@ async def test_the_transmission_mode_is_there_again(socket: Socket) -> None:
 
 
 @pytest.mark.parametrize("forgets", [False, True])
+@pytest.mark.virtual_only("the firmware has no old transmission mode")
 async def test_the_old_transmission_mode_is_there_again_on_this_board_only(forgets: bool, socket: Socket) -> None:
     async with connected(patience=0.3) as board:
         ours, other = socket.board, VirtualBoard()

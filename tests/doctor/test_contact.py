@@ -28,7 +28,9 @@ def heard_from(board: VirtualBoard, monkeypatch: pytest.MonkeyPatch, faults: Fau
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
-@pytest.mark.parametrize("mode", [0, 1])
+@pytest.mark.parametrize(
+    "mode", [pytest.param(0, marks=pytest.mark.virtual_only("the firmware has no old transmission mode")), 1]
+)
 def test_a_board_is_found_in_any_order_and_mode(
     byte_order: ByteOrder, mode: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,6 +56,7 @@ def test_another_unit_is_a_guess_at_what_was_measured(unit: float, turnaround: f
     assert found.evidence.endswith(", not a unit of 1, 10 or 100 ms")
 
 
+@pytest.mark.virtual_only("the test changes how the virtual servo moves")
 def test_a_servo_that_reports_the_commanded_angle_at_once_cannot_be_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     move = SimulatedServo.move
 
@@ -130,6 +131,7 @@ def test_a_servo_that_does_not_arrive_tells_nothing() -> None:
     assert "longer than was waited" in found.evidence or "0.0" in found.evidence
 
 
+@pytest.mark.virtual_only("the test asks the virtual servo whether it is moving")
 def test_a_cancellation_stops_the_servo() -> None:
     board = VirtualBoard(servos=4)
 

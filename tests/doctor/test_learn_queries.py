@@ -199,6 +199,7 @@ def test_a_depth_is_uncertain_where_the_board_stops_for_seconds(seed: int) -> No
     assert found["depth"].value == 16 or found["depth"].confidence == "guess"
 
 
+@pytest.mark.virtual_only("the test changes how the virtual board handles a request")
 def test_boards_may_answer_some_unknown_ids_and_not_others(monkeypatch: Any) -> None:
     monkeypatch.setitem(HANDLERS, QueryMacroRequest, lambda context: None)
     found = learn(VirtualBoard(servos=2))

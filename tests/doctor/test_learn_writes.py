@@ -137,6 +137,7 @@ def test_a_full_board_tells_little(tmp_path: Path) -> None:
         (lambda context: True, "after clearing the board said yes and lists"),
     ],
 )
+@pytest.mark.virtual_only("the test changes how the virtual board handles a request")
 def test_a_board_that_does_not_clear(clearing: Any, evidence: str, tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setitem(HANDLERS, ClearAllDataRequest, clearing)
     board = board_of()
@@ -147,6 +148,7 @@ def test_a_board_that_does_not_clear(clearing: Any, evidence: str, tmp_path: Pat
     assert everything(board) == before
 
 
+@pytest.mark.virtual_only("the test changes how the virtual board handles a request")
 def test_a_board_that_does_not_say_when_it_has_cleared(tmp_path: Path, monkeypatch: Any) -> None:
     clear = HANDLERS[ClearAllDataRequest]
     monkeypatch.setitem(HANDLERS, ClearAllDataRequest, lambda context: None if clear(context) else False)
@@ -165,6 +167,7 @@ def test_a_constant_project_id_says_nothing_about_clearing(tmp_path: Path) -> No
     assert (found["clear"].value, found["clear"].confidence) == ("all", "likely"), "by the servo parameters alone"
 
 
+@pytest.mark.virtual_only("the test changes how the virtual board handles a request")
 def test_a_board_that_keeps_old_records_and_says_yes(tmp_path: Path, monkeypatch: Any) -> None:
     add = HANDLERS[AddActionRequest]
 

@@ -1,31 +1,40 @@
 """Firmware in place of the virtual board's own work, for tests of everything else: `pytest --board firmware`.
 
 Requests to a virtual board that is as the document describes it go to the core of the firmware, and its stored records
-are those of the firmware. Sessions, delays and lost connections stay those of the virtual board. Servos are held at 0
-degrees when power comes on, which tests expect; flash takes no time, as many tests expect a response at once.
+are those of the firmware. Sessions, delays and lost connections stay those of the virtual board. Servos turn from -180
+to 180 degrees and are held where they were when power comes on, which tests expect; flash takes no time, as many tests
+expect a response at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
+from unittest import SkipTest
 
 import msgspec
-import pytest
 
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.joystick import ButtonEventResponse, SetActiveJoystickTableRequest, SubscribeButtonEventRequest
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, TABLE
+from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import RequestContext, Response
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import DEFAULT_KIND
-from servolink.virtual.simulated_servo import SimulatedServo
+from servolink.virtual.simulated_servo import ADC, HIGHEST, LOWEST, SimulatedServo
 from servolink.virtual.storage import AnyType, Contents, Record, Storage
-from tests.firmware.conversations import frame
-from tests.firmware.host import HostBoard, library
+from tests.firmware.host import PERIOD, HostBoard, load
+
+FOLDER = "SERVOLINK_FIRMWARE_TESTS"
+"""Environment variable with the folder of the library `board.so`, and of a file with the tests that used it."""
+USED = "used"
+"""Name of that file: a line for each test that sent a request to a core."""
 
 _STEP = 2000
 _LONGEST = 60_000_000
@@ -35,7 +44,7 @@ _TICKS = 5000
 _ROW = 35
 """Size of the parameters of a servo."""
 _COUNT = 2
-BOARD_SERVOS = 16
+BOARD_SERVOS, BOARD_BUTTONS = 16, 8
 NO_RESPONSE = {10050, 20050, 20060}
 _KEEP_RECORDS = {10010, 10030, 10040, 20010, 20020, 20030, 20040, 30010, 30020, 30050, 30060, 30090, 30100, 30130} | {
     *(40010, 40020, 40060, 40070),
@@ -44,35 +53,19 @@ _KEEP_RECORDS = {10010, 10030, 10040, 20010, 20020, 20030, 20040, 30010, 30020, 
 """Requests that change no record."""
 _TIMING = ("turnaround", "write_seconds", "clear_seconds", "queue", "queue_bytes", "bus_powered")
 """What a kind of board may have beside the core."""
-_VIRTUAL_HANDLE, _VIRTUAL_ADVANCE, _VIRTUAL_SWITCH = VirtualBoard.handle, Hardware.advance, Hardware.switch
-
-
-_OWN = "the test changes the storage of the virtual board itself"
-DIFFERENT = {
-    "tests/project/test_import.py::test_a_project_that_is_there_but_for_a_doubled_record_is_not_there_yet": _OWN,
-    "tests/project/test_import.py::test_a_project_that_just_fits_is_taken": _OWN,
-    "tests/project/test_import.py::test_doubled_records_make_room_where_they_go": _OWN,
-    "tests/project/test_long_lists.py::"
-    "test_a_deletion_that_was_done_and_does_not_show_makes_everything_be_read_again": _OWN,
-    "tests/project/test_long_lists.py::"
-    "test_a_write_that_was_done_and_does_not_show_makes_everything_be_read_again": _OWN,
-    "tests/project/test_project_ids.py::test_a_board_that_refuses_large_ids_gets_a_small_marker": _OWN,
-    "tests/project/test_reading.py::test_what_is_listed_twice_is_named": _OWN,
-    "tests/project/test_untaken.py": _OWN,
-}
-"""Tests, and files of tests, that are not for the firmware."""
+_VIRTUAL_INIT, _VIRTUAL_HANDLE = VirtualBoard.__init__, VirtualBoard.handle
+_VIRTUAL_ADVANCE, _VIRTUAL_SWITCH = Hardware.advance, Hardware.switch
+_VIRTUAL_PRESS, _VIRTUAL_RELEASE = Hardware.press_button, Hardware.release_button
 
 
 class Core:
     """Core of the firmware behind a virtual board."""
 
-    requests = 0
-    """Requests that boards of this process have got."""
-
     def __init__(self, functions: Any, board: VirtualBoard) -> None:
-        """Switch on, and hold all servos at 0 degrees."""
-        self._host = HostBoard(functions, servos=len(board.servos))
+        """Switch on, and hold all servos where the virtual board has them."""
+        self._host = HostBoard(functions, servos=len(board.servos), angles=(LOWEST, HIGHEST))
         self._board = board
+        self._used_by = ""
         self._parser = FrameParser()
         self._epoch: float | None = None
         self.switch_on()
@@ -82,11 +75,14 @@ class Core:
         self._host.close()
 
     def switch_on(self) -> None:
-        """Lose power, come back, and hold all servos at 0 degrees."""
+        """Lose power, come back, and hold all servos where they were."""
+        self._place([servo.angle for servo in self._board.servos.values()])
+
+    def _place(self, angles: list[float]) -> None:
         self._host.cut_power(0)
         self.ask(20030, b"\xff\1\1")
-        count = len(self._board.servos)
-        self.ask(20050, bytes([count]) + b"".join(bytes([servo, 0, 0, 0, 0]) for servo in range(1, count + 1)))
+        steps = b"".join(struct.pack("<Bhh", servo, round(angle), 0) for servo, angle in enumerate(angles, 1))
+        self.ask(20050, bytes([len(angles)]) + steps, answered=False)
         self._host.run(1.1)
         self._epoch = None
 
@@ -103,9 +99,39 @@ class Core:
             self._host.tick(min(fields.now + step, until))
         self._take(None)
 
+    def count(self) -> None:
+        """Write the name of the running test to the file of tests that used a core."""
+        name = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" (")[0]
+        if name != self._used_by:
+            with (Path(os.environ[FOLDER]) / USED).open("a", encoding="utf-8") as file:
+                file.write(f"{name}\n")
+            self._used_by = name
+
+    def press(self, button_id: int, *, is_down: bool) -> None:
+        """Press or release a button, and let the time pass in which it may bounce."""
+        bit = 1 << (button_id - 1)
+        self._host.fields.pressed = self._host.fields.pressed & ~bit | bit * is_down
+        before = self._host.fields.now
+        for _ in range(3):
+            self._host.tick(self._host.fields.now + round(PERIOD * 1e6))
+        if self._epoch is not None:
+            self._epoch -= (self._host.fields.now - before) / 1e6
+        self._take(None)
+
+    def angle(self, servo_id: int) -> float:
+        """Return the angle of a servo in degrees, 0 for a released one."""
+        value: int
+        (value,) = struct.unpack("<h", (self.ask(20020, bytes([servo_id])) or bytes(12))[2:4])
+        is_adc = self._board.servos[servo_id].unit == ADC
+        return round((value - 1500) * (HIGHEST - LOWEST) / 2000) if is_adc else value
+
+    def flags(self, servo_id: int) -> bytes:
+        """Return whether a servo obeys and holds."""
+        return (self.ask(20020, bytes([servo_id])) or bytes(12))[-2:]
+
     def ask(self, packet_id: int, content: bytes = b"", *, answered: bool = True) -> bytes | None:
         """Return the content of the response, None without one."""
-        self._host.receive(frame(packet_id, content))
+        self._host.receive(encode_frame(packet_id, content, "little"))
         for _ in range(_TICKS if answered else 1):
             if (found := self._take(packet_id + 1)) is not None:
                 return found
@@ -184,7 +210,7 @@ class CoreStorage(Storage):
 
     def _add(self, packet_id: int, content: bytes) -> None:
         if self.core.ask(packet_id, content) != b"\1":
-            pytest.skip(f"the firmware refuses what this test has stored: {packet_id} {content.hex()}")
+            raise SkipTest(f"the firmware refuses what this test has stored: {packet_id} {content.hex()}")
 
     def _read(self, stored_type: AnyType) -> Iterator[Record]:
         if stored_type is SERVO_PARAMETER:
@@ -199,37 +225,60 @@ class CoreStorage(Storage):
             yield int.from_bytes(rows[at : at + 4], "little"), record
 
 
-class CoreServos(dict[int, SimulatedServo]):
-    """Servos of a virtual board, at the angles of a core."""
+class CoreServo(SimulatedServo):
+    """Servo of a virtual board that is where the pulses of a core have it.
 
-    def __init__(self, servos: dict[int, SimulatedServo], core: Core) -> None:
-        """Follow a core."""
-        super().__init__(servos)
+    A test that turns it sends a movement; a test that holds or releases it sends that.
+    """
+
+    def __init__(self, servo: SimulatedServo, core: Core) -> None:
+        """Follow a core in place of a simulated servo."""
         self._core = core
+        self._servo_id = servo.servo_id
+        vars(self).update(vars(servo))
 
-    def __getitem__(self, servo_id: int) -> SimulatedServo:
-        """Return a servo as it is now."""
-        self._follow()
-        return super().__getitem__(servo_id)
+    @property
+    def angle(self) -> float:
+        """Angle in degrees, 0 without pulses."""
+        return self._core.angle(self._servo_id)
 
-    def _follow(self) -> None:
-        rows = (self._core.ask(20020, b"\xff") or b"")[1:]
-        for at in range(0, len(rows), 11):
-            servo = super().__getitem__(rows[at])
-            servo.angle = float(int.from_bytes(rows[at + 1 : at + 3], "little", signed=True))
-            servo.is_start, servo.is_hold = rows[at + 9], rows[at + 10]
+    @angle.setter
+    def angle(self, angle: float) -> None:
+        self._core.ask(20050, struct.pack("<BBhh", 1, self._servo_id, round(angle), 0), answered=False)
+
+    @property
+    def is_start(self) -> int:
+        """Whether the servo obeys."""
+        return self._core.flags(self._servo_id)[0]
+
+    @is_start.setter
+    def is_start(self, is_start: int) -> None:
+        self._core.ask(20030, bytes([self._servo_id, is_start, self.is_hold]))
+
+    @property
+    def is_hold(self) -> int:
+        """Whether the servo holds its angle."""
+        return self._core.flags(self._servo_id)[1]
+
+    @is_hold.setter
+    def is_hold(self, is_hold: int) -> None:
+        self._core.ask(20030, bytes([self._servo_id, self.is_start, is_hold]))
 
 
 def _handle(board: VirtualBoard, context: RequestContext[Any]) -> tuple[Response, float]:
     storage = board.storage
     if not isinstance(storage, CoreStorage):
         return _VIRTUAL_HANDLE(board, context)
-    Core.requests += 1
     request, core = context.request, storage.core
+    core.count()
     core.advance(context.now)
     packet_id = type(request).packet_id
     response = core.ask(packet_id, context.content, answered=packet_id not in NO_RESPONSE)
     storage.is_read = storage.is_read and packet_id in _KEEP_RECORDS
+    if isinstance(request, SetAngleUnitRequest) and response:
+        for servo in board.servos.values():
+            if request.servo_id in {servo.servo_id, ALL_SERVOS}:
+                servo.unit = request.unit_type
     if response == b"\1":
         if isinstance(request, SetActiveJoystickTableRequest):
             storage.chosen = request.table_id
@@ -251,48 +300,40 @@ def _switch(hardware: Hardware, *, on: bool) -> None:
         hardware.storage.is_read = False
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _boards_have_a_core(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Give all virtual boards a core, if they are as the document has them."""
-    functions = library(tmp_path_factory.mktemp("core"))
-    make = VirtualBoard.__init__
+def _press(hardware: Hardware, button_id: int, now: float) -> None:
+    _turn(hardware, button_id, now, _VIRTUAL_PRESS, is_down=True)
+
+
+def _release(hardware: Hardware, button_id: int, now: float) -> None:
+    _turn(hardware, button_id, now, _VIRTUAL_RELEASE, is_down=False)
+
+
+def _turn(hardware: Hardware, button_id: int, now: float, virtual: Callable[..., None], *, is_down: bool) -> None:
+    if isinstance(hardware.storage, CoreStorage) and 1 <= button_id <= BOARD_BUTTONS:
+        hardware.advance(now)
+        hardware.storage.core.count()
+        hardware.storage.core.press(button_id, is_down=is_down)
+        hardware.notify_watchers()
+    else:
+        virtual(hardware, button_id, now)
+
+
+def install() -> None:
+    """Give all virtual boards of this process a core, if they are as the document has them."""
+    functions = load(Path(os.environ[FOLDER]) / "board.so")
 
     def made(board: VirtualBoard, *arguments: Any, **options: Any) -> None:
-        make(board, *arguments, **options)
+        _VIRTUAL_INIT(board, *arguments, **options)
         timing = {name: getattr(board.kind, name) for name in _TIMING}
         is_described = msgspec.structs.replace(DEFAULT_KIND, **timing) == board.kind
         if is_described and board.codec.byte_order == "little" and 0 < len(board.servos) <= BOARD_SERVOS:
             core = Core(functions, board)
-            board.servos = CoreServos(board.servos, core)
+            board.servos.update((servo_id, CoreServo(servo, core)) for servo_id, servo in board.servos.items())
             board.storage = board.player._storage = board._buttons._storage = CoreStorage(core)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(VirtualBoard, "__init__", made)
-        patch.setattr(VirtualBoard, "handle", _handle)
-        patch.setattr(Hardware, "advance", _advance)
-        patch.setattr(Hardware, "switch", _switch)
-        yield
-
-
-@pytest.fixture(autouse=True)
-def _is_counted(request: pytest.FixtureRequest) -> Iterator[None]:
-    before = Core.requests
-    yield
-    if Core.requests > before:
-        request.node.user_properties.append(("firmware", Core.requests - before))
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Count the tests whose board was the firmware."""
-    reports = [each for kind in terminalreporter.stats.values() for each in kind if isinstance(each, pytest.TestReport)]
-    used = {each.nodeid for each in reports if any(name == "firmware" for name, _ in each.user_properties)}
-    failed = {each.nodeid for each in reports if each.failed}
-    terminalreporter.write_line(f"{len(used)} tests used the firmware, {len(used & failed)} of them failed")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Leave out what the firmware is right to do otherwise."""
-    for item in items:
-        name = item.nodeid.partition("[")[0]
-        if reason := DIFFERENT.get(name) or DIFFERENT.get(name.partition("::")[0]):
-            item.add_marker(pytest.mark.skip(reason))
+    VirtualBoard.__init__ = made  # type: ignore[method-assign, assignment]
+    VirtualBoard.handle = _handle  # type: ignore[method-assign, assignment]
+    Hardware.advance = _advance  # type: ignore[method-assign, assignment]
+    Hardware.switch = _switch  # type: ignore[method-assign, assignment]
+    Hardware.press_button = _press  # type: ignore[method-assign, assignment]
+    Hardware.release_button = _release  # type: ignore[method-assign, assignment]

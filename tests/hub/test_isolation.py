@@ -226,7 +226,7 @@ class Units(RuleBasedStateMachine):
             self.no_angle_is_in_a_wrong_unit()
 
 
-TestUnits = Units.TestCase
+TestUnits = pytest.mark.virtual_only("the raw angles of the firmware are pulse widths")(Units.TestCase)
 TestUnits.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
 
 
@@ -322,6 +322,7 @@ def test_the_check_notices_a_hub_that_mixes_units(mutation: str, monkeypatch: py
         machine.teardown()
 
 
+@pytest.mark.virtual_only("the raw angles of the firmware are pulse widths")
 async def test_units_are_set_again_on_a_board_that_was_switched_off_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = VirtualBoard(len(SERVOS))
     for servo in virtual.servos.values():

@@ -177,6 +177,7 @@ def test_nothing_with_angles_is_sent_if_the_board_refuses_its_units() -> None:
     on_hub(use)
 
 
+@pytest.mark.virtual_only("the firmware sends no response for a servo that does not exist")
 def test_a_unit_that_the_board_refuses_is_not_that_of_the_program() -> None:
     async def use(there: World) -> None:
         program = there.join("program")

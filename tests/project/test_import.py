@@ -100,6 +100,7 @@ def test_a_project_that_does_not_fit_is_tried_and_comes_off_again(
 
 
 @pytest.mark.parametrize("spare", [0, -1])
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_a_project_that_just_fits_is_taken(tmp_path: Path, *, spare: int) -> None:
     wanted = msgspec.structs.replace(OLD, actions=(*OLD.actions, Action(7, "More", (Step(1, 0, 1),) * 100)))
     virtual = Make().board(OLD_CONTENTS, 1)
@@ -233,6 +234,7 @@ def test_a_backup_is_restored_in_the_encoding_in_which_it_was_read(tmp_path: Pat
     assert same(on_board(lambda board: board.rollback_project(folder=tmp_path), new, caption_encoding="big5"), there)
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
     bow = contents_of(Project(actions=(Action(1, "Bow", (Step(1, 0, 1),) * 1000),)))
     doubled = replace(bow, records={**bow.records, ACTION: bow.records[ACTION] * 3})
@@ -251,6 +253,7 @@ def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
     run(main())
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_a_project_that_is_there_but_for_a_doubled_record_is_not_there_yet(tmp_path: Path) -> None:
     actions = OLD_CONTENTS.records[ACTION]
     doubled = replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: (*actions, actions[0])})

@@ -69,6 +69,7 @@ def test_on_a_board_that_is_silent_about_unknown_ids_the_list_shows_a_deletion(t
     assert readings(imported(SHORTER, tmp_path, Silent()))[0] == 2
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_a_write_that_was_done_and_does_not_show_makes_everything_be_read_again(tmp_path: Path) -> None:
     """It was damaged on the way, and has replaced another record."""
     fake = FakeBoard()
@@ -86,6 +87,7 @@ def test_a_write_that_was_done_and_does_not_show_makes_everything_be_read_again(
     assert min(times.values()) >= 2
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_a_deletion_that_was_done_and_does_not_show_makes_everything_be_read_again(tmp_path: Path) -> None:
     fake = FakeBoard()
     delete, damaged = fake.virtual.storage.delete, [True]

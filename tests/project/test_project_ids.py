@@ -168,6 +168,7 @@ class NoLargeIds(Storage):
             Storage.project_id.fset(self, project_id)  # type: ignore[attr-defined]
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_a_board_that_refuses_large_ids_gets_a_small_marker(tmp_path: Path) -> None:
     virtual = Make().board(OLD_CONTENTS, 1)
     virtual.storage.__class__ = NoLargeIds

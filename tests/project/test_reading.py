@@ -76,6 +76,7 @@ def test_what_is_listed_and_not_given_is_an_error_that_says_so() -> None:
     on_fake(work)
 
 
+@pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
 def test_what_is_listed_twice_is_named(caplog: pytest.LogCaptureFixture) -> None:
     twice = OLD_CONTENTS.records[ACTION] + OLD_CONTENTS.records[ACTION][:1]
 

@@ -19,6 +19,8 @@ from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import NEW, OLD_CONTENTS, Make, same
 from tests.virtual_time import run
 
+pytestmark = pytest.mark.virtual_only("the tests change the storage of the virtual board itself")
+
 LEFT = "; the import is unfinished: apply another project, or roll back"
 
 
