@@ -128,6 +128,10 @@ class Simulation:
     def tick(self) -> None:
         """Advance board and body by a tick."""
         self.hardware.advance(self.now)
+        self.turn()
+
+    def turn(self) -> None:
+        """Advance the body by a tick, with the angles of the servos of the board as commands."""
         control = self.physics.data.ctrl
         for at, servo in self._servos:
             if not servo.is_hold:

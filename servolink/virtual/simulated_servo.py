@@ -11,9 +11,11 @@ DEGREES, ADC = 0, 1
 """Values of `SimulatedServo.unit`, the angle unit."""
 LOWEST, HIGHEST = -180.0, 180.0
 """Mechanical stops, in degrees."""
+IDLE_CURRENT, MAX_CURRENT = 3.0, 900.0
+"""Current of a released servo, and highest current, raw ADC."""
 
 _ADC_CENTRE, _ADC_PER_DEGREE, _ADC_HIGHEST = 2048, 4096 / 360, 4095
-_LIMP, _HOLDING, _MOVING, _MAX_CURRENT = 3.0, 40.0, 120.0, 900.0  # current, raw ADC
+_HOLDING, _MOVING = 40.0, 120.0  # current, raw ADC
 _PER_SPEED = 0.8  # current for each degree/s, raw ADC
 _AMBIENT, _WARMTH = 250.0, 0.4  # temperature, raw ADC (10 for each degree Celsius), and its rise by a current
 _WARMING = 60.0  # time constant, in seconds
@@ -58,15 +60,20 @@ class SimulatedServo:
         return self._motion is not None
 
     @property
+    def position(self) -> float:
+        """Angle of the servo as measured, in degrees."""
+        return self.angle
+
+    @property
     def current(self) -> float:
         """Present current of the servo, raw ADC."""
         if self._motion is not None:
-            return min(_MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
-        return _HOLDING * self._friction if self.is_hold else _LIMP
+            return min(MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
+        return _HOLDING * self._friction if self.is_hold else IDLE_CURRENT
 
     def state(self) -> ServoState:
         """Return the state for a response of the board, with the angle in the unit of the servo."""
-        angle = round(self.angle) if self.unit == DEGREES else to_adc(self.angle)
+        angle = round(self.position) if self.unit == DEGREES else to_adc(self.position)
         return ServoState(
             servo_id=self.servo_id,
             angle=angle,

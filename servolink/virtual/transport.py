@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, cast
 
-from servolink.errors import OpenError, ServolinkError
+from servolink.errors import OpenError, ServolinkError, TransportUnavailable
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 from servolink.transports.address import Address
@@ -137,7 +138,7 @@ def from_address(address: Address) -> BoardTransport[Any] | FaultyVirtualTranspo
     """Return a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
 
     `byte_order` applies to the board, and by default also to the connection. `odd=KIND` is an odd board instead, which
-    has no other options than the faults of the line.
+    has no other options than the faults of the line. `twin=FILE` gives the board the body of a project.
     """
     board = BOARDS.get(address.host)
     if (address.host and board is None) or address.port or address.path.strip("/"):
@@ -159,14 +160,25 @@ def _odd(address: Address) -> ServedBoard:
 
 
 def _virtual(address: Address, seed: int) -> VirtualTransport:
-    board = VirtualBoard(
-        servos=address.integer("servos", 16, 0, MAX_SERVOS),
-        seed=seed,
-        codec=Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big")))),
-        kind=_kind_in(address),
-    )
+    servos = address.integer("servos", 16, 0, MAX_SERVOS)
+    codec = Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big"))))
+    kind = _kind_in(address)
+    if "twin" in address.options:
+        given = servos if "servos" in address.options else None
+        board = _with_body(address.text("twin", ""), servos=given, seed=seed, codec=codec, kind=kind)
+    else:
+        board = VirtualBoard(servos, seed, codec, kind)
     state = address.text("state", "")
     return VirtualTransport(board, address.url, Path(state) if state else None)
+
+
+def _with_body(path: str, **options: Any) -> VirtualBoard:
+    """Return a new board with the body of a project. Raise TransportUnavailable if the body is impossible here."""
+    read_board = import_module("servolink.twin.board").read_board  # by name: the twin is made of virtual boards
+    try:
+        return cast("VirtualBoard", read_board(path, **options))
+    except ServolinkError as error:
+        raise TransportUnavailable(str(error)) from error
 
 
 def _kind_in(address: Address) -> BoardKind:

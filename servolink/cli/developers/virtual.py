@@ -12,7 +12,7 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, Asyn
 from pathlib import Path
 from typing import Any
 
-from servolink.cli.arguments import listening, whole_number
+from servolink.cli.arguments import file_path, listening, whole_number
 from servolink.cli.command import DEVELOPERS, Command, Option, flag, group, option
 from servolink.cli.screen.live import can_draw
 from servolink.cli.screen.output import print_error, print_result
@@ -97,7 +97,7 @@ def _script(text: str) -> list[Event]:
         flag("--pty", "serve a pseudo-terminal (the default without --tcp and --usbip)"),
         option("--tcp", "HOST:PORT", "serve TCP; port 0 takes a free one", listening),
         option("--usbip", "HOST:PORT", "export a USB device over USB/IP; its usual port is 3240", listening),
-        option("--servos", "N", "number of servos (16)", whole_number(0, MAX_SERVOS), default=16),
+        option("--servos", "N", "number of servos (16, or those of the body)", whole_number(0, MAX_SERVOS)),
         option(
             "--seed",
             "N",
@@ -107,6 +107,7 @@ def _script(text: str) -> list[Event]:
         ),
         option("--faults", "NAME=VALUE,...", "a bad line, but for --usbip: drop=0.01,delay=0.1 and more", _faults),
         option("--state", "FILE", "load what is stored from it, and save every change to it", _state),
+        option("--twin", "FILE", "give the board the body of a project: servos sag, lag, stall and fall", file_path),
         option("--odd", "KIND", "an odd board, such as `late` or `big`, with servos and records of its own", _odd),
         option("--script", "FILE", "what people do to the board, such as: 1.5 press 3", _script, default=[]),
         group("kind of board", *map(_kind, OPTIONS)),
@@ -117,15 +118,10 @@ def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C or SIGTERM."""
     if args.odd is not None:
         return _run_odd(args)
-    board = VirtualBoard(
-        args.servos,
-        args.seed,
-        Codec(args.byte_order or "little", args.caption_encoding or "utf-8"),
-        BoardKind(**{kind.name: getattr(args, kind.name) for kind in OPTIONS}),
-    )
+    board = _board(args)
     pushed = {event.servo_id for event in args.script if isinstance(event, Push)}
     if unknown := sorted(pushed - board.servos.keys()):
-        usage_error(args, f"--script pushes servo {unknown[0]}, and the board has {args.servos} servos")
+        usage_error(args, f"--script pushes servo {unknown[0]}, and the board has {len(board.servos)} servos")
     with StateFile(board, args.state) if args.state else nullcontext() as file:
         try:
             asyncio.run(_serve(board, args, file))
@@ -136,9 +132,26 @@ def run(args: argparse.Namespace) -> int:
     return OK
 
 
+def _board(args: argparse.Namespace) -> VirtualBoard:
+    """Return the board. Raise ProjectError or TwinError for a body that is impossible here."""
+    codec = Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
+    kind = BoardKind(**{kind.name: getattr(args, kind.name) for kind in OPTIONS})
+    if args.twin is None:
+        return VirtualBoard(16 if args.servos is None else args.servos, args.seed, codec, kind)
+    from servolink.twin.board import read_board
+
+    return read_board(args.twin, servos=args.servos, seed=args.seed, codec=codec, kind=kind)
+
+
 def _run_odd(args: argparse.Namespace) -> int:
     """Serve an odd board. Its kind decides what the options for other boards would decide."""
-    others = {"servos": 16, "state": None, "script": [], **{kind.name: kind.default for kind in OPTIONS}}
+    others = {
+        "servos": None,
+        "twin": None,
+        "state": None,
+        "script": [],
+        **{kind.name: kind.default for kind in OPTIONS},
+    }
     if given := [name for name, default in others.items() if getattr(args, name) != default]:
         usage_error(args, f"--odd and --{given[0].replace('_', '-')} exclude each other")
     asyncio.run(_serve(args.odd, args, None))

@@ -64,7 +64,7 @@ def _reported(servo: VirtualServo) -> Servo:
     state = servo.state()
     return Servo(
         servo.servo_id,
-        Degrees(round(servo.angle)),
+        Degrees(round(servo.position)),
         state.current,
         state.temperature,
         state.servo_type,
