@@ -38,6 +38,7 @@ _FILLED = {
     "Record": ".rec .plot canvas",
     "Project": ".screen h2",
     "Board": ".screen h2",
+    "Servos": ".servos .mrow",
 }
 """What each screen shows when it knows what is on the board."""
 SCREENS = tuple(_FILLED)

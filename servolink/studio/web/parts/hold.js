@@ -3,27 +3,42 @@
 import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "./icon.js";
 
-/** @typedef {{ label: string, hint?: string, disabled?: boolean, onBegin: () => void, onEnd: () => void }} Props */
+/**
+ * @typedef {object} Props
+ * @property {string} label
+ * @property {string} [hint]
+ * @property {boolean} [disabled]
+ * @property {boolean} [hasKey] whether the key H holds the button too
+ * @property {string} [classes]
+ * @property {number} [least] milliseconds that a press counts, at least
+ * @property {() => void} onBegin
+ * @property {() => void} onEnd
+ */
 
 const KEY = "h";
 
 /** @param {Props} props */
-export function Hold({ label, hint = "", disabled = false, onBegin, onEnd }) {
+export function Hold({ label, hint = "", disabled = false, hasKey = true, classes = "", least = 0, onBegin, onEnd }) {
   const [isHeld, setHeld] = useState(false);
-  const held = useRef(false);
+  const held = useRef(false),
+    ending = useRef({ timer: 0, from: 0 });
   const begin = () => {
     if (disabled || held.current) return;
     held.current = true;
     setHeld(true);
+    clearTimeout(ending.current.timer);
+    ending.current = { timer: 0, from: performance.now() };
     onBegin();
   };
   const end = () => {
     if (!held.current) return;
     held.current = false;
     setHeld(false);
-    onEnd();
+    const left = ending.current.from + least - performance.now();
+    if (left <= 0) onEnd();
+    else ending.current.timer = setTimeout(onEnd, left);
   };
-  useHeldKey(begin, end, disabled);
+  useHeldKey(begin, end, disabled || !hasKey);
   useEffect(() => (disabled ? end() : undefined), [disabled]);
   useEffect(() => end, []);
   /** @param {PointerEvent} event */
@@ -39,7 +54,7 @@ export function Hold({ label, hint = "", disabled = false, onBegin, onEnd }) {
     begin();
   };
   return html`<button
-    class=${isHeld ? "hold on" : "hold"}
+    class="hold ${isHeld ? "on" : ""} ${classes}"
     disabled=${disabled}
     title=${hint}
     aria-pressed=${String(isHeld)}

@@ -19,7 +19,7 @@ const LIST = [
     "keys.everywhere",
     [
       ["Esc", "keys.stop"],
-      ["1 – 8", "keys.screens"],
+      ["1 – 9", "keys.screens"],
       ["Ctrl Z", "keys.undo"],
       ["Ctrl Shift Z", "keys.redo"],
       ["?", "keys.list"],

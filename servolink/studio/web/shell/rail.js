@@ -8,7 +8,7 @@ import { t } from "../texts/text.js";
 
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
 
-/** In the order of the rail and of the keys 1 to 8. @type {Entry[]} */
+/** In the order of the rail and of the keys 1 to 9. @type {Entry[]} */
 export const ENTRIES = [
   { name: "live", icon: "live", title: "screen.live" },
   { name: "actions", icon: "actions", title: "screen.actions" },
@@ -18,6 +18,7 @@ export const ENTRIES = [
   { name: "record", icon: "record", title: "screen.record" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
+  { name: "servos", icon: "grid", title: "screen.servos", isBelow: true },
 ];
 
 /** Links to all screens, at the side or below. */

@@ -14,6 +14,7 @@ const LOADERS = {
   teach: async () => (await import("../screens/teach/index.js")).TeachScreen,
   record: async () => (await import("../screens/record/index.js")).RecordScreen,
   project: async () => (await import("../screens/project/index.js")).ProjectScreen,
+  servos: async () => (await import("../screens/servos/index.js")).ServosScreen,
   board: async () => (await import("../screens/board/index.js")).BoardScreen,
   start: async () => (await import("../screens/board/start.js")).StartScreen,
 };

@@ -68,8 +68,11 @@ function ServoChoice({ fit, servo, onServo }) {
   </div>`;
 }
 
-/** @param {{ servo: number, motion: Motion }} props */
-function Wiggle({ servo, motion }) {
+/**
+ * Button that turns a servo a little to and fro while it is held.
+ * @param {{ servo: number, motion: Motion }} props
+ */
+export function Wiggle({ servo, motion }) {
   const middle = useRef(/** @type {number | null} */ (null)); // centre of every wiggle, so that the servo does not wander
   useEffect(() => () => motion.end(), []);
   const start = async () => {

@@ -1,0 +1,61 @@
+"""Limits of servos that a page keeps in the profile of the board.
+
+Module: servolink.studio.limit_methods.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from servolink.discovery.names import Alias, save_alias
+from servolink.profiles.profile import BoardProfile, SafetyLimits
+from servolink.profiles.store import load_profile, save_profile
+from tests.studio.serving import Place, call, run, welcomed
+
+
+@pytest.fixture(autouse=True)
+def config(user: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give profiles and names a folder of their own."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(user / "config"))
+
+
+async def saved(place: Place, servo: int, low: float | None, high: float | None) -> dict[str, Any]:
+    async with place.page() as page:
+        await welcomed(page, place.gate.new_token("edit"))
+        return await call(page, "studio.limits.save", servo=servo, low=low, high=high)
+
+
+def test_limits_are_added_to_the_profile_and_removed_again() -> None:
+    save_profile("virtual", BoardProfile(limits=SafetyLimits(speed_cap=90, angles={1: (-10, 10)})))
+
+    async def test(place: Place) -> None:
+        assert (await saved(place, 3, -20, 30))["result"] == {"angles": {"1": [-10, 10], "3": [-20, 30]}}
+        profile = load_profile("virtual")
+        assert profile is not None
+        assert profile.limits == SafetyLimits(speed_cap=90, angles={1: (-10, 10), 3: (-20, 30)})
+        assert (await saved(place, 1, None, None))["result"] == {"angles": {"3": [-20, 30]}}
+
+    run(test)
+
+
+def test_a_board_with_a_name_and_no_profile_gets_a_profile() -> None:
+    save_alias("virtual", Alias("tcp://robot:1"))
+
+    async def test(place: Place) -> None:
+        assert "result" in await saved(place, 3, -20, 30)
+        assert load_profile("virtual") is not None
+
+    run(test)
+
+
+def test_limits_of_a_board_without_a_name_are_refused_with_a_remedy() -> None:
+    async def test(place: Place) -> None:
+        error = (await saved(place, 3, -20, 30))["error"]
+        assert "has no name" in error["message"]
+        assert "servolink name" in error["data"]["remedy"]
+        assert load_profile("virtual") is None
+        assert "above the highest" in (await saved(place, 3, 30, -20))["error"]["message"]
+
+    run(test)
