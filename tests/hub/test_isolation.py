@@ -44,6 +44,7 @@ from servolink.virtual.simulated_servo import to_adc
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
 from tests.client.sockets import Socket
+from tests.fuzz.amounts import MANY
 from tests.hub.raw_program import RawProgram
 from tests.project.pulled import contents_of
 from tests.virtual_time import VirtualTimeLoop, run
@@ -227,7 +228,7 @@ class Units(RuleBasedStateMachine):
 
 
 TestUnits = pytest.mark.virtual_only("the raw angles of the firmware are pulse widths")(Units.TestCase)
-TestUnits.settings = settings(max_examples=40, stateful_step_count=50, deadline=None)
+TestUnits.settings = settings(max_examples=15 * MANY, stateful_step_count=50, deadline=None)
 
 
 class Events(RuleBasedStateMachine):
@@ -303,7 +304,7 @@ class Events(RuleBasedStateMachine):
 
 
 TestEvents = Events.TestCase
-TestEvents.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+TestEvents.settings = settings(max_examples=15 * MANY, stateful_step_count=25, deadline=None)
 
 
 @pytest.mark.parametrize("mutation", ["needed", "allows"])
@@ -365,7 +366,7 @@ def numbered(kind: str, number: int) -> Packet:
             return SendDummyDataRequest(bytes([number]))
 
 
-@settings(max_examples=50)
+@settings(max_examples=15 * MANY)
 @given(
     sent=st.lists(kinds, min_size=2, max_size=12),
     depth=st.sampled_from([1, 2, 8]),

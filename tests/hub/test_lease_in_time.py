@@ -23,6 +23,7 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
 )
 from tests.client.fake_board import FakeBoard, opened
+from tests.fuzz.amounts import MANY
 from tests.hub.raw_program import RawProgram
 from tests.virtual_time import VirtualTimeLoop
 
@@ -195,7 +196,7 @@ class Leases(RuleBasedStateMachine):
 
 
 TestLeases = Leases.TestCase
-TestLeases.settings = settings(max_examples=30, stateful_step_count=30, deadline=None)
+TestLeases.settings = settings(max_examples=15 * MANY, stateful_step_count=30, deadline=None)
 
 
 def test_the_machine_uses_the_time_of_its_loop() -> None:

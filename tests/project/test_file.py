@@ -22,6 +22,7 @@ from servolink.json_text import MAX_SIZE
 from servolink.project.model import Project
 from servolink.project.project_file import format_project, load_project, parse_project, read_project_file, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from tests.fuzz.amounts import MANY
 from tests.project.drawn import projects, said_projects
 
 ROBOT = Project(
@@ -128,7 +129,7 @@ def test_every_project_comes_back(project: Project) -> None:
 
 
 @given(said_projects())
-@settings(max_examples=60)
+@settings(max_examples=20 * MANY)
 def test_whatever_a_board_says_comes_back_from_text_that_can_be_shown(project: Project) -> None:
     text = format_project(project)
     assert parse_project(text, unchecked=True) == project.sorted()
@@ -302,7 +303,7 @@ _nonsense = st.recursive(
 
 
 @given(st.data(), _nonsense, st.booleans())
-@settings(max_examples=100)
+@settings(max_examples=30 * MANY)
 def test_nonsense_in_any_place_gives_one_clear_error(data: st.DataObject, nonsense: Any, unchecked: bool) -> None:
     said = place = json.loads(TEXT)
     while True:

@@ -38,6 +38,7 @@ from servolink.protocol.parser import FrameParser
 from servolink.protocol.record_types import ACTION, RECORD_TYPES
 from servolink.protocol.records import Action, ServoParameter, Step
 from tests.client.fake_board import FakeBoard, Fate, lie
+from tests.fuzz.amounts import MANY
 from tests.project.boards import on_board, on_fake
 from tests.project.drawn import storable_projects
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS
@@ -191,7 +192,7 @@ def test_an_active_table_that_is_not_in_the_project_is_no_difference(tmp_path: P
     on_board(work)
 
 
-@settings(max_examples=60)
+@settings(max_examples=20 * MANY)
 @given(storable_projects, st.data())
 def test_a_plan_differs_where_something_would_be_written(wanted: Project, data: st.DataObject) -> None:
     records = {kind: tuple(Listed(*one) for one in kind.by_id(wanted).items()) for kind in RECORD_TYPES}

@@ -57,6 +57,8 @@ def _snake_cased(value: Any) -> Any:
 
 
 VECTORS = _vectors()
+VECTORS_BY_NAME = {name: [vector for vector in VECTORS if vector.name == name] for name in (v.name for v in VECTORS)}
+"""Golden frames of each packet, in both byte orders."""
 
 plain_captions = (
     st.text(st.characters(exclude_categories=("Cc", "Cs")), max_size=32)

@@ -51,7 +51,7 @@ def test_frames_in_a_row_end_at_anything_else_and_before_an_incomplete_frame(
     assert {reason: count for reason, count in parser.skipped.items() if count} == reasons
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", sampled(range(20), 5))
 def test_long_chunks_give_the_same_frames_as_short_ones(seed: int) -> None:
     random = Random(seed)
     corpus = [any_frame(random, "little") for _ in range(100)]
@@ -123,7 +123,7 @@ def fed(parser: FrameParser, stream: bytes, cuts: list[int]) -> Iterator[tuple[l
 
 
 @pytest.mark.parametrize("damage", [0, 0.002, 0.01, 0.3])
-@pytest.mark.parametrize("seed", sampled(range(6), 2))
+@pytest.mark.parametrize("seed", sampled(range(6), 1))
 def test_any_cut_gives_the_same_and_a_whole_frame_at_once_leaves_the_same_state(seed: int, damage: float) -> None:
     random, byte_order = Random(seed), BYTE_ORDERS[seed % 2]
     pieces = line(random, byte_order, damage)

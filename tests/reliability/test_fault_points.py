@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from itertools import product
 from typing import Any, Literal
 
 import pytest
@@ -19,6 +20,7 @@ from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.pulled import contents_of
+from tests.sampling import sampled
 from tests.virtual_time import VirtualTimeLoop, run
 
 Fault = Literal["none", "unplugged", "EIO", "partial", "swallowed"]
@@ -179,8 +181,7 @@ def operations(command: Command) -> tuple[int, int]:
     return run(main())
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize(("name", "fault"), sampled(product(COMMANDS, FAULTS), 2 * len(COMMANDS)))
 def test_a_fault_at_any_operation_ends_in_a_result_or_a_typed_error(name: str, fault: Fault) -> None:
     async def main(at: int) -> None:
         virtual = stocked_board()

@@ -25,6 +25,7 @@ from servolink.protocol.settings import (
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS
 from servolink.virtual.kind import BoardKind
+from tests.fuzz.amounts import MANY
 from tests.protocol.declared import any_packet
 from tests.virtual.host import START, Host
 
@@ -176,7 +177,7 @@ anything = st.one_of(
 step = st.tuples(anything, st.floats(0, 1e6) | st.just(0.0), st.none() | st.tuples(st.booleans(), st.integers(0, 3)))
 
 
-@settings(max_examples=60)
+@settings(max_examples=20 * MANY)
 @given(st.lists(step, max_size=25))
 def test_no_input_at_any_time_stops_or_fills_it(steps: list[tuple[bytes, float, tuple[bool, int] | None]]) -> None:
     board = VirtualBoard(servos=3, kind=BoardKind(memory=2000))
