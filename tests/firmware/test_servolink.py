@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import servolink
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from tests import processes
+from tests.cli.terminals import in_pipe
 from tests.firmware.fuzz import fuzz
 from tests.firmware.host import (
     FIRMWARE,
@@ -28,6 +28,8 @@ from tests.project.pulled import OLD
 
 pytestmark = needs_compiler
 
+Serve = Callable[[str], tuple[subprocess.Popen[str], str]]
+"""Start of the program with one kind of line; returns the process and the address."""
 DEMO = Path(servolink.__file__).parent / "studio/demo.servolink.json"
 
 
@@ -53,7 +55,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def serve(program: Path, tmp_path: Path) -> Callable[[str], tuple[subprocess.Popen[str], str]]:
+def serve(program: Path, tmp_path: Path) -> Serve:
     def started(kind: str) -> tuple[subprocess.Popen[str], str]:
         process = processes.start([str(program), kind, str(tmp_path / "flash")])
         assert process.stdout is not None
@@ -65,22 +67,30 @@ def serve(program: Path, tmp_path: Path) -> Callable[[str], tuple[subprocess.Pop
 
 @pytest.mark.parametrize("kind", ["tcp", "pty"])
 def test_a_project_outlives_a_killed_process(
-    serve: Callable[[str], tuple[subprocess.Popen[str], str]], tmp_path: Path, kind: str
+    serve: Serve,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    kind: str,
 ) -> None:
     def command(*words: str) -> str:
-        done = processes.run((sys.executable, "-m", "servolink", "--url", url, *words), check=True, cwd=tmp_path)
-        return done.stdout
+        said = in_pipe(*words)
+        assert (said.code, said.err) == (0, "")
+        return said.out
 
+    def on_board(*words: str) -> str:
+        return command("--url", url, *words)
+
+    monkeypatch.chdir(tmp_path)
     process, url = serve(kind)
-    assert "verified" in command("apply", str(DEMO), "--yes")
+    assert "verified" in on_board("apply", str(DEMO), "--yes")
     process.kill()
     processes.finish(process)
     process, url = serve(kind)
-    assert "0 differences" in command("plan", str(DEMO))
-    command("servo", "start", "all")
-    moved = json.loads(command("move", "1=30", "--duration", "1", "--wait", "--json"))
+    assert "0 differences" in on_board("plan", str(DEMO))
+    on_board("servo", "start", "all")
+    moved = json.loads(on_board("move", "1=30", "--duration", "1", "--wait", "--json"))
     assert moved, "the servo arrived"
-    assert "nothing is wrong" in processes.run((sys.executable, "-m", "servolink", "doctor", url), check=True).stdout
+    assert "nothing is wrong" in command("doctor", url)
     process.terminate()
     _, errors = processes.finish(process)
     assert not errors, "the sanitizers found something"

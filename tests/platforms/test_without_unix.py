@@ -139,6 +139,7 @@ def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> Non
     assert [path.suffix for path in folder.iterdir()] == [".board"]
 
 
+@pytest.mark.slow
 def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
     with serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
         (said,) = run_all(f"--board {url} servos --json")
@@ -146,6 +147,7 @@ def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
     assert (world / "spied.mcap").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_the_studio_answers(board: str) -> None:
     with serving("--board", board, "studio", "--no-browser") as page:
         assert page.startswith("http://127.0.0.1:")
@@ -183,6 +185,7 @@ def test_a_question_can_be_answered_and_left(world: Path, answer: str | signal.S
     assert said.code == code, said.out
 
 
+@pytest.mark.slow
 def test_keys_of_a_console_trim_a_servo(board: str) -> None:
     keys = RIGHT * 3 + LEFT + "\r"
     said = in_terminal("--board", board, "trim", "1", later=("Enter: store", keys), command=RUNNER)
