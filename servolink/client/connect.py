@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import AsyncGenerator, Generator
 from contextlib import suppress
 from types import TracebackType
@@ -14,7 +15,7 @@ from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
 from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
-from servolink.connection.taps import Taps
+from servolink.connection.taps import Taps, TextLog, text_logger
 from servolink.errors import (
     ConnectionLost,
     OpenError,
@@ -157,12 +158,14 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if self._url is not None and not isinstance(self._url, str):
             transport = contained(self._url)
             options, profile = await self._prepare(transport, None, self._options)
+            self._log_text(transport.url, options)
             connection = await self._open_connection(transport, options, Stats(), profile)
             return self._board_on(Session(connection, None, profile))
         address, name = await self._resolve()
         stats, device = Stats(), create(address)
         try:
             options, profile = await self._prepare(device, name, options_in(address) | self._options)
+            self._log_text(address, options)
             connection = await self._open_despite_reset(device, address, options, stats, profile)
         except OpenError as error:
             await _name_hub(address, error)
@@ -191,6 +194,11 @@ class connect:  # noqa: N801 - reads as the function it stands for
                 raise OpenError(str(error), reason=Reason.NO_RESPONSE) from None
             raise
         return board
+
+    def _log_text(self, url: str, options: ConnectionOptions) -> None:
+        """Log the text between frames, if anybody reads that log: a second parser takes time."""
+        if text_logger.isEnabledFor(logging.INFO):
+            self.taps.add(TextLog(url, options.byte_order))
 
     def _board_on(self, session: Session) -> Board:
         if session.profile is None:

@@ -1,4 +1,4 @@
-"""Listeners to a connection: taps for bytes and requests, and the log of frames."""
+"""Listeners to a connection: taps for bytes and requests, the log of frames, and the log of text between them."""
 
 from __future__ import annotations
 
@@ -10,15 +10,18 @@ from typing import Any, TypeVar
 from servolink.errors import DecodeError
 from servolink.escaping import escape
 from servolink.protocol.codec import Codec
-from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame
+from servolink.protocol.frame import HEADER, HEADER_SIZE, ByteOrder, Frame
 from servolink.protocol.packet import Packet, Query
+from servolink.protocol.parser import FrameParser
 
 T = TypeVar("T")
 
 frame_logger = logging.getLogger("servolink.frames")
 is_logged = frame_logger.isEnabledFor
+text_logger = logging.getLogger("servolink.text")
 
 _LONGEST = 1000  # characters of one packet in the log: an action can have thousands of steps
+_LEAST_TEXT, _LONGEST_TEXT = 4, 200  # characters of a line of text
 
 
 class Tap:
@@ -116,3 +119,27 @@ class FrameLog:
             text = f"{text[:_LONGEST]}... ({len(text)} characters)"
         seconds = self._now() - self._start
         frame_logger.debug("%s %.4f s %s %s", self._url, seconds, direction, escape(text))
+
+
+class TextLog(Tap):
+    """Log of the lines of text that a board sends between its frames, at info level of `servolink.text`."""
+
+    def __init__(self, url: str, byte_order: ByteOrder) -> None:
+        """Log text from `url`, between frames in `byte_order`."""
+        self._url = escape(url)
+        self._parser = FrameParser(byte_order, keep_skipped=True)
+        self._line = b""
+
+    def received(self, data: bytes) -> None:
+        """Log the lines of text that are complete now; control characters are escaped."""
+        self._parser.feed(data)
+        *lines, rest = (self._line + b"".join(span for _, span, _ in self._parser.take_skipped())).split(b"\n")
+        while len(rest) > _LONGEST_TEXT:
+            lines.append(rest[:_LONGEST_TEXT])
+            rest = rest[_LONGEST_TEXT:]
+        self._line = rest
+        for line in lines:
+            text = line.decode("utf-8", "replace").strip()
+            readable = sum(character.isprintable() and character != "\ufffd" for character in text)
+            if len(text) >= _LEAST_TEXT and 4 * readable >= 3 * len(text):  # noise is hardly ever
+                text_logger.info("%s sends text: %s", self._url, escape(text[:_LONGEST_TEXT]))

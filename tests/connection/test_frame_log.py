@@ -1,4 +1,4 @@
-"""Frames in the log: decoded, with their times, and only when somebody reads it."""
+"""Frames in the log: decoded, with their times, and only when somebody reads it; and text between frames."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import logging
 
 import pytest
 
+from servolink import connect
+from servolink.connection.taps import TextLog
 from servolink.protocol.editing import AddActionRequest
+from servolink.protocol.frame import ByteOrder, encode_frame
 from servolink.protocol.records import Step
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 from tests.client.fake_board import FakeBoard, Fate, connected
@@ -62,3 +65,39 @@ def test_hostile_and_endless_captions_cannot_harm_the_reader_of_the_log(caplog: 
     assert caplog.messages[0].isprintable()
     assert len(caplog.messages[1]) < 1_100
     assert caplog.messages[1].endswith(" characters)")
+
+
+BOOTED, COLOURED, NOISE = b"booted in 12 ms\r\n", b"\x1b[31mlow voltage 6.1 V\x1b[0m\r\n", b"\x01\x02\xfe\xfd\x05\n"
+
+
+@pytest.mark.parametrize("byte_order", ["little", "big"])
+def test_text_between_frames_is_logged_at_info_line_by_line_and_escaped(
+    byte_order: ByteOrder, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    log = TextLog("fake://board", byte_order)
+    frame = encode_frame(20011, b"\x02\x01\x02", byte_order)
+    for chunk in (BOOTED[:7], frame, frame[:5], frame[5:] + BOOTED[7:], COLOURED + NOISE + frame):
+        log.received(chunk)
+    assert caplog.messages == [
+        "fake://board sends text: booted in 12 ms",
+        "fake://board sends text: \\x1b[31mlow voltage 6.1 V\\x1b[0m",
+    ]
+
+
+def test_endless_text_is_logged_in_pieces(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(logging.INFO)
+    log = TextLog("fake://board", "little")
+    for _ in range(10):
+        log.received(b"x" * 101)
+    assert all(len(message) < 250 for message in caplog.messages)
+    assert sum(message.count("x") for message in caplog.messages) >= 1000
+
+
+@pytest.mark.parametrize("level", [logging.INFO, logging.WARNING])
+async def test_a_connected_board_is_heard_from_its_first_byte_on(level: int, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level(level)
+    transport = FakeBoard(usual=Fate(mangle=lambda frame: BOOTED + frame))
+    async with connect(transport):
+        pass
+    assert any("booted in 12 ms" in message for message in caplog.messages) == (level == logging.INFO)
