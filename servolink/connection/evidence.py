@@ -49,7 +49,7 @@ class LineEvidence(Struct, frozen=True):
     @property
     def answers_twice(self) -> bool:
         """Whether more responses came than an earlier program can have left."""
-        return self.sent >= _LEAST_SENT and self.answered - self.sent >= max(_LEAST_REPEATED, self.sent // 4)
+        return self.sent >= _LEAST_SENT and self.answered - self.sent >= max(_LEAST_REPEATED, self.sent // 16)
 
     @property
     def has_longer_contents(self) -> bool:
