@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -141,7 +141,7 @@ def run_with_board(
         async with connection as board:
             try:
                 with interruption.watched():
-                    async with _mode_restored(board, keeps_mode=keeps_mode):
+                    async with mode_restored(board, keeps_mode=keeps_mode):
                         if greet and await _has_unfinished_import(board):
                             print_error(UNFINISHED_IMPORT)
                         return await talk(board, interruption)
@@ -154,21 +154,30 @@ def run_with_board(
 
 
 @asynccontextmanager
-async def _mode_restored(board: Board, *, keeps_mode: bool) -> AsyncIterator[None]:
-    """Put a board that was in transmission mode 0 back at the end with `keeps_mode`, else say that it is not."""
-    if not getattr(board.connection, "woke", False):
-        yield
-        return
-    if not keeps_mode:
+async def mode_restored(board: Board, *, keeps_mode: bool, woke: bool = False) -> AsyncIterator[None]:
+    """Put a board that was in transmission mode 0 back at the end with `keeps_mode`, else say that it is not.
+
+    `woke`: an earlier connection of this command has set mode 1.
+    """
+    woke = woke or _has_woken(board)
+    if woke and not keeps_mode:
         print_error(WOKEN)
     try:
         yield
     finally:
-        if keeps_mode:
-            try:
+        has_woken = woke or _has_woken(board)  # perhaps by a second connection, after a loss
+        is_back = False
+        if keeps_mode and has_woken:
+            with suppress(ServolinkError):
                 await board.set_transmission_mode(0)
-            except ServolinkError:
-                print_error(WOKEN)
+                is_back = True
+        if has_woken and not is_back and (keeps_mode or not woke):
+            print_error(WOKEN)
+
+
+def _has_woken(board: Board) -> bool:
+    """Return whether the present connection has set mode 1 on a board in mode 0."""
+    return getattr(board.connection, "woke", False)
 
 
 async def _has_unfinished_import(board: Board) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -172,10 +172,17 @@ async def record(
 
 
 @asynccontextmanager
-async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[Recorder]:
+async def record_at(
+    url: str,
+    wanted: Wanted,
+    *,
+    around: Callable[[Board], AbstractAsyncContextManager[None]] = lambda board: nullcontext(),
+    **options: Any,
+) -> AsyncIterator[Recorder]:
     """Record the board at an address: beside other programs at a hub, else exclusively and from the first byte on.
 
-    `options` are the options of `connect`. Raise OpenError, and RecordingError, naming the remedy.
+    A board without a hub is recorded inside the context `around` it. `options` are the options of `connect`. Raise
+    OpenError, and RecordingError, naming the remedy.
     """
     if wanted.ring is None and wanted.path.exists():  # or a board would be opened for nothing
         raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
@@ -189,7 +196,7 @@ async def record_at(url: str, wanted: Wanted, **options: Any) -> AsyncIterator[R
         return
     connecting = connect(url, reconnect=True, angle_unit=None, **options)
     connecting.taps.add(BoardTap(recorder.take))
-    async with connecting as board, _recording_board(board, recorder, by_child=False):
+    async with connecting as board, around(board), _recording_board(board, recorder, by_child=False):
         yield recorder
 
 

@@ -33,7 +33,7 @@ _DUMMY = bytes(range(16))
     "board project-id",
     help="show or write the project id",
     examples=("board project-id", "board project-id 7"),
-    options=(option("id", "ID", "write this one; 0: none", whole_number(0, 2**31 - 1), nargs="?"),),
+    options=(option("id", "ID", "write this one; 0: none", whole_number(0, 2**31 - 1), nargs="?"), KEEP_MODE),
 )
 @on_board(state=UNTOUCHED)
 async def run_project_id(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:

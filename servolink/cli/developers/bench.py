@@ -9,7 +9,7 @@ from typing import Any
 
 from servolink.cli.arguments import whole_number
 from servolink.cli.command import DEVELOPERS, Command, option
-from servolink.cli.command_session import Interruption, on_board
+from servolink.cli.command_session import KEEP_MODE, Interruption, on_board
 from servolink.cli.screen.live import counting
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.client.board import Board
@@ -32,7 +32,10 @@ _PERCENTILES = (50, 90, 99)
     DEVELOPERS,
     help="measure round trips to the board",
     examples=("bench", "bench --requests 20 --json"),
-    options=(option("--requests", "N", "how many of each kind (200)", whole_number(1, 100_000), default=200),),
+    options=(
+        option("--requests", "N", "how many of each kind (200)", whole_number(1, 100_000), default=200),
+        KEEP_MODE,
+    ),
 )
 @on_board()
 async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:

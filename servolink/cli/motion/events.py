@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import number, whole_number
 from servolink.cli.command import MOVE, Command, option
-from servolink.cli.command_session import ENDLESS, Interruption, on_board
+from servolink.cli.command_session import ENDLESS, KEEP_MODE, Interruption, on_board
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.script import OK
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     options=(
         option("--count", "N", "end after N events", whole_number(1, 10**9)),
         option("--seconds", "N", "end after N seconds", number(0.001, 10**9, "seconds")),
+        KEEP_MODE,
     ),
 )
 @on_board(reconnect=True)

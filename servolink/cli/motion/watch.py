@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from servolink.cli.arguments import SERVO_NAME, alarm, new_file, number
 from servolink.cli.command import MOVE, Command, flag, option
-from servolink.cli.command_session import ENDLESS, Interruption, is_answered, refuse_unasked, run_with_board
+from servolink.cli.command_session import ENDLESS, KEEP_MODE, Interruption, is_answered, refuse_unasked, run_with_board
 from servolink.cli.motion.move import chosen_servos
 from servolink.cli.motion.servo_output import known_captions, reported, servo_object
 from servolink.cli.screen.live import can_draw, pictures
@@ -63,6 +63,7 @@ _BATTERY_EVERY = 10.0  # seconds
             "say so (warn), stop and hold all servos too, or exit with code 1",
             default="warn",
         ),
+        KEEP_MODE,
     ),
 )
 def run(args: argparse.Namespace) -> int:

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import alarm, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
-from servolink.cli.command_session import ENDLESS, Interruption, choose_board, run_interruptible
+from servolink.cli.command_session import (
+    ENDLESS,
+    KEEP_MODE,
+    Interruption,
+    choose_board,
+    mode_restored,
+    run_interruptible,
+)
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.errors import ServolinkError
@@ -66,6 +73,7 @@ def _duration(text: str) -> float:
             action="append",
             default=[],
         ),
+        KEEP_MODE,
         flag("--repair", "record nothing, but mend FILE if its end is missing, as after a crash"),
     ),
 )
@@ -102,9 +110,12 @@ async def _record(args: argparse.Namespace, interruption: Interruption) -> int:
     alarms = tuple(map(Alarm.parse, args.alarm))
     wanted = Wanted(args.file, args.hz, wire_only=args.wire, alarms=alarms, ring=args.ring)
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    if args.keep_mode:
+        options["transmission_mode"] = "auto"
+    around = partial(mode_restored, keeps_mode=args.keep_mode)
     view: RecordView | None = None
     try:
-        async with record_at(choose_board(args), wanted, **options) as recorder:
+        async with record_at(choose_board(args), wanted, around=around, **options) as recorder:
             view = RecordView(recorder, as_json=args.json, on_screen=not args.json and can_draw())
             _print_start(wanted, as_json=args.json)
             if args.seconds is None:

@@ -20,7 +20,14 @@ import msgspec
 from servolink.cli.arguments import not_empty, number
 from servolink.cli.boards.doctor import described
 from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
-from servolink.cli.command_session import Interruption, refuse_without_answer, run_interruptible
+from servolink.cli.command_session import (
+    KEEP_MODE,
+    WOKEN,
+    Interruption,
+    mode_restored,
+    refuse_without_answer,
+    run_interruptible,
+)
 from servolink.cli.screen.output import Table, print_error, print_json, print_table, print_text
 from servolink.cli.screen.terminal import confirm
 from servolink.cli.usage import refuse_input, usage_error
@@ -54,6 +61,7 @@ _HZ = 20.0
             option("--recording", "FILE", "the last 5 minutes of this recording", not_empty),
             option("--seconds", "N", "record for N seconds (10); 0: not", number(0, 300, "seconds"), default=10.0),
         ),
+        KEEP_MODE,
         flag("--with-project", "add all content of the board, captions included"),
         flag("--force", "replace an existing file"),
         flag("--yes", "do not ask"),
@@ -103,11 +111,13 @@ async def _collect(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
     trouble = ""
     if not examined.is_absent and not args.recording:
         try:
-            facts |= await _talk(args, examined.urls[0], path, files, private)
+            facts |= await _talk(args, examined, path, files, private)
         except ServolinkError as error:
             trouble = str(error)
     elif args.with_project:
         usage_error(args, "--with-project needs a board, and no --recording")
+    if args.recording and _has_woken(examined):
+        print_error(WOKEN)
     if args.recording or path.exists():
         files[RECORDING] = await asyncio.to_thread(blank_recording, path, private)
     facts["doctor"] = _examination(examined, private)
@@ -116,7 +126,7 @@ async def _collect(args: argparse.Namespace, folder: Path) -> dict[str, bytes]:
 
 
 async def _talk(
-    args: argparse.Namespace, url: str, path: Path, files: dict[str, bytes], private: PrivateText
+    args: argparse.Namespace, examined: Report, path: Path, files: dict[str, bytes], private: PrivateText
 ) -> dict[str, Any]:
     """Record the board for a while; return counters and profile of the board."""
     from servolink.client.connect import connect
@@ -125,13 +135,15 @@ async def _talk(
     async with AsyncExitStack() as stack:
         board = await stack.enter_async_context(
             connect(
-                args.url or url,
+                args.url or examined.urls[0],
                 byte_order=args.byte_order,
                 caption_encoding=args.caption_encoding,
                 patience=args.timeout,
+                transmission_mode="auto" if args.keep_mode else None,
                 angle_unit=None,
             )
         )
+        await stack.enter_async_context(mode_restored(board, keeps_mode=args.keep_mode, woke=_has_woken(examined)))
         if args.seconds:
             print_error(f"recording for {args.seconds:g} s; do now what goes wrong")
             await stack.enter_async_context(record(path, board, hz=_HZ))
@@ -145,6 +157,11 @@ async def _project(board: Board) -> bytes:
     from servolink.project.project_file import format_project
 
     return format_project(await board.export_project()).encode()
+
+
+def _has_woken(examined: Report) -> bool:
+    """Return whether the examination has set mode 1 on a board in mode 0."""
+    return examined.response is not None and examined.response.transmission_mode == 0
 
 
 def _of_board(board: Board, private: PrivateText) -> dict[str, Any]:
