@@ -58,6 +58,7 @@ def test_nothing_is_left_of_tests_that_are_killed() -> None:
     killed = processes.start([sys.executable, "-c", KILLED], cwd=ROOT, stderr=writing)
     os.close(writing)
     processes.finish(killed)
+    assert killed.returncode == -signal.SIGKILL
     read_to_the_end(reading)
     os.close(reading)
 

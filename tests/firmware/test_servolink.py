@@ -105,4 +105,4 @@ def test_a_project_outlives_a_killed_process(
     ],
 )
 def test_any_bytes_are_survived(tmp_path: Path, limit: str) -> None:
-    fuzz(tmp_path, limit)
+    assert "Done " in fuzz(tmp_path, limit)

@@ -207,6 +207,7 @@ def test_a_program_that_only_writes_is_heard() -> None:
             with Port(url) as port:
                 os.write(port.number, LIST)
             await until(lambda: hub.board.stats.frames_sent > before)
+            assert hub.board.stats.frames_sent == before + 1
 
     on_hub(use)
 

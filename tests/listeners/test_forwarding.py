@@ -45,6 +45,7 @@ def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: py
                 async with asyncio.timeout(GUARD):
                     while len(asyncio.all_tasks()) > 2:  # this one and the one that accepts
                         await asyncio.sleep(0)
+        assert asyncio.all_tasks() == {asyncio.current_task()}
 
     asyncio.run(main())
 

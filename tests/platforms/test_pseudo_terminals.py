@@ -81,13 +81,15 @@ def test_a_new_program_finds_no_settings_and_no_bytes_of_the_last_one() -> None:
 def test_the_loop_says_when_bytes_come_and_when_there_is_room() -> None:
     async def use(terminal: PseudoTerminal) -> None:
         program = opened(terminal)
+        os.write(program, b"x")
         for listen in (terminal.on_readable, terminal.on_writable):
-            if listen == terminal.on_readable:
-                os.write(program, b"x")
             told = asyncio.Event()
             listen(told.set)
             await told.wait()
             listen(None)
+        assert terminal.read() == b"x"
+        assert terminal.write(b"y") == 1
+        assert os.read(program, 2) == b"y"
         os.close(program)
 
     on_terminal(use)

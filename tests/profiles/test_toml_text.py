@@ -170,5 +170,5 @@ def test_any_tables_become_any_others(before: dict[str, Any], after: dict[str, A
 
 
 def test_tomlkit_is_loaded_only_when_a_file_is_written() -> None:
-    program = "import sys, servolink.discovery.names, servolink.profiles.store; sys.exit('tomlkit' in sys.modules)"
-    processes.run([sys.executable, "-c", program], check=True)
+    program = "import sys, servolink.discovery.names, servolink.profiles.store; print('tomlkit' in sys.modules)"
+    assert processes.run([sys.executable, "-c", program], check=True).stdout == "False\n"

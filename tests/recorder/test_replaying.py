@@ -41,6 +41,8 @@ async def wave(board: Board) -> None:
 async def test_program_that_does_what_was_recorded(options: str) -> None:
     async with connect(f"replay://{WAVE}{options}") as board:
         await wave(board)
+        with pytest.raises(ConnectionLost, match="nothing more was sent in the recording"):
+            await board.release()
 
 
 def replayed(path: Path, act: Callable[[Board], Awaitable[object]], patience: float = 3.0) -> None:
@@ -122,10 +124,15 @@ def power(permil: int) -> QueryRemainPowerResponse:
 
 
 def test_repeats_of_either_side_are_no_other_way(tmp_path: Path) -> None:
+    async def act(board: Board) -> None:
+        before = board.stats.frames_received
+        await board.release(1)
+        assert board.stats.frames_received == before + 1
+
     silent = write(tmp_path / "silent.mcap", passed((0.0, ">", LIMP), (0.5, ">", LIMP), (0.6, "<", LIMP_DONE)))
-    replayed(silent, lambda board: board.release(1))
+    replayed(silent, act)
     slow = write(tmp_path / "slow.mcap", passed((0.0, ">", LIMP), (2.0, "<", LIMP_DONE), (2.1, ">", LIMP)))
-    replayed(slow, lambda board: board.release(1))
+    replayed(slow, act)
 
 
 def test_silence_is_replayed(tmp_path: Path) -> None:
