@@ -48,12 +48,9 @@ def test_a_connection_is_opened_at_once_and_again_after_each_failure_and_each_ro
     assert run(main()) == [("first", 1.0), ("second", 1.0 + 2.0 + 4.0 + 8.0), ("third", 16.0)]
 
 
-def test_an_error_that_must_not_be_retried_is_raised() -> None:
+async def test_an_error_that_must_not_be_retried_is_raised() -> None:
     async def open_() -> str:
         raise TransportUnavailable("unknown scheme")
 
-    async def main() -> None:
-        with pytest.raises(TransportUnavailable, match="unknown scheme"):
-            await anext(Reconnecting(open_, Pauses(), lambda error: not isinstance(error, TransportUnavailable)))
-
-    run(main())
+    with pytest.raises(TransportUnavailable, match="unknown scheme"):
+        await anext(Reconnecting(open_, Pauses(), lambda error: not isinstance(error, TransportUnavailable)))

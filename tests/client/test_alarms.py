@@ -14,7 +14,6 @@ from servolink.client.servo_readings import _RatedReader
 from servolink.errors import OutcomeUnknown
 from servolink.protocol.servos import SetServoParameterRequest
 from tests.client.fake_board import LOST, FakeBoard, opened
-from tests.virtual_time import run
 
 
 def servo(servo_id: int = 1, *, current: int = 0, temperature: int = 0) -> Servo:
@@ -123,7 +122,7 @@ async def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_doe
 
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
-def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_stop(
+async def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_stop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     offer = _RatedReader.offer
@@ -132,20 +131,17 @@ def test_an_iterator_that_python_collects_while_alarms_are_checked_swallows_no_s
         gc.collect()
         return offer(reader, *of)
 
-    async def main() -> None:
-        fake = FakeBoard(servos=1)
-        async with opened(fake) as board:
-            async with board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
-                dropped = board.watch(50)
-                await dropped.__aenter__()
-                cycle: list[object] = [dropped]
-                cycle.append(cycle)
-                del dropped, cycle
-                monkeypatch.setattr(_RatedReader, "offer", collecting)
-                await asyncio.sleep(0.1)
-            assert len(fake.executed_of(SetServoParameterRequest)) == 1
-
-    run(main())
+    fake = FakeBoard(servos=1)
+    async with opened(fake) as board:
+        async with board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
+            dropped = board.watch(50)
+            await dropped.__aenter__()
+            cycle: list[object] = [dropped]
+            cycle.append(cycle)
+            del dropped, cycle
+            monkeypatch.setattr(_RatedReader, "offer", collecting)
+            await asyncio.sleep(0.1)
+        assert len(fake.executed_of(SetServoParameterRequest)) == 1
 
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")

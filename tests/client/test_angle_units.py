@@ -34,7 +34,6 @@ from tests.client.fake_board import (
     turns_of_the_loop,
 )
 from tests.client.sockets import Socket
-from tests.virtual_time import run
 
 LIMITS = (-90, 90)
 
@@ -220,20 +219,18 @@ async def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> 
 
 
 @pytest.mark.virtual_only("the raw angles of the firmware are pulse widths")
-def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_units_of_single_servos_are_set_again_where_that_of_all_is_not_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     toy = VirtualBoard(servos=3, kind=BoardKind(bus_powered=True))
     socket = Socket(toy)
     monkeypatch.setattr(connecting, "create", socket.transport)
-
-    async def main() -> None:
-        async with connect("virtual://", reconnect=True, angle_unit=None) as board:
-            await board.set_angle_unit("adc", 3)
-            socket.pull()
-            socket.plug(toy)
-            await asyncio.sleep(5)
-            assert board.stats.reconnects == 1
-            angle = (await board.servo(3)).angle
-            assert isinstance(angle, Adc)
-            assert angle == to_adc(toy.servos[3].angle)
-
-    run(main())
+    async with connect("virtual://", reconnect=True, angle_unit=None) as board:
+        await board.set_angle_unit("adc", 3)
+        socket.pull()
+        socket.plug(toy)
+        await asyncio.sleep(5)
+        assert board.stats.reconnects == 1
+        angle = (await board.servo(3)).angle
+        assert isinstance(angle, Adc)
+        assert angle == to_adc(toy.servos[3].angle)

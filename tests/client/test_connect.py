@@ -25,7 +25,6 @@ from servolink.protocol.settings import TransmissionModeSettingRequest, Transmis
 from servolink.transports.base import Receiver
 from servolink.virtual.transport import VirtualTransport
 from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now, opened
-from tests.virtual_time import run
 
 # --- opening and closing ------------------------------------------------------------------------------------------
 
@@ -110,24 +109,21 @@ async def test_who_is_cancelled_while_closing_has_closed() -> None:
     assert fake.closed == 1
 
 
-def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monkeypatch: pytest.MonkeyPatch) -> None:
     async def fail(_: VirtualTransport) -> None:
         raise ServolinkError("it cannot be saved")
 
-    async def main() -> None:
-        board = await connect("virtual://")
-        monkeypatch.setattr(VirtualTransport, "_close", fail)
-        states, events = board.states(), board.button_events()
-        assert await anext(states) == "connected"
-        waiting = asyncio.ensure_future(anext(events))
-        await asyncio.sleep(0.1)
-        with pytest.raises(ServolinkError, match="cannot be saved"):
-            await board.close()
-        assert [state async for state in states][-1] == "closed"
-        with pytest.raises(StopAsyncIteration):
-            await waiting
-
-    run(main())
+    board = await connect("virtual://")
+    monkeypatch.setattr(VirtualTransport, "_close", fail)
+    states, events = board.states(), board.button_events()
+    assert await anext(states) == "connected"
+    waiting = asyncio.ensure_future(anext(events))
+    await asyncio.sleep(0.1)
+    with pytest.raises(ServolinkError, match="cannot be saved"):
+        await board.close()
+    assert [state async for state in states][-1] == "closed"
+    with pytest.raises(StopAsyncIteration):
+        await waiting
 
 
 async def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
@@ -140,19 +136,16 @@ async def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() 
     assert fake.closed == 1
 
 
-def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
+async def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
     class Busy(FakeBoard):
         async def open(self, receiver: Any) -> None:
             raise OpenError("fake://board: in use by another program; close it")
 
-    async def main() -> None:
-        with pytest.raises(OpenError, match="in use"):
-            async with connect(Busy()):
-                pytest.fail("it was opened")
-        with pytest.raises(TransportUnavailable, match="unknown kind of address"):
-            await connect("carrier-pigeon://roof")
-
-    run(main())
+    with pytest.raises(OpenError, match="in use"):
+        async with connect(Busy()):
+            pytest.fail("it was opened")
+    with pytest.raises(TransportUnavailable, match="unknown kind of address"):
+        await connect("carrier-pigeon://roof")
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_each_step_is_sent_when_its_time_comes_and_nothing_is_stored(name: str, 
 
 @pytest.mark.parametrize("unit", [0.005, 0.01, 0.1])
 @pytest.mark.parametrize("name", ["Dance", "inner", "wave"])
-def test_servos_move_as_if_it_were_stored_and_run(name: str, unit: float) -> None:
+async def test_servos_move_as_if_it_were_stored_and_run(name: str, unit: float) -> None:
     async def angles(start: Callable[[Board], Awaitable[Any]]) -> list[tuple[float, ...]]:
         virtual = VirtualBoard(4, kind=BoardKind(interval_unit=unit))
         virtual.storage.contents = contents_of(PROJECT)
@@ -121,14 +121,11 @@ def test_servos_move_as_if_it_were_stored_and_run(name: str, unit: float) -> Non
             playing.cancel()
         return seen
 
-    async def main() -> None:
-        stored = await angles(lambda board: board.run_action(1) if name == "wave" else board.run_macro(name))
-        played = await angles(lambda board: board.play(PROJECT, name))
-        for one, other in zip(stored, played, strict=True):
-            assert one == pytest.approx(other, abs=5)
-        assert len(set(stored)) >= 4
-
-    run(main())
+    stored = await angles(lambda board: board.run_action(1) if name == "wave" else board.run_macro(name))
+    played = await angles(lambda board: board.play(PROJECT, name))
+    for one, other in zip(stored, played, strict=True):
+        assert one == pytest.approx(other, abs=5)
+    assert len(set(stored)) >= 4
 
 
 def test_actions_that_take_no_time_do_not_fill_the_line() -> None:

@@ -207,36 +207,28 @@ async def test_a_check_that_is_not_answered_refuses_too() -> None:
         (BoardIdentityRecord(serial_number="B\x1b2"), False),
     ],
 )
-def test_a_board_differs_by_what_is_known_of_both(
+async def test_a_board_differs_by_what_is_known_of_both(
     identity: BoardIdentityRecord, is_same: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("servolink.discovery.search.identity_of", lambda url: PortIdentity(1, 2, "A1"))
-
-    async def main() -> None:
-        async with connect(FakeBoard(), profile=BoardProfile(identity=identity)) as board:
-            if is_same:
+    async with connect(FakeBoard(), profile=BoardProfile(identity=identity)) as board:
+        if is_same:
+            await board.move({1: 5}, duration=1)
+        else:
+            with pytest.raises(WrongBoard) as refused:
                 await board.move({1: 5}, duration=1)
-            else:
-                with pytest.raises(WrongBoard) as refused:
-                    await board.move({1: 5}, duration=1)
-                assert "\x1b" not in str(refused.value)
-
-    run(main())
+            assert "\x1b" not in str(refused.value)
 
 
-def test_what_the_board_does_not_report_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_what_the_board_does_not_report_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("servolink.discovery.search.identity_of", lambda url: None)
     identity = BoardIdentityRecord(servo_ids=(1,), memory_total=5, serial_number="A1")
     settings = BoardSettings(unsupported=("QueryServoList",))
-
-    async def main() -> None:
-        fake = FakeBoard()
-        fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(100))
-        async with connect(fake, profile=BoardProfile(identity=identity, settings=settings)) as board:
-            await board.move({1: 5}, duration=1)
-        assert not fake.sent_of(QueryServoListRequest)
-
-    run(main())
+    fake = FakeBoard()
+    fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(100))
+    async with connect(fake, profile=BoardProfile(identity=identity, settings=settings)) as board:
+        await board.move({1: 5}, duration=1)
+    assert not fake.sent_of(QueryServoListRequest)
 
 
 def test_another_board_served_in_the_place_of_rex_is_refused() -> None:

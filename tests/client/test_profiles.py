@@ -88,19 +88,16 @@ async def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOp
         ("write_depth", 4, 3, 2),
     ],
 )
-def test_options_of_the_program_override_the_address_and_that_the_profile(
+async def test_options_of_the_program_override_the_address_and_that_the_profile(
     option: str, learnt: Any, in_url: Any, given: Any, asked: list[ConnectionOptions]
 ) -> None:
-    async def main() -> None:
-        save_profile("rex", BoardProfile(settings=BoardSettings(**{option: learnt})))
-        for url in ("tcp://pi:9000", f"tcp://pi:9000?{option}={in_url}"):
-            save_alias("rex", Alias(url))
-            for options in ({}, {option: given}):
-                async with connect("rex", **options):
-                    pass
-        assert [getattr(each, option) for each in asked] == [learnt, given, in_url, given]
-
-    run(main())
+    save_profile("rex", BoardProfile(settings=BoardSettings(**{option: learnt})))
+    for url in ("tcp://pi:9000", f"tcp://pi:9000?{option}={in_url}"):
+        save_alias("rex", Alias(url))
+        for options in ({}, {option: given}):
+            async with connect("rex", **options):
+                pass
+    assert [getattr(each, option) for each in asked] == [learnt, given, in_url, given]
 
 
 SERIAL = DeviceInfo("serial:///dev/ttyACM7", "", PortIdentity(1, 2, "A1"))
@@ -171,41 +168,33 @@ async def test_a_profile_can_be_given() -> None:
         connect("virtual://", profile=3)  # type: ignore[arg-type]
 
 
-def test_limits_of_program_and_profile_hold_both() -> None:
+async def test_limits_of_program_and_profile_hold_both() -> None:
     profile = BoardProfile(limits=SafetyLimits(angles={1: (-20, 50), 2: (0, 90)}, speed_cap=500, speed_caps={2: 50}))
-
-    async def main() -> None:
-        async with opened(FakeBoard(), profile=profile, angle_limits={1: (-10, 100)}, speed_cap=100) as board:
-            for target in ({1: -15}, {1: 60}, {2: 91}):
-                with pytest.raises(MotionRefused, match="is outside its limits"):
-                    await board.move(target, duration=100)
-            with pytest.raises(MotionRefused, match="cap is 50"):
-                await board.move({2: 80}, duration=1)
-            with pytest.raises(MotionRefused, match="cap is 100"):
-                await board.move({1: 50}, duration=0.2)
-            await board.move({1: 50, 2: 40}, duration=1)
-
-    run(main())
+    async with opened(FakeBoard(), profile=profile, angle_limits={1: (-10, 100)}, speed_cap=100) as board:
+        for target in ({1: -15}, {1: 60}, {2: 91}):
+            with pytest.raises(MotionRefused, match="is outside its limits"):
+                await board.move(target, duration=100)
+        with pytest.raises(MotionRefused, match="cap is 50"):
+            await board.move({2: 80}, duration=1)
+        with pytest.raises(MotionRefused, match="cap is 100"):
+            await board.move({1: 50}, duration=0.2)
+        await board.move({1: 50, 2: 40}, duration=1)
 
 
-def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
+async def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
     profile = BoardProfile(
         settings=BoardSettings(interval_unit=0.02), limits=SafetyLimits(soft_start=10, speed_caps={2: 5})
     )
-
-    async def main() -> None:
-        fake = FakeBoard()
-        for servo in fake.virtual.servos.values():
-            servo.angle = 0.0
-        async with opened(fake, profile=profile, soft_start=20) as board:
-            assert await board.move({1: 20, 3: 0}, duration=0.5) == 2.0
-            assert await board.move({2: 20}, duration=0.5) == 4.0
-        assert fake.executed_of(ExecuteActionRequest) == [
-            ExecuteActionRequest((Step(1, 20, 100), Step(3, 0, 100))),
-            ExecuteActionRequest((Step(2, 20, 200),)),
-        ]
-
-    run(main())
+    fake = FakeBoard()
+    for servo in fake.virtual.servos.values():
+        servo.angle = 0.0
+    async with opened(fake, profile=profile, soft_start=20) as board:
+        assert await board.move({1: 20, 3: 0}, duration=0.5) == 2.0
+        assert await board.move({2: 20}, duration=0.5) == 4.0
+    assert fake.executed_of(ExecuteActionRequest) == [
+        ExecuteActionRequest((Step(1, 20, 100), Step(3, 0, 100))),
+        ExecuteActionRequest((Step(2, 20, 200),)),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -227,16 +216,12 @@ async def test_the_handshake_does_without_what_the_board_does_not_answer(
         assert board.stats.retries == 0
 
 
-def test_a_profile_that_is_wrong_about_what_is_unsupported_hinders_nothing() -> None:
+async def test_a_profile_that_is_wrong_about_what_is_unsupported_hinders_nothing() -> None:
     names = ("QueryProjectID", "QueryMemorySize", "QueryRemainPower", "QueryActiveJoystickTable")
-
-    async def main() -> None:
-        fake = FakeBoard()
-        async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names))) as board:
-            assert await board.servo_ids() == (1, 2, 3, 4)
-        fake = FakeBoard()
-        fake.usual_of[QueryActiveJoystickTableRequest] = LOST
-        async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names[:1]))) as board:
-            assert await board.servo_ids() == (1, 2, 3, 4)
-
-    run(main())
+    fake = FakeBoard()
+    async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names))) as board:
+        assert await board.servo_ids() == (1, 2, 3, 4)
+    fake = FakeBoard()
+    fake.usual_of[QueryActiveJoystickTableRequest] = LOST
+    async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names[:1]))) as board:
+        assert await board.servo_ids() == (1, 2, 3, 4)

@@ -23,7 +23,6 @@ from servolink.virtual.kind import BoardKind
 from tests.client.fake_board import LOST, FakeBoard, lie
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
-from tests.virtual_time import run
 
 
 @pytest.fixture
@@ -142,23 +141,22 @@ async def test_a_board_without_project_id_is_connected_to_again_after_a_loss(
         assert not await board.has_unfinished_import()
 
 
-def test_who_is_cancelled_while_connecting_leaves_nothing_open(socket: Socket, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_who_is_cancelled_while_connecting_leaves_nothing_open(
+    socket: Socket, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def learn(_: PortTracker) -> None:
         await asyncio.sleep(1)
 
-    async def main() -> None:
-        monkeypatch.setattr(PortTracker, "learn", learn)
-        with pytest.raises(TimeoutError):
-            async with asyncio.timeout(0.5):
-                await connect("virtual://", reconnect=True)
-        assert socket.opened == 1
-        assert socket.live == []
-
-    run(main())
+    monkeypatch.setattr(PortTracker, "learn", learn)
+    with pytest.raises(TimeoutError):
+        async with asyncio.timeout(0.5):
+            await connect("virtual://", reconnect=True)
+    assert socket.opened == 1
+    assert socket.live == []
 
 
 @pytest.mark.parametrize("broken", ["opening", "restoring"])
-def test_no_failure_of_a_library_ends_the_tries(
+async def test_no_failure_of_a_library_ends_the_tries(
     broken: str, socket: Socket, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     failures = [TypeError("int() can't convert non-string with explicit base")]
@@ -168,21 +166,18 @@ def test_no_failure_of_a_library_ends_the_tries(
             raise failures.pop()
         return "virtual://"
 
-    async def main() -> None:
-        async with connected() as board:
-            there = socket.board
-            assert there is not None
-            if broken == "opening":
-                monkeypatch.setattr(PortTracker, "url", fail_once)
-            else:
-                board._session.restore_with(fail_once)
-            socket.pull()
-            socket.plug(there)
-            await until(board, "connected")
-            assert len(there.sessions) == 1
-        assert "unexpected error while reconnecting" in caplog.text
-
-    run(main())
+    async with connected() as board:
+        there = socket.board
+        assert there is not None
+        if broken == "opening":
+            monkeypatch.setattr(PortTracker, "url", fail_once)
+        else:
+            board._session.restore_with(fail_once)
+        socket.pull()
+        socket.plug(there)
+        await until(board, "connected")
+        assert len(there.sessions) == 1
+    assert "unexpected error while reconnecting" in caplog.text
 
 
 async def test_no_waiting_makes_a_wrong_address_right() -> None:

@@ -16,7 +16,6 @@ from servolink.motion.angles import Adc, Degrees
 from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
 from tests.client.fake_board import LOST, FakeBoard, Fate, late, opened
 from tests.client.line_board import LineBoard
-from tests.virtual_time import run
 
 
 async def read(readings: ServoReadings, seconds: float) -> list[ServoReading]:
@@ -260,48 +259,44 @@ async def test_a_board_that_no_longer_answers_ends_it_and_it_can_be_begun_again(
 
 @pytest.mark.parametrize("hz", [None, 20])
 @pytest.mark.parametrize(("depth", "lost_at"), [(1, 0.0), (1, 0.002), (1, 0.5), (8, 0.5)])
-def test_it_survives_a_reconnect(hz: float | None, depth: int, lost_at: float, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_it_survives_a_reconnect(
+    hz: float | None, depth: int, lost_at: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fakes: list[FakeBoard] = []
 
     def create(_: object) -> FakeBoard:
         fakes.append(FakeBoard())
         return fakes[-1]
 
-    async def main() -> None:
-        monkeypatch.setattr(connecting, "create", create)
-        async with connect("virtual://", reconnect=True, depth=depth) as board:
-            loop = asyncio.get_running_loop()
-            reading = asyncio.create_task(read(board.watch(hz), 4))
-            await asyncio.sleep(lost_at)
-            fakes[0].vanish()
-            lost = loop.time()
-            found = await reading
-            assert [fake.gone is None for fake in fakes] == [False, True]
-            after = [each.seconds - lost for each in found if each.seconds > lost]
-            assert after[0] < 0.3
-            assert len(after) >= 3 * 20
-
-    run(main())
+    monkeypatch.setattr(connecting, "create", create)
+    async with connect("virtual://", reconnect=True, depth=depth) as board:
+        loop = asyncio.get_running_loop()
+        reading = asyncio.create_task(read(board.watch(hz), 4))
+        await asyncio.sleep(lost_at)
+        fakes[0].vanish()
+        lost = loop.time()
+        found = await reading
+        assert [fake.gone is None for fake in fakes] == [False, True]
+        after = [each.seconds - lost for each in found if each.seconds > lost]
+        assert after[0] < 0.3
+        assert len(after) >= 3 * 20
 
 
-def test_closing_during_a_reconnect_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_closing_during_a_reconnect_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
     fakes: list[FakeBoard] = []
 
     def create(_: object) -> FakeBoard:
         fakes.append(FakeBoard(usual=Fate() if not fakes else LOST))
         return fakes[-1]
 
-    async def main() -> None:
-        monkeypatch.setattr(connecting, "create", create)
-        board = await connect("virtual://", reconnect=True)
-        reading = asyncio.create_task(read(board.watch(), 10))
-        await asyncio.sleep(0.1)
-        fakes[0].vanish()
-        await asyncio.sleep(1)
-        await board.close()
-        assert len(await reading) > 20
-
-    run(main())
+    monkeypatch.setattr(connecting, "create", create)
+    board = await connect("virtual://", reconnect=True)
+    reading = asyncio.create_task(read(board.watch(), 10))
+    await asyncio.sleep(0.1)
+    fakes[0].vanish()
+    await asyncio.sleep(1)
+    await board.close()
+    assert len(await reading) > 20
 
 
 async def test_who_reads_in_several_tasks_gets_each_reading_once() -> None:

@@ -126,7 +126,9 @@ def test_the_pose_of_a_servo_that_was_stopped_or_released_is_unknown(interrupt: 
         lambda board: board.send(ExecuteActionRequest((Step(1, 30, 50),))),
     ],
 )
-def test_a_movement_that_a_stop_overtakes_on_a_full_line_makes_no_pose_known(move: Callable[[Board], Any]) -> None:
+async def test_a_movement_that_a_stop_overtakes_on_a_full_line_makes_no_pose_known(
+    move: Callable[[Board], Any],
+) -> None:
     room = asyncio.Event()
 
     class FullBehindMovements(FakeBoard):
@@ -134,41 +136,34 @@ def test_a_movement_that_a_stop_overtakes_on_a_full_line_makes_no_pose_known(mov
             super().take(data)
             return room.wait() if self.sent and isinstance(self.sent[-1][1], ExecuteActionRequest) else None
 
-    async def main() -> None:
-        fake = FullBehindMovements(servos=1)
-        fake.virtual.servos[1].angle = 0.0
-        async with opened(fake, soft_start=60) as board:
-            moving = asyncio.ensure_future(move(board))
-            await asyncio.sleep(0.1)
-            asyncio.get_running_loop().call_later(0.1, room.set)
-            await board.stop()
-            await moving
-            await asyncio.sleep(1)  # longer than the movement would have taken
-            await board.set_servo(1, start=True, hold=True)
-            here = (await board.servo(1)).angle
-            assert await board.move({1: here + 60}, duration=0.5) == 1.0
-
-    run(main())
+    fake = FullBehindMovements(servos=1)
+    fake.virtual.servos[1].angle = 0.0
+    async with opened(fake, soft_start=60) as board:
+        moving = asyncio.ensure_future(move(board))
+        await asyncio.sleep(0.1)
+        asyncio.get_running_loop().call_later(0.1, room.set)
+        await board.stop()
+        await moving
+        await asyncio.sleep(1)  # longer than the movement would have taken
+        await board.set_servo(1, start=True, hold=True)
+        here = (await board.servo(1)).angle
+        assert await board.move({1: here + 60}, duration=0.5) == 1.0
 
 
-def test_after_a_reconnect_all_poses_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_after_a_reconnect_all_poses_are_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     socket = Socket(VirtualBoard(2))
     monkeypatch.setattr(connecting, "create", socket.transport)
-
-    async def main() -> None:
-        async with connect("virtual://", soft_start=30, reconnect=True) as board:
-            await board.move({1: 60}, duration=0.5, wait=True)
-            assert await board.move({1: 30}, duration=0.5, wait=True) == 0.5
-            there = socket.board
-            assert there is not None
-            socket.pull()
-            socket.plug(there)
-            async for state in board.states():
-                if state == "connected" and board.stats.reconnects:
-                    break
-            assert await board.move({1: 90}, duration=0.5) == 2.0
-
-    run(main())
+    async with connect("virtual://", soft_start=30, reconnect=True) as board:
+        await board.move({1: 60}, duration=0.5, wait=True)
+        assert await board.move({1: 30}, duration=0.5, wait=True) == 0.5
+        there = socket.board
+        assert there is not None
+        socket.pull()
+        socket.plug(there)
+        async for state in board.states():
+            if state == "connected" and board.stats.reconnects:
+                break
+        assert await board.move({1: 90}, duration=0.5) == 2.0
 
 
 def test_a_packet_is_refused_not_changed() -> None:

@@ -23,7 +23,6 @@ from servolink.protocol.servos import QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LATENCY, FakeBoard, Fate, now
 from tests.connection.openings import LIST, STOP, opening
-from tests.virtual_time import run
 
 TWICE = {"answers_twice": True}
 
@@ -56,25 +55,22 @@ REQUESTS: tuple[Request[Any], ...] = (
 @pytest.mark.parametrize("twice", [1.0, 0.5, 0.1, 0.0])
 @pytest.mark.parametrize("lost", [0.0, 0.1])
 @pytest.mark.parametrize("seed", range(4))
-def test_each_request_gets_a_response_to_itself(twice: float, lost: float, seed: int) -> None:
-    async def main() -> None:
-        chance = Random(seed)
-        board = Echo(chance, twice, lost)
-        async with opening(board, seed=seed, **TWICE) as connection:
-            assert (await connection.request(AddActionRequest(1, "wave"))).result == 1
-            for _ in range(60):
-                request = chance.choice(REQUESTS)
-                response = await connection.request(request)
-                assert request.accepts(response)
-                if request == QueryActionRequest(2):
-                    assert response.action_id == 0
-                if request == QueryActionRequest(1):
-                    assert response.action_id == 1
-            assert connection.stats.reopenings == 0
-            assert connection.stats.unsolicited == 0
-            assert (connection.stats.repeated > 0) == (twice > 0)
-
-    run(main())
+async def test_each_request_gets_a_response_to_itself(twice: float, lost: float, seed: int) -> None:
+    chance = Random(seed)
+    board = Echo(chance, twice, lost)
+    async with opening(board, seed=seed, **TWICE) as connection:
+        assert (await connection.request(AddActionRequest(1, "wave"))).result == 1
+        for _ in range(60):
+            request = chance.choice(REQUESTS)
+            response = await connection.request(request)
+            assert request.accepts(response)
+            if request == QueryActionRequest(2):
+                assert response.action_id == 0
+            if request == QueryActionRequest(1):
+                assert response.action_id == 1
+        assert connection.stats.reopenings == 0
+        assert connection.stats.unsolicited == 0
+        assert (connection.stats.repeated > 0) == (twice > 0)
 
 
 async def test_a_healthy_board_is_opened_in_six_round_trips_all_the_same() -> None:

@@ -25,7 +25,6 @@ from servolink.protocol.packet import Packet, Query
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest
 from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, connected, late, lie, now, turns_of_the_loop
-from tests.virtual_time import run
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 LIST = QueryServoListRequest()
@@ -312,17 +311,14 @@ async def test_among_equal_queries_a_fence_shows_gaps_and_is_not_sent_more_often
 
 
 @pytest.mark.parametrize(("depth", "most"), [(4, 0.51), (8, 0.2), (16, 0.12)])
-def test_in_a_run_of_commands_a_fence_for_each_half_window_is_enough(depth: int, most: float) -> None:
+async def test_in_a_run_of_commands_a_fence_for_each_half_window_is_enough(depth: int, most: float) -> None:
     class Paced(FakeBoard):
         def _answer_at(self, when: float, data: bytes) -> None:
             super()._answer_at(max(when, self._free_at + 0.001), data)
 
-    async def main() -> None:
-        async with connected(Paced(), depth=depth) as connection:
-            await asyncio.gather(*(connection.request(AddActionRequest(number)) for number in range(500)))
-            assert connection.stats.fences <= 500 * most
-
-    run(main())
+    async with connected(Paced(), depth=depth) as connection:
+        await asyncio.gather(*(connection.request(AddActionRequest(number)) for number in range(500)))
+        assert connection.stats.fences <= 500 * most
 
 
 async def test_in_a_run_of_commands_each_keeps_its_own_result() -> None:

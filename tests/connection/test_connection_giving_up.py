@@ -25,7 +25,6 @@ from servolink.protocol.settings import (
 )
 from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, connected, late, now
 from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, ask_for_ever, cut_content, kinds
-from tests.virtual_time import run
 
 # --- a board that is silent about one request ---------------------------------------------------------------------
 
@@ -150,24 +149,21 @@ async def test_a_timeout_counts_on_when_the_request_has_its_turn() -> None:
         await clearing
 
 
-def test_a_timeout_counts_while_a_board_is_checked_and_then_while_the_request_waits_for_others() -> None:
+async def test_a_timeout_counts_while_a_board_is_checked_and_then_while_the_request_waits_for_others() -> None:
     async def check(packet: Packet, ticket: Ticket) -> None:
         await asyncio.sleep(0.9)
 
-    async def main() -> None:
-        board = FakeBoard()
-        board.plan(QueryServoListRequest, late(2))
-        async with connected(board) as connection:
-            connection.preparations = (check,)
-            listing = asyncio.create_task(connection.request(LIST))
-            await asyncio.sleep(0)
-            begun = now()
-            with pytest.raises(RequestTimeout, match=r"and not sent in 1\.0 s"):
-                await connection.request(AddActionRequest(1), timeout=1.0)
-            assert now() == pytest.approx(begun + 1.0)
-            await listing
-
-    run(main())
+    board = FakeBoard()
+    board.plan(QueryServoListRequest, late(2))
+    async with connected(board) as connection:
+        connection.preparations = (check,)
+        listing = asyncio.create_task(connection.request(LIST))
+        await asyncio.sleep(0)
+        begun = now()
+        with pytest.raises(RequestTimeout, match=r"and not sent in 1\.0 s"):
+            await connection.request(AddActionRequest(1), timeout=1.0)
+        assert now() == pytest.approx(begun + 1.0)
+        await listing
 
 
 async def test_a_timeout_ends_a_pause_between_two_tries() -> None:

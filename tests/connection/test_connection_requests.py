@@ -30,7 +30,6 @@ from servolink.protocol.servos import (
 )
 from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest, QueryRemainPowerResponse
 from tests.client.fake_board import LATENCY, FakeBoard, Fate, connected, lie
-from tests.virtual_time import run
 
 PROJECT = QueryProjectIDRequest()
 
@@ -88,18 +87,15 @@ async def test_no_more_than_the_window_is_on_the_line(depth: int, most: int) -> 
     assert len([at for at, _ in board.sent if at < first]) == depth
 
 
-def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
+async def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
     """A board in the same process may answer from within `take`."""
 
     class Eager(FakeBoard):
         def take(self, data: bytes) -> None:
             self.speak(QueryProjectIDResponse(5))
 
-    async def main() -> None:
-        async with connected(Eager()) as connection:
-            assert (await connection.request(PROJECT)).project_id == 5
-
-    run(main())
+    async with connected(Eager()) as connection:
+        assert (await connection.request(PROJECT)).project_id == 5
 
 
 async def test_an_answer_is_delivered_to_the_right_one_of_several_on_the_line() -> None:

@@ -35,7 +35,6 @@ from tests.client.fake_board import (
     turns_of_the_loop,
 )
 from tests.connection.openings import FENCE_KINDS, LIST, kinds, opening
-from tests.virtual_time import run
 
 # --- silence, and what explains it --------------------------------------------------------------------------------
 
@@ -73,22 +72,18 @@ async def test_bytes_without_a_frame_are_explained_by_order_and_baud_rate(used: 
 
 
 @pytest.mark.parametrize(("spoken_at", "given_up_at"), [((1,), 7), ((1, 2.5, 5, 9), 15)])
-def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent_one(
+async def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_silent_one(
     spoken_at: tuple[float, ...], given_up_at: float
 ) -> None:
     """Twice the patience after its latest response, and four times that in all."""
-
-    async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        async with opening(board) as connection:
-            begun = now()
-            for seconds in spoken_at:
-                asyncio.get_running_loop().call_later(seconds, board.speak, QueryServoListResponse((1,)))
-            with pytest.raises(OpenError, match=r"answers, but too little .*the line is bad, or the board is busy"):
-                await connection.shake_hands()
-            assert now() == pytest.approx(begun + given_up_at)
-
-    run(main())
+    board = FakeBoard(usual=LOST)
+    async with opening(board) as connection:
+        begun = now()
+        for seconds in spoken_at:
+            asyncio.get_running_loop().call_later(seconds, board.speak, QueryServoListResponse((1,)))
+        with pytest.raises(OpenError, match=r"answers, but too little .*the line is bad, or the board is busy"):
+            await connection.shake_hands()
+        assert now() == pytest.approx(begun + given_up_at)
 
 
 async def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> None:
@@ -122,7 +117,7 @@ async def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_faile
 # --- transmission mode --------------------------------------------------------------------------------------------
 
 
-def test_a_board_in_the_other_mode_is_woken_once() -> None:
+async def test_a_board_in_the_other_mode_is_woken_once() -> None:
     class Asleep(FakeBoard):
         """It answers nothing until mode 1 is set."""
 
@@ -131,16 +126,13 @@ def test_a_board_in_the_other_mode_is_woken_once() -> None:
                 self.usual = Fate()
             super()._take(packet, frame)
 
-    async def main() -> None:
-        board = Asleep(usual=LOST)
-        async with opening(board) as connection:
-            await connection.shake_hands()
-            assert board.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)]
-            assert kinds(board).index(TransmissionModeSettingRequest) == 2
-            await connection.request(LIST)
-            assert connection.stats.unsolicited == 0
-
-    run(main())
+    board = Asleep(usual=LOST)
+    async with opening(board) as connection:
+        await connection.shake_hands()
+        assert board.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)]
+        assert kinds(board).index(TransmissionModeSettingRequest) == 2
+        await connection.request(LIST)
+        assert connection.stats.unsolicited == 0
 
 
 async def test_a_board_that_answers_keeps_its_mode() -> None:

@@ -68,28 +68,25 @@ async def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: 
         assert len(board.sent) == 1
 
 
-def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
+async def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
     class Stalled(FakeBoard):
         async def send(self, data: bytes) -> None:
             await super().send(data)
             if self.gone is not None:
                 raise ConnectionLost(str(self.gone))
 
-    async def main() -> None:
-        board = Stalled()
-        connection = Connection(board, Codec())
-        await connection.open()
-        board.taking = asyncio.Event()
-        await give_up(SENDS["move"](connection), 0.01)
-        board.vanish()
-        board.taking.set()
-        await turns_of_the_loop(3)
-        assert connection._scheduler._permits == 0
-        with pytest.raises(ConnectionLost, match="device disconnected"):
-            await connection.send(ExecuteActionRequest((Step(1, 6, 10),)))
-        await connection.close()
-
-    run(main())
+    board = Stalled()
+    connection = Connection(board, Codec())
+    await connection.open()
+    board.taking = asyncio.Event()
+    await give_up(SENDS["move"](connection), 0.01)
+    board.vanish()
+    board.taking.set()
+    await turns_of_the_loop(3)
+    assert connection._scheduler._permits == 0
+    with pytest.raises(ConnectionLost, match="device disconnected"):
+        await connection.send(ExecuteActionRequest((Step(1, 6, 10),)))
+    await connection.close()
 
 
 def test_a_transport_that_cannot_tell_gives_its_permit_back_and_is_named(caplog: pytest.LogCaptureFixture) -> None:

@@ -99,7 +99,7 @@ REQUESTS: list[Request[Any] | Command] = [
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed: int) -> None:
+async def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed: int) -> None:
     random = Random(seed)
     depth = random.choice((1, 2, 3))
     slots = Slots()
@@ -130,22 +130,19 @@ def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed
             scheduler.release(packet)
         done.append(number)
 
-    async def main() -> None:
-        tasks = []
-        for number in range(200):
-            packet = random.choice(REQUESTS)
-            tasks.append(asyncio.create_task(use(number, packet, first=random.random() < 0.1)))
-            await asyncio.sleep(random.choice((0, 0, 0.25)))
-            if random.random() < 0.2:
-                random.choice(tasks).cancel()
-        outcomes = await asyncio.gather(*tasks, return_exceptions=True)
-        cancelled = sum(isinstance(outcome, asyncio.CancelledError) for outcome in outcomes)
-        assert not [outcome for outcome in outcomes if isinstance(outcome, AssertionError)]
-        assert len(done) + cancelled == 200
-        assert cancelled
-        assert scheduler.acquire_at_once(ALONE)
-
-    run(main())
+    tasks = []
+    for number in range(200):
+        packet = random.choice(REQUESTS)
+        tasks.append(asyncio.create_task(use(number, packet, first=random.random() < 0.1)))
+        await asyncio.sleep(random.choice((0, 0, 0.25)))
+        if random.random() < 0.2:
+            random.choice(tasks).cancel()
+    outcomes = await asyncio.gather(*tasks, return_exceptions=True)
+    cancelled = sum(isinstance(outcome, asyncio.CancelledError) for outcome in outcomes)
+    assert not [outcome for outcome in outcomes if isinstance(outcome, AssertionError)]
+    assert len(done) + cancelled == 200
+    assert cancelled
+    assert scheduler.acquire_at_once(ALONE)
 
 
 def test_no_packet_goes_alone_by_mistake() -> None:

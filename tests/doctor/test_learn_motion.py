@@ -132,18 +132,14 @@ def test_a_servo_that_does_not_arrive_tells_nothing() -> None:
 
 
 @pytest.mark.virtual_only("the test asks the virtual servo whether it is moving")
-def test_a_cancellation_stops_the_servo() -> None:
+async def test_a_cancellation_stops_the_servo() -> None:
     board = VirtualBoard(servos=4)
-
-    async def main() -> None:
-        async with connect(VirtualTransport(board)) as connected:
-            planned = await plan_movement(connected, 3, SafetyLimits())
-            task = asyncio.ensure_future(interval_finding(connected, planned))
-            await asyncio.sleep(0.5)
-            begun = board.servos[3].moving
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-            assert (begun, board.servos[3].moving, board.servos[3].is_start) == (True, False, 0)
-
-    run(main())
+    async with connect(VirtualTransport(board)) as connected:
+        planned = await plan_movement(connected, 3, SafetyLimits())
+        task = asyncio.ensure_future(interval_finding(connected, planned))
+        await asyncio.sleep(0.5)
+        begun = board.servos[3].moving
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert (begun, board.servos[3].moving, board.servos[3].is_start) == (True, False, 0)

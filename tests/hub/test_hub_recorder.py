@@ -86,21 +86,17 @@ def test_the_end_of_the_hub_ends_it(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("full", [False, True])
-def test_a_forgotten_recording_is_ended(full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_forgotten_recording_is_ended(full: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if full:
         monkeypatch.setattr("servolink.hub.engine.hub_recorder._free", lambda folder: 1000)
-
-    async def main() -> None:
-        async with shared() as here, here.program("page") as page:
-            recorder = _small(here.hub, tmp_path / "here", 10**9 if full else 2000)
-            await recorder.start("page", hz=0, wire_only=False)
-            while recorder.now().is_recording:
-                await page.call("servos.list")
-                await asyncio.sleep(0.1)
-            assert "was ended" in (await page.until("problem"))["text"]
-            assert (await page.until("recording"))["event"] == "stopped"
-
-    run(main())
+    async with shared() as here, here.program("page") as page:
+        recorder = _small(here.hub, tmp_path / "here", 10**9 if full else 2000)
+        await recorder.start("page", hz=0, wire_only=False)
+        while recorder.now().is_recording:
+            await page.call("servos.list")
+            await asyncio.sleep(0.1)
+        assert "was ended" in (await page.until("problem"))["text"]
+        assert (await page.until("recording"))["event"] == "stopped"
 
 
 def _small(hub: Hub, folder: Path, most: int) -> HubRecorder:

@@ -17,7 +17,6 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import VirtualTransport
 from tests.project.boards import on_board, stopped, stopped_import, writing
 from tests.project.pulled import NEW
-from tests.virtual_time import run
 
 HANDS = Project(5, actions=(Action(1, "\u5de6\u624b", (Step(1, 10, 50),)),))
 """A caption that is other bytes in each encoding, and in some of them none at all."""
@@ -40,7 +39,7 @@ async def is_named(talk: Callable[..., Awaitable[None]], folder: Path) -> None:
 
 
 @pytest.mark.parametrize("before", [goes_on_in_big5, is_rolled_back_in_big5_after_that_was_interrupted, is_named])
-def test_a_backup_is_restored_only_in_the_encoding_in_which_it_was_read(
+async def test_a_backup_is_restored_only_in_the_encoding_in_which_it_was_read(
     before: Callable[[Callable[..., Awaitable[None]], Path], Awaitable[None]], tmp_path: Path
 ) -> None:
     virtual, store = VirtualBoard(), BackupStore(tmp_path)
@@ -56,15 +55,12 @@ def test_a_backup_is_restored_only_in_the_encoding_in_which_it_was_read(
                 await board.rollback_project(backup, folder=tmp_path)
         assert virtual.storage.contents == held
 
-    async def main() -> None:
-        await talk("utf-8", lambda board: board.apply_project(HANDS, folder=tmp_path))
-        await before(talk, tmp_path)
-        await talk("big5", refused)
-        await talk("utf_8", lambda board: board.rollback_project(folder=tmp_path))
-        async with connect(VirtualTransport(virtual)) as board:
-            assert await board.export_project() == HANDS
-
-    run(main())
+    await talk("utf-8", lambda board: board.apply_project(HANDS, folder=tmp_path))
+    await before(talk, tmp_path)
+    await talk("big5", refused)
+    await talk("utf_8", lambda board: board.rollback_project(folder=tmp_path))
+    async with connect(VirtualTransport(virtual)) as board:
+        assert await board.export_project() == HANDS
 
 
 def test_a_copy_of_a_backup_is_a_project_like_any_other(tmp_path: Path) -> None:

@@ -44,23 +44,19 @@ def test_a_board_that_lost_its_marker_when_cleared_is_known_by_its_address(tmp_p
 
 
 @pytest.mark.parametrize("left", [OLD, Project(servo_parameters=OLD.servo_parameters)], ids=["all", "parameters"])
-def test_what_is_on_a_board_that_only_looks_cleared_is_kept(
+async def test_what_is_on_a_board_that_only_looks_cleared_is_kept(
     left: Project, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     virtual = Make().board(OLD_CONTENTS, 1)
     left = msgspec.structs.replace(left, project_id=0)
-
-    async def main() -> None:
-        await cleared(virtual, tmp_path)
-        virtual.storage.contents = contents_of(left)
-        async with connect(VirtualTransport(virtual, HERE)) as board:
-            with caplog.at_level(logging.WARNING):
-                assert (await board.apply_project(NEW, folder=tmp_path)).resumed
-            assert [BackupStore(tmp_path).backups()[1].path.name in line for line in caplog.messages] == [True]
-            await board.rollback_project(BackupStore(tmp_path).backups()[1].path, folder=tmp_path)
-            assert (await board.export_project()) == left
-
-    run(main())
+    await cleared(virtual, tmp_path)
+    virtual.storage.contents = contents_of(left)
+    async with connect(VirtualTransport(virtual, HERE)) as board:
+        with caplog.at_level(logging.WARNING):
+            assert (await board.apply_project(NEW, folder=tmp_path)).resumed
+        assert [BackupStore(tmp_path).backups()[1].path.name in line for line in caplog.messages] == [True]
+        await board.rollback_project(BackupStore(tmp_path).backups()[1].path, folder=tmp_path)
+        assert (await board.export_project()) == left
 
 
 async def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_elsewhere_or_before_another(
@@ -77,15 +73,11 @@ async def test_a_board_without_project_id_is_not_taken_for_one_that_was_cleared_
         assert await board.export_project() == Project()
 
 
-def test_nothing_is_kept_of_a_board_that_only_looks_cleared_where_no_backup_is_wanted(tmp_path: Path) -> None:
+async def test_nothing_is_kept_of_a_board_that_only_looks_cleared_where_no_backup_is_wanted(tmp_path: Path) -> None:
     virtual = Make().board(OLD_CONTENTS, 1)
-
-    async def main() -> None:
-        await cleared(virtual, tmp_path)
-        virtual.storage.contents = contents_of(msgspec.structs.replace(OTHER, project_id=0))
-        async with connect(VirtualTransport(virtual, HERE)) as board:
-            applied = await board.apply_project(NEW, folder=tmp_path, backup=False)
-        (backup,) = BackupStore(tmp_path).backups()
-        assert applied.backup == backup.path
-
-    run(main())
+    await cleared(virtual, tmp_path)
+    virtual.storage.contents = contents_of(msgspec.structs.replace(OTHER, project_id=0))
+    async with connect(VirtualTransport(virtual, HERE)) as board:
+        applied = await board.apply_project(NEW, folder=tmp_path, backup=False)
+    (backup,) = BackupStore(tmp_path).backups()
+    assert applied.backup == backup.path

@@ -235,22 +235,18 @@ def test_a_backup_is_restored_in_the_encoding_in_which_it_was_read(tmp_path: Pat
 
 
 @pytest.mark.virtual_only("the test changes the storage of the virtual board itself")
-def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
+async def test_doubled_records_make_room_where_they_go(tmp_path: Path) -> None:
     bow = contents_of(Project(actions=(Action(1, "Bow", (Step(1, 0, 1),) * 1000),)))
     doubled = replace(bow, records={**bow.records, ACTION: bow.records[ACTION] * 3})
     project = Project(4, actions=(Action(1, "Bow", (Step(1, 0, 2),) * 1000), Action(2, "Nod", (Step(1, 0, 1),) * 1000)))
-
-    async def main() -> None:
-        virtual = Make().board(doubled, 1)
-        virtual.storage.memory = doubled.size + 10
-        async with connect(VirtualTransport(virtual)) as board:
-            plan = await board.plan_project(project)
-            assert plan.inconsistencies == ("action 1 is listed more than once",)
-            await board.apply_project(project, folder=tmp_path)
-            assert plan.memory is not None
-            assert (await board.memory()).size == plan.memory.free_after
-
-    run(main())
+    virtual = Make().board(doubled, 1)
+    virtual.storage.memory = doubled.size + 10
+    async with connect(VirtualTransport(virtual)) as board:
+        plan = await board.plan_project(project)
+        assert plan.inconsistencies == ("action 1 is listed more than once",)
+        await board.apply_project(project, folder=tmp_path)
+        assert plan.memory is not None
+        assert (await board.memory()).size == plan.memory.free_after
 
 
 @pytest.mark.virtual_only("the test changes the storage of the virtual board itself")

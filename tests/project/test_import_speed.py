@@ -17,7 +17,6 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.record_types import ACTION
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from tests.virtual_time import run
 
 
 @pytest.mark.parametrize(
@@ -30,21 +29,17 @@ def test_imports_take_no_longer_than_their_goals(case: Case, line: Line, depth: 
 
 @pytest.mark.parametrize("line", [FTDI, CDC])
 @pytest.mark.parametrize(("held", "wanted"), [(0, 1), (0, 50), (50, 50), (50, 0)])
-def test_a_plan_says_how_long_the_import_takes(line: Line, held: int, wanted: int, tmp_path: Path) -> None:
+async def test_a_plan_says_how_long_the_import_takes(line: Line, held: int, wanted: int, tmp_path: Path) -> None:
     board = VirtualBoard(2, kind=BoardKind(memory=2**20))
     session = board.attach(lambda _: None)
     for action in import_speed.library(held).actions:
         session.receive(Codec().encode(ACTION.add(replace(action, action_caption="old"))), 0.0)
-
-    async def main() -> None:
-        project, loop = import_speed.library(wanted), asyncio.get_running_loop()
-        async with connect(BoardLine(line, board)) as connected:
-            plan = await connected.plan_project(project)
-            begun = loop.time()
-            await connected.apply_project(project, folder=tmp_path)
-            assert plan.seconds == pytest.approx(loop.time() - begun, rel=0.2)
-
-    run(main())
+    project, loop = import_speed.library(wanted), asyncio.get_running_loop()
+    async with connect(BoardLine(line, board)) as connected:
+        plan = await connected.plan_project(project)
+        begun = loop.time()
+        await connected.apply_project(project, folder=tmp_path)
+        assert plan.seconds == pytest.approx(loop.time() - begun, rel=0.2)
 
 
 @pytest.mark.parametrize("pace", [0.0, 11520.0])
@@ -56,17 +51,13 @@ def test_the_same_again_is_estimated_to_take_the_same_time(pace: float) -> None:
 
 
 @pytest.mark.parametrize("depth", [1, 4])
-def test_a_list_that_takes_seconds_arrives_though_responses_were_quick_before(depth: int) -> None:
+async def test_a_list_that_takes_seconds_arrives_though_responses_were_quick_before(depth: int) -> None:
     board = VirtualBoard(2, kind=BoardKind(memory=2**20))
     session = board.attach(lambda _: None)
     for action in import_speed.library(1800).actions:
         session.receive(Codec().encode(ACTION.add(action)), 0.0)
-
-    async def main() -> None:
-        async with connect(BoardLine(SERIAL, board), depth=depth) as connected:
-            for _ in range(20):
-                await connected.project_id()
-            assert len(await connected.actions()) == 1800
-            assert not sum(connected.stats.skipped.values())
-
-    run(main())
+    async with connect(BoardLine(SERIAL, board), depth=depth) as connected:
+        for _ in range(20):
+            await connected.project_id()
+        assert len(await connected.actions()) == 1800
+        assert not sum(connected.stats.skipped.values())

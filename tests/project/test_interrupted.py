@@ -180,17 +180,13 @@ def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
     assert not caplog.messages
 
 
-def test_connecting_to_a_board_that_comes_back_by_itself_tells_of_an_unfinished_import(
+async def test_connecting_to_a_board_that_comes_back_by_itself_tells_of_an_unfinished_import(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     virtual = Make().board(unfinished(), 1)
     monkeypatch.setattr("servolink.client.connect.create", lambda url: VirtualTransport(virtual, url))
-
-    async def main() -> None:
-        async with connect("virtual://", reconnect=True):
-            assert [record.levelname for record in caplog.records] == ["WARNING"]
-
-    run(main())
+    async with connect("virtual://", reconnect=True):
+        assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
 def test_imports_at_other_addresses_are_undone_as_if_there_were_none_here(tmp_path: Path) -> None:

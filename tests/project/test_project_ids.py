@@ -235,19 +235,15 @@ def test_nothing_is_lost_wherever_the_cable_is_pulled(
 
 
 @weak
-def test_a_board_that_keeps_less_of_its_id_is_recognised_when_it_comes_back(
+async def test_a_board_that_keeps_less_of_its_id_is_recognised_when_it_comes_back(
     bits: ProjectIDBits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     socket = Socket(Make(project_id_bits=bits).board(OLD_CONTENTS, 1))
     monkeypatch.setattr(connecting, "create", socket.transport)
-
-    async def main() -> None:
-        async with connected() as board:
-            await board.write_project_id(0x12345)
-            there = socket.board
-            assert there is not None
-            socket.pull()
-            socket.plug(there)
-            await until(board, "connected")
-
-    run(main())
+    async with connected() as board:
+        await board.write_project_id(0x12345)
+        there = socket.board
+        assert there is not None
+        socket.pull()
+        socket.plug(there)
+        await until(board, "connected")

@@ -20,7 +20,6 @@ from tests.client.fake_board import FakeBoard, lie
 from tests.project.boards import OTHER, OTHER_CONTENTS, on_board, on_fake
 from tests.project.cable import Cable
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, attempt, contents_of, same
-from tests.virtual_time import run
 
 
 def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_would_not_write(tmp_path: Path) -> None:
@@ -110,7 +109,7 @@ def test_a_rollback_is_of_the_last_import_though_the_clock_was_put_back(
     assert same(on_board(work), OTHER_CONTENTS)
 
 
-def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path: Path) -> None:
+async def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path: Path) -> None:
     """Asked for again once it is done, it undoes itself; so it must be known whether it was."""
     kept, folder = tmp_path / "kept", tmp_path / "again"
     virtual = Make().board(OLD_CONTENTS, 1)
@@ -124,17 +123,14 @@ def test_a_rollback_that_is_pulled_anywhere_and_asked_for_again_goes_on(tmp_path
         assert isinstance(error, TransportError) == (received is not None)
         return cable
 
-    async def main() -> None:
-        assert await attempt(Cable(virtual), lambda board: board.apply_project(NEW, folder=kept)) is None
-        size = (await pulled(None)).received
-        for received in (*range(1, size - 50, 331), *range(size - 50, size)):
-            await pulled(received)
-            assert await attempt(Cable(virtual), lambda board: board.rollback_project(folder=folder)) is None
-            assert same(virtual.storage.contents, OLD_CONTENTS), received
+    assert await attempt(Cable(virtual), lambda board: board.apply_project(NEW, folder=kept)) is None
+    size = (await pulled(None)).received
+    for received in (*range(1, size - 50, 331), *range(size - 50, size)):
+        await pulled(received)
         assert await attempt(Cable(virtual), lambda board: board.rollback_project(folder=folder)) is None
-        assert same(virtual.storage.contents, NEW_CONTENTS)
-
-    run(main())
+        assert same(virtual.storage.contents, OLD_CONTENTS), received
+    assert await attempt(Cable(virtual), lambda board: board.rollback_project(folder=folder)) is None
+    assert same(virtual.storage.contents, NEW_CONTENTS)
 
 
 def test_without_anything_to_roll_back_it_says_so(tmp_path: Path) -> None:

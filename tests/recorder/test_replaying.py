@@ -164,14 +164,10 @@ def test_missing_file(name: str, tmp_path: Path) -> None:
         replayed(tmp_path / name, lambda board: board.servos())
 
 
-def test_relative_path(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_relative_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(WAVE.parents[1])
-
-    async def main() -> None:
-        async with connect("replay://data/wave.mcap") as board:
-            await wave(board)
-
-    run(main())
+    async with connect("replay://data/wave.mcap") as board:
+        await wave(board)
 
 
 @pytest.mark.parametrize("url", ["replay://", "replay://x:1/y", f"replay://{WAVE}?speed=-1", f"replay://{WAVE}?x=1"])

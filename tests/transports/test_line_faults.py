@@ -362,17 +362,14 @@ def test_a_late_chunk_that_cannot_be_sent_ends_quietly(warnings_logged: Callable
     assert warnings_logged() == []
 
 
-def test_an_empty_send_waits_for_the_wrapped_transport() -> None:
+async def test_an_empty_send_waits_for_the_wrapped_transport() -> None:
     class Slow(MemoryTransport):
         async def send(self, data: bytes) -> None:
             await asyncio.sleep(1)
 
-    async def main() -> None:
-        transport = FaultyTransport(Slow(), Faults())
-        await transport.open(Ear())
-        begun = asyncio.get_running_loop().time()
-        await transport.send(b"")
-        assert asyncio.get_running_loop().time() == begun + 1
-        await transport.close()
-
-    run(main())
+    transport = FaultyTransport(Slow(), Faults())
+    await transport.open(Ear())
+    begun = asyncio.get_running_loop().time()
+    await transport.send(b"")
+    assert asyncio.get_running_loop().time() == begun + 1
+    await transport.close()

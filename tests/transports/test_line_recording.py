@@ -96,30 +96,26 @@ def test_a_connection_that_cannot_be_opened_leaves_no_file(tmp_path: Path) -> No
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device here that is always full")
 @pytest.mark.parametrize("sends", [False, True])
-def test_a_full_disk_ends_the_connection_and_says_so(sends: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_full_disk_ends_the_connection_and_says_so(sends: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Path, "open", lambda path, _, **options: open(path, "w", **options))  # noqa: SIM115
-
-    async def main() -> None:
-        near, far = MemoryTransport.pair()
-        transport, ear, end = RecordingTransport(near, "/dev/full"), Ear(), Ear()
-        await far.open(end)
-        await transport.open(ear)
-        if sends:
-            with pytest.raises(ConnectionLost, match="cannot be written"):
-                await transport.send(b"x")
-        else:
-            await far.send(b"x")
-        error = await ear.end()
-        assert isinstance(error, ConnectionLost)
-        assert "/dev/full cannot be written" in str(error)
-        await end.end()
+    near, far = MemoryTransport.pair()
+    transport, ear, end = RecordingTransport(near, "/dev/full"), Ear(), Ear()
+    await far.open(end)
+    await transport.open(ear)
+    if sends:
         with pytest.raises(ConnectionLost, match="cannot be written"):
-            await transport.send(b"y")
-        await transport.close()
-        assert len(ear.losses) == 1
-        assert end.heard == b""
-
-    run(main())
+            await transport.send(b"x")
+    else:
+        await far.send(b"x")
+    error = await ear.end()
+    assert isinstance(error, ConnectionLost)
+    assert "/dev/full cannot be written" in str(error)
+    await end.end()
+    with pytest.raises(ConnectionLost, match="cannot be written"):
+        await transport.send(b"y")
+    await transport.close()
+    assert len(ear.losses) == 1
+    assert end.heard == b""
 
 
 SESSION = [
@@ -314,18 +310,14 @@ async def test_a_program_is_played_again_handshake_included(tmp_path: Path, *, h
             assert await board.servos() == servos
 
 
-def test_a_line_that_a_crash_cut_short_is_left_out(session: Path) -> None:
+async def test_a_line_that_a_crash_cut_short_is_left_out(session: Path) -> None:
     with session.open("a") as file:
         file.write('{"t": 9.5, "se')
-
-    async def main() -> None:
-        transport, ear = ReplayTransport(session), Ear()
-        await transport.open(ear)
-        await ear.hear(1)
-        await transport.close()
-        assert ear.losses == [None]
-
-    run(main())
+    transport, ear = ReplayTransport(session), Ear()
+    await transport.open(ear)
+    await ear.hear(1)
+    await transport.close()
+    assert ear.losses == [None]
 
 
 @given(st.binary())

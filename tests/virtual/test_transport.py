@@ -185,22 +185,19 @@ async def test_closed_unopened_it_cannot_be_opened() -> None:
     assert heard.ends == []
 
 
-def test_a_receiver_that_fails_ends_the_connection() -> None:
+async def test_a_receiver_that_fails_ends_the_connection() -> None:
     class Failing(Heard):
         def data(self, chunk: bytes) -> None:
             raise RuntimeError("it broke")
 
-    async def main() -> None:
-        transport, heard = VirtualTransport(VirtualBoard()), Failing()
-        await transport.open(heard)
-        await transport.send(LIST)
-        error = await heard.until_lost()
-        assert isinstance(error, ConnectionLost)
-        assert isinstance(error.__cause__, RuntimeError)
-        await transport.close()
-        assert len(heard.ends) == 1
-
-    run(main())
+    transport, heard = VirtualTransport(VirtualBoard()), Failing()
+    await transport.open(heard)
+    await transport.send(LIST)
+    error = await heard.until_lost()
+    assert isinstance(error, ConnectionLost)
+    assert isinstance(error.__cause__, RuntimeError)
+    await transport.close()
+    assert len(heard.ends) == 1
 
 
 async def test_faults_of_the_address_are_applied() -> None:
@@ -368,14 +365,10 @@ def test_a_board_on_which_nothing_changed_writes_nothing(tmp_path: Path) -> None
     assert not os.path.samestat(before, path.stat()), "servo 1 stands elsewhere, and the file does not say so"
 
 
-def test_a_state_file_that_cannot_be_locked_opens_nothing(tmp_path: Path) -> None:
+async def test_a_state_file_that_cannot_be_locked_opens_nothing(tmp_path: Path) -> None:
     (tmp_path / ".board.json.servolink-lock").mkdir()
-
-    async def main() -> None:
-        with pytest.raises(OpenError, match=r"cannot be locked: .*\.board\.json\.servolink-lock: Is a directory"):
-            await made(f"virtual://?state={tmp_path / 'board.json'}").open(Heard())
-
-    run(main())
+    with pytest.raises(OpenError, match=r"cannot be locked: .*\.board\.json\.servolink-lock: Is a directory"):
+        await made(f"virtual://?state={tmp_path / 'board.json'}").open(Heard())
 
 
 async def test_a_connection_with_a_state_file_is_restored_after_a_loss(tmp_path: Path) -> None:
@@ -387,7 +380,7 @@ async def test_a_connection_with_a_state_file_is_restored_after_a_loss(tmp_path:
         assert await board.project_id() == 7
 
 
-def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+async def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     path = tmp_path / "board.json"
 
     def saved() -> int:
@@ -395,28 +388,25 @@ def test_changes_are_saved_a_moment_later(tmp_path: Path, caplog: pytest.LogCapt
         load_state(board, path)
         return board.storage.project_id
 
-    async def main() -> None:
-        transport, heard = made(f"virtual://?state={path}"), Heard()
-        await transport.open(heard)
-        await ask(transport, heard, QueryServoListRequest())
-        await asyncio.sleep(10)
-        assert not path.exists(), "nothing was stored"
-        for project_id in (5, 6):
-            await ask(transport, heard, WriteProjectIDRequest(project_id))
-            await asyncio.sleep(1)
-            assert saved() == project_id
-        path.unlink()
-        path.mkdir()
-        await ask(transport, heard, WriteProjectIDRequest(7))
+    transport, heard = made(f"virtual://?state={path}"), Heard()
+    await transport.open(heard)
+    await ask(transport, heard, QueryServoListRequest())
+    await asyncio.sleep(10)
+    assert not path.exists(), "nothing was stored"
+    for project_id in (5, 6):
+        await ask(transport, heard, WriteProjectIDRequest(project_id))
         await asyncio.sleep(1)
-        assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
-            "the board cannot be saved: Is a directory"
-        ]
-        path.rmdir()
-        await transport.close()
-        assert saved() == 7
-
-    run(main())
+        assert saved() == project_id
+    path.unlink()
+    path.mkdir()
+    await ask(transport, heard, WriteProjectIDRequest(7))
+    await asyncio.sleep(1)
+    assert [record.getMessage().partition(": ")[2] for record in caplog.records] == [
+        "the board cannot be saved: Is a directory"
+    ]
+    path.rmdir()
+    await transport.close()
+    assert saved() == 7
 
 
 def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:

@@ -304,7 +304,7 @@ def test_the_terminal_is_as_before(by: str | signal.Signals) -> None:
     assert ("ended: no servo was moved" in last) == (by != "q")
 
 
-def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
+async def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
     class Shared:
         """A board that nobody answers for while its hub has lost it."""
 
@@ -327,14 +327,11 @@ def test_the_battery_is_asked_for_again_when_a_hub_has_its_board_back() -> None:
                 raise RequestTimeout("nothing came")
             return 80.0
 
-    async def main() -> None:
-        board, shown = Shared(), watched(0)
-        watch = _Watch(board, shown, Namespace(), ReadingPrinter(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
-        tasks = [asyncio.create_task(each) for each in (watch._states(), watch._battery())]
-        await asyncio.sleep(60)
-        assert shown.battery == 80.0
-        for task in tasks:
-            task.cancel()
-        await asyncio.wait(tasks)
-
-    run(main())
+    board, shown = Shared(), watched(0)
+    watch = _Watch(board, shown, Namespace(), ReadingPrinter(shown, as_json=False), Interruption("ended"))  # type: ignore[arg-type]
+    tasks = [asyncio.create_task(each) for each in (watch._states(), watch._battery())]
+    await asyncio.sleep(60)
+    assert shown.battery == 80.0
+    for task in tasks:
+        task.cancel()
+    await asyncio.wait(tasks)
