@@ -44,6 +44,9 @@ _FILLED = {
 SCREENS = tuple(_FILLED)
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 
+ZOOMED = (720, 450)
+"""The size of the page on a desktop at 200 % zoom."""
+
 in_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
 
 # Without a graphics card the browser calculates every pixel of WebGL: too slow for the beats of a busy machine.
@@ -87,7 +90,7 @@ class Studio(NamedTuple):
 
 def new_profile(browser: Any, size: str = "desktop", theme: str = "light") -> Any:
     """Return a user of the browser, who has used it for nothing yet."""
-    width, height = SIZES[size]
+    width, height = ZOOMED if size == "zoomed" else SIZES[size]
     return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB", color_scheme=theme)
 
 
@@ -136,7 +139,10 @@ def opened(
 
 def show(page: Any, screen: str) -> None:
     """Go to a screen, and wait until it shows what the board holds."""
-    page.get_by_role("link", name=screen).locator("visible=true").click()
+    entry = page.get_by_role("link", name=screen, exact=True).locator("visible=true")
+    if entry.count() == 0:  # on a phone, in the list of the other screens
+        page.locator(".others > button").click()
+    entry.click()
     page.locator(_FILLED[screen]).first.wait_for()
 
 

@@ -11,7 +11,7 @@ import pytest
 from servolink import sync
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
-from tests.studio.browser import PATIENCE, grab, in_browser, opened, running, show
+from tests.studio.browser import PATIENCE, SCREENS, Studio, grab, in_browser, opened, running, show
 from tests.studio.node_tools import needs_npm
 from tests.studio.test_accessible import found_by_axe
 
@@ -34,6 +34,17 @@ def arm(user: Path) -> Iterator[str]:
     program = BoardProgram(user, "--servos", "6")
     yield program.url
     program.kill()
+
+
+_COVERED = """() => [...document.querySelectorAll("button, input, a, select")].filter(one => {
+  const { left, top, width, height } = one.getBoundingClientRect(), x = left + width / 2, y = top + height / 2;
+  if (!one.checkVisibility() || width < 2 || x < 0 || y < 0 || x > innerWidth || y > innerHeight) return false;
+  const scrolled = one.closest("main, .otherlist")?.getBoundingClientRect();
+  if (scrolled && (y < scrolled.top || y > scrolled.bottom)) return false;
+  const above = document.elementFromPoint(x, y);
+  return !one.contains(above) && !above?.contains(one) && !one.labels?.[0]?.contains(above);
+}).map(one => one.outerHTML.slice(0, 120))"""
+"""The controls that something else lies over, on the part of the page that is shown."""
 
 
 def no_overflow(page: Any) -> None:
@@ -93,6 +104,26 @@ def test_a_board_is_shared_with_other_programs_and_given_back(nothing: str, arm:
             assert len(board.servos()) == 6
         page.get_by_role("button", name="Give the port back").click()
         expect(page.get_by_role("button", name="Share only")).to_be_visible(timeout=PATIENCE)
+
+
+@pytest.mark.parametrize("size", ["phone", "zoomed"])
+def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, browser: Any, size: str) -> None:
+    with opened(browser, studio.url, size) as page:
+        expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
+        page.keyboard.press("Escape")
+        expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
+        assert page.evaluate(_COVERED) == []  # also by the message
+        for screen in SCREENS:
+            show(page, screen)
+            expect(page.locator(".dock [aria-current]").locator("visible=true")).to_have_text(screen)
+            no_overflow(page)
+        page.get_by_role("button", name="More").click()
+        page.get_by_role("button", name="Help").click()
+        expect(page.get_by_role("dialog")).to_be_visible()
+        page.get_by_role("button", name="Close").click()
+        page.get_by_role("button", name="More").click()
+        page.get_by_role("button", name="切换到中文").click()
+        expect(page.get_by_role("link", name="实时")).to_be_visible()
 
 
 @needs_npm

@@ -17,6 +17,7 @@ const LOW = 20; // percent
 
 /** @param {Tools} tools */
 export function Header(tools) {
+  const onWide = hasBoard.value ? "hide-n" : ""; // the list beside STOP has it on phones
   return html`<header class="head">
     <div class="logo hide-n"><${Logo} /></div>
     <${BoardName} />
@@ -24,13 +25,13 @@ export function Header(tools) {
     <div class="headright">
       <${BatteryChip} />
       <${Control} ...${tools} />
-      <button class="btn ic ghost hide-n" aria-label=${t("app.language")} title=${t("app.language")} onClick=${changeLanguage}>
+      <button class="btn ic ghost ${onWide}" aria-label=${t("app.language")} title=${t("app.language")} onClick=${changeLanguage}>
         ${t("app.language_short")}
       </button>
       <button class="btn ic ghost" aria-label=${t("app.theme")} onClick=${changeTheme}>
         <${Icon} name=${theme.value === "dark" ? "sun" : "moon"} />
       </button>
-      <button class="btn ic ghost hide-n" aria-label=${t("app.keys")} onClick=${() => showKeys(true)}>
+      <button class="btn ic ghost ${onWide}" aria-label=${t("app.keys")} onClick=${() => showKeys(true)}>
         <${Icon} name="help" />
       </button>
       ${hasBoard.value && html`<${StopButton} ...${tools} />`}

@@ -1,9 +1,10 @@
 // The screens: a rail at the side, or a bar at the bottom of a phone.
 
-import { html } from "../html.js";
+import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { differences } from "../state/project.js";
-import { screen, showScreen } from "../state/view.js";
+import { changeLanguage } from "../state/settings.js";
+import { screen, showKeys, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
@@ -26,9 +27,50 @@ export function Rail() {
   return html`<nav class="rail" aria-label=${t("app.screens")}>${ENTRIES.map(link)}</nav>`;
 }
 
+const MOST = 4; // screens in the bar of a phone, beside STOP; a list has the others
+
 /** @param {{ children?: any }} props */
 export function Dock({ children }) {
-  return html`<nav class="dock" aria-label=${t("app.screens")}>${ENTRIES.map(link)}${children}</nav>`;
+  return html`<nav class="dock" aria-label=${t("app.screens")}>${ENTRIES.slice(0, MOST).map(link)}<${Others} />${children}</nav>`;
+}
+
+/** Button for the other screens, marked and named as the present one if that is among them; also language and help. */
+function Others() {
+  const [isOpen, setOpen] = useState(false);
+  const box = useRef(/** @type {HTMLElement | null} */ (null));
+  const others = ENTRIES.slice(MOST);
+  const present = others.find((entry) => entry.name === screen.value);
+  const label = present ? `${t(present.title)}, ${t("app.more")}` : t("app.more");
+  const close = () => setOpen(false);
+  useEffect(() => {
+    if (!isOpen) return undefined;
+    const leave = (/** @type {Event} */ event) => {
+      if (!box.current?.contains(/** @type {Node} */ (event.target))) close();
+    };
+    for (const name of ["pointerdown", "focusin"]) addEventListener(name, leave);
+    return () => {
+      for (const name of ["pointerdown", "focusin"]) removeEventListener(name, leave);
+    };
+  }, [isOpen]);
+  useEffect(close, [screen.value]);
+  /** @param {() => void} act */
+  const then = (act) => () => {
+    close();
+    act();
+  };
+  return html`<span class="others" ref=${box}>
+    <button class="m" aria-expanded=${String(isOpen)} aria-current=${present ? "page" : undefined} aria-label=${label} onClick=${() => setOpen(!isOpen)}>
+      <${Icon} name=${present?.icon ?? "more"} /><span>${t(present?.title ?? "app.more")}</span>
+    </button>
+    ${
+      isOpen &&
+      html`<div class="otherlist card">
+      ${others.map(link)}
+      <button class="m" onClick=${then(changeLanguage)}><b aria-hidden="true">${t("app.language_short")}</b><span>${t("app.language")}</span></button>
+      <button class="m" onClick=${then(() => showKeys(true))}><${Icon} name="help" /><span>${t("app.help")}</span></button>
+    </div>`
+    }
+  </span>`;
 }
 
 /** @param {Entry} entry */

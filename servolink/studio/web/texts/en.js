@@ -8,6 +8,8 @@ export const en = {
   "app.theme": "Light or dark",
   "app.language": "切换到中文",
   "app.language_short": "中",
+  "app.more": "More",
+  "app.help": "Help",
   "app.keys": "Keyboard shortcuts",
 
   "screen.live": "Live",

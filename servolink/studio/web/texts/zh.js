@@ -8,6 +8,8 @@ export const zh = {
   "app.theme": "明暗主题",
   "app.language": "Switch to English",
   "app.language_short": "En",
+  "app.more": "更多",
+  "app.help": "帮助",
   "app.keys": "快捷键",
 
   "screen.live": "实时",
