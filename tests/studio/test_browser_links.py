@@ -65,7 +65,7 @@ def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, brow
         expect(here.get_by_role("img", name="QR code for").first).to_be_visible()
         for page, number in ((driving, 0), (watching, 0)):
             here.get_by_role("button", name="Revoke").nth(number).click()
-            expect(page.get_by_text("This address has expired.")).to_be_visible()
+            expect(page.get_by_text("This link has ended.")).to_be_visible()
         here.get_by_role("button", name="New link").last.click()
         until(lambda: shown.count() == 1)
         assert classroom.watch not in shown.inner_text()

@@ -1,4 +1,4 @@
-// A dialog over the page. Escape stops the robot as everywhere, and closes it.
+// A dialog over the page. Escape closes it, and stops the robot unless nothing moves.
 
 import { html, useEffect, useRef } from "../html.js";
 import { t } from "../texts/text.js";

@@ -2,6 +2,9 @@
 // ends the input.
 
 import { html, useRef } from "../html.js";
+import { toast } from "../state/toasts.js";
+import { t } from "../texts/text.js";
+import { safeText } from "./safe-text.js";
 import { useTyping } from "./typing.js";
 
 /**
@@ -43,9 +46,15 @@ export function NumberField({
     const text = field.current?.value ?? "",
       number = numberIn(text);
     typing.end();
-    if (text === shown || number === null) {
+    if (text === shown) return;
+    if (number === null) {
       if (field.current) field.current.value = shown;
-    } else set(number);
+      say("field.no_number", { text: safeText(text), shown });
+      return;
+    }
+    if (number < low) say("field.too_low", { text: safeText(text), shown: format(low) });
+    if (number > high) say("field.too_high", { text: safeText(text), shown: format(high) });
+    set(number);
   };
   /** @param {KeyboardEvent} event */
   const press = (event) => {
@@ -58,6 +67,13 @@ export function NumberField({
   return html`<input ref=${field} class="inp num ${classes}" inputmode="decimal" autocomplete="off" value=${typing.value} disabled=${disabled}
     aria-label=${label} onChange=${finish} onKeyDown=${press} onFocus=${() => field.current?.select()} ...${typing.handlers} />`;
 }
+
+/**
+ * Say why a field does not take what was typed.
+ * @param {"field.no_number" | "field.too_low" | "field.too_high"} key
+ * @param {Record<string, string>} values
+ */
+const say = (key, values) => toast({ name: "field", kind: "bad", title: t(key, values) });
 
 /**
  * Return the number at the beginning of a text, or null.

@@ -17,26 +17,48 @@ const TURN = 8; // degrees with each arrow key
 const VIEWS = { front: { yaw: 0, pitch: 6 }, side: { yaw: 90, pitch: 6 }, free: { yaw: 24, pitch: 9 } };
 
 const SLOW = 120; // milliseconds from one frame to the next
-const MOST_SLOW = 4; // such frames in a row, behind which WebGL is given up
+const FAR_TOO_SLOW = 250; // milliseconds: two such frames may cost the beats that keep the robot moving
+const MOST_SLOW = 4; // slow frames in a row, behind which a lighter way of drawing is taken
 const MOST_SLOW_MOVING = 2; // while this page moves the robot
+const RARELY = 300; // milliseconds between two drawings in the lightest way
 const TRIALS = 8; // frames drawn at first without a change, for an early measurement of slow browsers
+
+/** Way of drawing: with WebGL, flat, or flat and rarely. @type {0 | 1 | 2} */
+let way = 0;
+
+/** Draw in a lighter way from now on. Return false if there is none. */
+export function drawLighter() {
+  if (way === 2) return false;
+  way = way === 0 ? 1 : 2;
+  drawFlatOnly();
+  return true;
+}
 
 /** Draw all figures in each frame from now on. */
 export function drawFigures() {
   let drewAt = 0,
+    latest = 0,
     slow = 0,
     trials = 0;
   /** @param {number} now */
   const frame = (now) => {
     requestAnimationFrame(frame);
-    if (document.hidden) return;
+    if (document.hidden || (way === 2 && now - latest < RARELY)) {
+      drewAt = 0;
+      return;
+    }
     // Without a graphics card the browser calculates each pixel itself. Flat figures keep the page alive, and with it
     // the beats without which the robot is stopped.
-    if (drewAt > 0) slow = now - drewAt > SLOW ? slow + 1 : 0;
-    if (slow >= (isMine.value ? MOST_SLOW_MOVING : MOST_SLOW)) drawFlatOnly();
+    const took = drewAt > 0 ? now - drewAt : 0;
+    slow = took > SLOW ? slow + 1 : 0;
+    if (took > FAR_TOO_SLOW || slow >= (isMine.value ? MOST_SLOW_MOVING : MOST_SLOW)) {
+      drawLighter();
+      slow = 0;
+    }
     const drew = [...stages].map((stage) => stage.draw({ always: trials < TRIALS }));
     trials += Number(drew.includes(true));
     drewAt = drew.includes(true) ? now : 0;
+    if (drewAt > 0) latest = now;
   };
   requestAnimationFrame(frame);
 }

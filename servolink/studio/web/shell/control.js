@@ -3,11 +3,14 @@
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
+import { drawLighter } from "../parts/stage.js";
 import { isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
 import { toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
+
+const REMEDY_LASTS = 20_000; // milliseconds
 
 /** @param {Tools} tools */
 export function Control(tools) {
@@ -51,7 +54,10 @@ export function sayLease({ event, by }, wasMine, motion) {
   if (!wasMine) return;
   const who = safeText(by ?? "");
   if (event === "taken over") toast({ kind: "bad", icon: "lock", title: t("lease.taken_over", { who }) });
-  if (event === "beats stopped") toast({ kind: "bad", title: t("lease.beats_stopped") });
+  if (event === "beats stopped") {
+    const detail = t(drawLighter() ? "lease.drawn_lighter" : "lease.make_room");
+    toast({ kind: "bad", title: t("lease.beats_stopped"), detail, lasts: REMEDY_LASTS });
+  }
   if (event === "asked for") {
     const give = { label: t("lease.give"), run: () => motion.leave() };
     toast({ icon: "hand", title: t("lease.asks", { who }), action: give });

@@ -81,6 +81,7 @@ function BatteryChip() {
 
 function place() {
   if (linkState.value === "connecting") return t("board.connecting");
+  if (linkState.value === "refused") return t("board.refused");
   if (linkState.value === "unshared") return t("board.unshared");
   if (linkState.value !== "open") return t("board.studio_lost");
   if (!hasBoard.value) return t("robots.no_robot");

@@ -3,8 +3,8 @@
 import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
-import { isMine } from "../state/robot.js";
-import { showKeys } from "../state/view.js";
+import { isFresh, isMine, isStill, lease } from "../state/robot.js";
+import { mode, showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { redoEdit, undoEdit } from "./edits.js";
 import { stop } from "./header.js";
@@ -78,8 +78,15 @@ export function KeyList() {
   </${Dialog}>`;
 }
 
+/** Return whether something is open that Escape closes. */
+const isOpen = () => document.querySelector("dialog[open], [role=menu]") !== null;
+
+/** Return whether nothing moves, and this page moves nothing: Preview, no lease, and servos that were read and rest. */
+const isAtRest = () => mode.value === "preview" && lease.value === null && isFresh.value && isStill();
+
 /**
- * Listen to the keys of every screen. STOP works in text fields and dialogs too.
+ * Listen to the keys of every screen. STOP works in text fields and dialogs too; Escape only closes what is open, if
+ * nothing moves.
  * @param {Tools} tools
  */
 export function listenToKeys({ motion }) {
@@ -87,7 +94,7 @@ export function listenToKeys({ motion }) {
   addEventListener(
     "keydown",
     (event) => {
-      if (event.key === "Escape" && !event.repeat) stop(motion);
+      if (event.key === "Escape" && !event.repeat && !(isOpen() && isAtRest())) stop(motion);
     },
     { capture: true },
   );

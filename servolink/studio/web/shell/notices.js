@@ -55,7 +55,8 @@ function ProblemNote() {
 }
 
 function present() {
-  if (linkState.value === "refused") return { kind: "bad", urgent: true, ...both("note.refused") };
+  if (linkState.value === "refused")
+    return { kind: "bad", urgent: true, ...both(isLocal() ? "note.refused" : "note.revoked") };
   if (linkState.value === "lost") return { kind: "bad", urgent: true, ...both("note.studio_lost") };
   if (linkState.value === "unshared") return { kind: "bad", urgent: true, ...both("note.unshared") };
   if (linkState.value === "connecting" || !hasBoard.value) return null;
@@ -73,8 +74,11 @@ function present() {
   return null;
 }
 
+/** Return whether the page was opened on the machine of the studio, so that its terminal is at hand. */
+const isLocal = () => ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
+
 /**
- * @param {"note.refused" | "note.studio_lost" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
+ * @param {"note.refused" | "note.revoked" | "note.studio_lost" | "note.unshared" | "note.board_lost" | "note.another" | "note.held" | "note.watching" | "note.others"} key
  * @param {Record<string, string>} [values]
  */
 const both = (key, values = {}) => ({ key, title: t(key, values), detail: t(`${key}_detail`, values) });

@@ -146,8 +146,19 @@ async function refresh(link) {
   });
 }
 
+const TREMBLES = 1; // degrees between two readings of a servo that rests
+const RESTS = 1000; // milliseconds without a turn, after which a servo rests
+let turnedAt = -Infinity; // milliseconds of `performance.now()`
+
+/** Return whether no servo has turned lately. */
+export const isStill = () => performance.now() - turnedAt > RESTS;
+
 /** @param {{ seconds: number, servos: Servo[] }} frame */
 function take(frame) {
+  const before = servos.peek();
+  const turns = (/** @type {Servo} */ { servo_id: id, angle }) =>
+    Math.abs(angle - (before.get(id)?.angle ?? angle)) > TREMBLES;
+  if (!isRead.peek() || frame.servos.some(turns)) turnedAt = performance.now();
   history.add(frame.seconds, frame.servos);
   const ids = frame.servos.map((servo) => servo.servo_id).sort((a, b) => a - b);
   batch(() => {

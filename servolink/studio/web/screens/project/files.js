@@ -24,6 +24,7 @@ export async function openFile(link, file) {
     if (file.size > MOST_BYTES) throw new RangeError(t("project.too_large"));
     const text = await file.text();
     if (JSON.stringify(text).length > MOST_BYTES) throw new RangeError(t("project.too_large"));
+    if (!isJson(text)) throw new RangeError(t("project.not_project"));
     const answer = await link.call("studio.file.read", { text }),
       { figure, ...project } = answer.project;
     if (figure) await takeFigure(link, figure);
@@ -62,6 +63,15 @@ export async function saveFile(link) {
     saveBytes(`${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`, "application/json", [text]);
   } catch (error) {
     toast({ kind: "bad", title: t("project.not_saved"), detail: messageOf(error) });
+  }
+}
+
+/** @param {string} text */
+function isJson(text) {
+  try {
+    return typeof JSON.parse(text.replace(/^\uFEFF/, "")) === "object";
+  } catch {
+    return false;
   }
 }
 
