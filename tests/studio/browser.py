@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 import sys
@@ -137,12 +138,18 @@ def opened(
     assert left == [], left
 
 
-def show(page: Any, screen: str) -> None:
-    """Go to a screen, and wait until it shows what the board holds."""
-    entry = page.get_by_role("link", name=screen, exact=True).locator("visible=true")
-    if entry.count() == 0:  # on a phone, in the list of the other screens
+def go(page: Any, screen: str) -> None:
+    """Go to a screen; on a phone it may be in the list of the other screens."""
+    page.locator(".rail a").first.wait_for(state="attached")
+    entry = page.get_by_role("link", name=re.compile(f"^{screen}")).locator("visible=true")
+    if entry.count() == 0:
         page.locator(".others > button").click()
     entry.click()
+
+
+def show(page: Any, screen: str) -> None:
+    """Go to a screen, and wait until it shows what the board holds."""
+    go(page, screen)
     page.locator(_FILLED[screen]).first.wait_for()
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tests.processes import until
-from tests.studio.browser import LISTEN, Studio, in_browser, opened
+from tests.studio.browser import LISTEN, Studio, go, in_browser, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -22,7 +22,7 @@ pytestmark = in_browser
 def editing(browser: Any, url: str, screen: str, size: str = "desktop") -> Iterator[Any]:
     """Open a screen of the studio when the board was read."""
     with opened(browser, url, size) as page:
-        page.get_by_role("link", name=screen).locator("visible=true").click()
+        go(page, screen)
         expect(page.locator(".pose, .mrow").first).to_be_visible()
         yield page
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.processes import until
-from tests.studio.browser import Studio, in_browser, opened
+from tests.studio.browser import Studio, go, in_browser, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -86,7 +86,7 @@ def test_a_fitted_figure_is_kept_shown_everywhere_and_saved_into_files(
 @pytest.mark.parametrize("size", ["tablet", "phone"])
 def test_fitting_is_not_cut_off_at_the_side(studio: Studio, browser: Any, size: str) -> None:
     with opened(browser, studio.url, size) as page:
-        page.get_by_role("link", name="Board").locator("visible=true").click()
+        go(page, "Board")
         page.get_by_role("button", name="Fit a figure").click()
         expect(page.get_by_role("button", name="Save the figure")).to_be_visible()
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.processes import until
-from tests.studio.browser import Studio, in_browser, is_stopped, opened
+from tests.studio.browser import Studio, go, in_browser, is_stopped, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -29,7 +29,7 @@ def press(page: Any, number: int, *, is_down: bool = True) -> None:
 
 
 def buttons_screen(page: Any) -> None:
-    page.get_by_role("link", name="Buttons").locator("visible=true").click()
+    go(page, "Buttons")
     expect(page.get_by_role("heading", name="Buttons")).to_be_visible()
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from servolink.project.project_file import project_to_form
 from tests.processes import until
-from tests.studio.browser import Studio, in_browser, opened
+from tests.studio.browser import Studio, go, in_browser, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -28,7 +28,7 @@ _FREEZE = """() => setTimeout(() => {
 def teaching(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
     """Open the screen Teach."""
     with opened(browser, url, size) as page:
-        page.get_by_role("link", name="Teach").locator("visible=true").click()
+        go(page, "Teach")
         expect(page.get_by_role("button", name="Right arm")).to_be_visible()
         yield page
 
@@ -63,7 +63,7 @@ def test_two_poses_become_actions_and_a_macro(studio: Studio, browser: Any) -> N
         studio.board.move({2: 40}, duration=0.2, wait=True)
         page.reload()
         expect(page.locator(".film .pose")).to_have_count(1)
-        page.get_by_role("link", name="Teach").locator("visible=true").click()
+        go(page, "Teach")
         until(lambda: not page.get_by_role("button", name="Right arm").is_disabled())
         let_go_when_free(page, studio)
         for _ in range(2):
@@ -76,7 +76,7 @@ def test_two_poses_become_actions_and_a_macro(studio: Studio, browser: Any) -> N
         page.keyboard.press("Enter")
         expect(page.get_by_text("Raise it is in your draft")).to_be_visible()
         until(lambda: limp(studio) == () and stopped(studio) == ())
-        page.get_by_role("link", name="Project").locator("visible=true").click()
+        go(page, "Project")
         page.get_by_role("button", name="Write").first.click()
         until(lambda: "Raise it" in {macro.macro_caption for macro in studio.board.macros()})
     stored = project_to_form(studio.board.export_project())["actions"]
@@ -93,7 +93,7 @@ def let_go_when_free(page: Any, studio: Studio) -> None:
 def test_limbs_are_held_before_another_screen_is_shown(studio: Studio, browser: Any) -> None:
     with teaching(browser, studio.url) as page:
         let_go(page, studio)
-        page.get_by_role("link", name="Live").locator("visible=true").click()
+        go(page, "Live")
         until(lambda: limp(studio) == () and stopped(studio) == ())
 
 

@@ -20,8 +20,8 @@ pytestmark = in_browser
     ("typed", "kept", "words"),
     [
         ("999", "170°", "999 is too much: 170° is the most here."),
-        ("-999", "−20°", "-999 is too little: −20° is the least here."),
-        ("abc", "0°", "“abc” is not a number: 0° stays."),
+        ("-999", "\u221220°", "-999 is too little: \u221220° is the least here."),
+        ("abc", "9°", "“abc” is not a number: 9° stays."),
     ],
 )
 def test_a_field_says_why_it_does_not_take_what_was_typed(
@@ -51,7 +51,7 @@ def test_a_file_that_is_no_project_is_named_so(studio: Studio, browser: Any, use
 def test_escape_closes_in_preview_and_stops_all_the_same_when_something_may_move(studio: Studio, browser: Any) -> None:
     with opened(browser, studio.url) as page:
         expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
-        page.evaluate("new Promise(done => setTimeout(done, 1200))")  # servos that have not turned for a second rest
+        page.wait_for_function("begun => performance.now() > begun + 1200", arg=page.evaluate("performance.now()"))
         page.keyboard.press("?")
         expect(page.get_by_role("dialog")).to_be_visible()
         page.keyboard.press("Escape")
