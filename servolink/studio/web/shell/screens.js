@@ -30,10 +30,12 @@ const loaded = { live: LiveScreen };
  */
 export function useScreen(name) {
   const [, draw] = useState(0);
+  const found = loaded[name] ?? null;
   useEffect(() => {
-    if (!loaded[name]) load(name).then(() => draw((count) => count + 1));
+    // `found`, not `loaded`: `loadAll` may have loaded the screen between the drawing and this effect.
+    if (found === null) load(name).then(() => draw((count) => count + 1));
   }, [name, linkState.value]);
-  return loaded[name] ?? null;
+  return found;
 }
 
 /** Load all screens that were not shown so far, so that they appear at once, even after the studio has ended. */
