@@ -97,6 +97,7 @@ if TYPE_CHECKING:
     from servolink.script import run as run
     from servolink.transports.device_info import DeviceInfo as DeviceInfo
     from servolink.transports.lifecycle import BaseTransport as BaseTransport
+    from servolink.twin.reach import load_figure as load_figure
 else:
     # Each module is imported at the first use of a name: the command line starts without most modules.
     _MODULES = {
@@ -133,6 +134,7 @@ else:
         "InvalidAddress": "servolink.errors",
         "JoystickTable": "servolink.protocol.records",
         "JoystickTableEntry": "servolink.protocol.records",
+        "load_figure": "servolink.twin.reach",
         "load_project": "servolink.project.project_file",
         "Macro": "servolink.protocol.records",
         "MacroCommand": "servolink.protocol.records",

@@ -138,16 +138,27 @@ def read_body(path: str | os.PathLike[str]) -> tuple[Project, Body]:
         ProjectError: The file cannot be read.
         TwinError: The file has no figure, or the figure has no possible body.
     """
+    project, figure = read_figure(path)
+    try:
+        return project, body_of(figure)
+    except TwinError as error:
+        raise TwinError(f"{os.fspath(path)}: {error}") from error
+
+
+def read_figure(path: str | os.PathLike[str]) -> tuple[Project, Figure]:
+    """Return the project in a file, and its figure.
+
+    Raises:
+        ProjectError: The file cannot be read.
+        TwinError: The file has no figure.
+    """
     file = read_project_file(path, unchecked=True)
     if file.figure is None:
         raise TwinError(
             f"{os.fspath(path)}: has no figure, and without one the robot has no body; open the file in "
             "`servolink studio`, fit a figure, and save the file"
         )
-    try:
-        return file.project, body_of(file.figure)
-    except TwinError as error:
-        raise TwinError(f"{os.fspath(path)}: {error}") from error
+    return file.project, file.figure
 
 
 def body_of(figure: Figure) -> Body:
@@ -170,7 +181,7 @@ def body_of(figure: Figure) -> Body:
     ]
     at = (0.0, 0.0, -lowest)
     if bolted:
-        at = (0.0, 0.0, 0.0) if isinstance(figure.base, Feet) else _metres(figure.base.at)
+        at = (0.0, 0.0, 0.0) if isinstance(figure.base, Feet) else metres(figure.base.at)
     return Body(
         name=figure.name,
         parts=tuple(parts),
@@ -183,24 +194,24 @@ def body_of(figure: Figure) -> Body:
     )
 
 
-def _metres(vector: Vector) -> Vector:
+def metres(vector: Vector) -> Vector:
     """Return a place of the figure, in which y points up, in metres and with z up."""
     x, y, z = vector
     return z * _MILLIMETRE, x * _MILLIMETRE, y * _MILLIMETRE
 
 
-_AXES = {name: _metres(unit) for name, unit in zip("xyz", UNITS, strict=True)}
+_AXES = {name: metres(unit) for name, unit in zip("xyz", UNITS, strict=True)}
 
 
 def _part(joint: Joint, indexes: dict[str, int]) -> BodyPart:
     """Return the part of a joint, without masses and drive."""
-    axis = _AXES[joint.axis] if isinstance(joint.axis, str) else _metres(joint.axis)
+    axis = _AXES[joint.axis] if isinstance(joint.axis, str) else metres(joint.axis)
     servo = joint.servo if joint.follows is UNSET else joint.follows
     low, high = (math.radians(limit) for limit in joint.limits)
     return BodyPart(
         name=joint.id,
         parent=None if joint.parent is UNSET else indexes[joint.parent],
-        at=_metres(joint.at),
+        at=metres(joint.at),
         axis=times(joint.sign / math.hypot(*axis), axis),
         offset=math.radians(joint.sign * joint.offset),
         limits=(low, high),
@@ -223,13 +234,13 @@ def _shapes(joint: Joint) -> tuple[Shape, ...]:
 
 def _solid(shape: Shape) -> Solid:
     if shape.box is not UNSET:
-        half, axis = times(0.5, _metres(shape.box)), None
+        half, axis = times(0.5, metres(shape.box)), None
     else:
         radius, length = shape.disc or (0.0, 0.0)
         sizes = [length if name == shape.axis else 2 * radius for name in "xyz"]
-        half, axis = times(0.5, _metres((sizes[0], sizes[1], sizes[2]))), "zxy".index(shape.axis)
+        half, axis = times(0.5, metres((sizes[0], sizes[1], sizes[2]))), "zxy".index(shape.axis)
     thick = (max(half[0], _THINNEST), max(half[1], _THINNEST), max(half[2], _THINNEST))
-    return Solid(thick, _metres(shape.at), axis, shape.tone)
+    return Solid(thick, metres(shape.at), axis, shape.tone)
 
 
 def _add_masses(figure: Figure, fields: BodyFields, parts: list[BodyPart]) -> None:
