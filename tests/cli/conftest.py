@@ -48,7 +48,7 @@ def _no_board_in_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
 def robot(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Robot:
     """Put a board with 3 servos behind `virtual://`, in virtual time."""
     robot = Robot(capsys)
-    monkeypatch.setattr(asyncio, "run", robot.run)
+    monkeypatch.setattr(asyncio, "run", robot.clock.run)
     monkeypatch.setattr(transport, "from_address", robot.line)
     monkeypatch.setattr(command_session, "_PATIENCE", 1e9)  # until Ctrl-C ends the process, which is this one
     return robot

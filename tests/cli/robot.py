@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
-from collections.abc import Awaitable, Callable, Coroutine, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, TypeVar
 
@@ -25,7 +25,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.board_script import parse_script
 from servolink.virtual.transport import FaultyVirtualTransport, VirtualTransport
 from tests.cli.programs import Said, call
-from tests.virtual_time import VirtualTimeLoop
+from tests.virtual_time import VirtualClock
 
 T = TypeVar("T")
 
@@ -54,7 +54,7 @@ class Robot:
         self._others: list[asyncio.Task[None]] = []
         self._line: VirtualTransport | None = None
         self._plugged_in = True
-        self._now = 1000.0
+        self.clock = VirtualClock()
 
     def at(self, seconds: float, act: Callable[[], object]) -> None:
         """Do something that many seconds after the next command has opened the line."""
@@ -86,7 +86,7 @@ class Robot:
             async with connect(VirtualTransport(self.board)) as board:
                 return await question(board)
 
-        return self.run(main())
+        return self.clock.run(main())
 
     def meanwhile(self, work: Callable[[Board], Awaitable[object]]) -> None:
         """Let somebody else work on the board while a command runs."""
@@ -96,17 +96,6 @@ class Robot:
                 await work(board)
 
         self._others.append(asyncio.get_running_loop().create_task(main()))
-
-    def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """Stand in for `asyncio.run`."""
-        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-            loop = runner.get_loop()
-            assert isinstance(loop, VirtualTimeLoop)
-            loop.now = self._now
-            try:
-                return runner.run(main)
-            finally:
-                self._now = loop.now
 
     def line(self, address: Address) -> Transport:
         """Lead to the board, as `virtual://` does."""

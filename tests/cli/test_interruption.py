@@ -31,7 +31,7 @@ def test_a_move_is_finished_by_the_servos(robot: Robot) -> None:
     assert (said.code, said.out) == (130, "")
     assert said.err == "interrupted: the move was sent, and the servos finish it; `servolink stop` stops them\n"
     before = robot.ask(lambda board: board.servo(1))
-    robot.run(asyncio.sleep(10.0))
+    robot.clock.run(asyncio.sleep(10.0))
     assert before.angle < robot.ask(lambda board: board.servo(1)).angle < 90, "and so they do"
 
 

@@ -12,7 +12,8 @@ import pytest
 from servolink.errors import OpenError
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryMacroRequest
-from servolink.transports.base import Receiver, Transport
+from servolink.transports.base import Transport
+from servolink.transports.lifecycle import WrappedTransport
 from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
@@ -106,41 +107,27 @@ def test_a_slow_board_is_not_tried_for_ever() -> None:
     assert "more were not tried, as the board is slow" in found["depth"].evidence
 
 
-class Mixing:
+class Mixing(WrappedTransport):
     """A transport behind which a board answers each request twice, or two together in the wrong order."""
 
     def __init__(self, inner: Transport, *, twice: bool) -> None:
-        self.url = inner.url
-        self._inner = inner
+        super().__init__(inner)
         self._twice = twice
         self._held = b""
 
-    async def open(self, receiver: Receiver) -> None:
-        self._receiver = receiver
-        await self._inner.open(self)
-
-    async def send(self, data: bytes) -> None:
-        await self._inner.send(data)
-
-    async def close(self) -> None:
-        await self._inner.close()
-
     def data(self, chunk: bytes, /) -> None:
         if self._twice:
-            self._receiver.data(2 * chunk)
+            self._deliver(2 * chunk)
         elif self._held:
-            self._receiver.data(chunk + self._held)
+            self._deliver(chunk + self._held)
             self._held = b""
         else:
             self._held = chunk
             asyncio.get_running_loop().call_later(2 * BUSY, self._free)
 
-    def lost(self, error: Exception | None, /) -> None:
-        self._receiver.lost(error)
-
     def _free(self) -> None:
         held, self._held = self._held, b""
-        self._receiver.data(held)
+        self._deliver(held)
 
 
 @pytest.mark.parametrize("twice", [True, False], ids=["twice", "swapped"])
@@ -150,27 +137,16 @@ def test_a_board_that_mixes_its_responses_is_asked_one_by_one(twice: bool) -> No
     assert "8 of 8 bursts of 2 queries were answered in another order, or more than once" in found["depth"].evidence
 
 
-class Stalling:
+class Stalling(WrappedTransport):
     """A transport behind which a board, or the machine, stops for a while: nothing is lost, all comes later."""
 
     def __init__(self, inner: Transport, seed: int, longest: float) -> None:
-        self.url = inner.url
-        self._inner = inner
+        super().__init__(inner)
         self._random = random.Random(seed)
         self._longest = longest
         self._free_at = 0.0
         self._prompt = 80  # responses, until the board is found
         self._late = deque[bytes]()  # in order: equal times of timers have none
-
-    async def open(self, receiver: Receiver) -> None:
-        self._receiver = receiver
-        await self._inner.open(self)
-
-    async def send(self, data: bytes) -> None:
-        await self._inner.send(data)
-
-    async def close(self) -> None:
-        await self._inner.close()
 
     def data(self, chunk: bytes, /) -> None:
         loop = asyncio.get_running_loop()
@@ -178,10 +154,7 @@ class Stalling:
         if self._prompt < 0 and self._random.random() < 0.05:
             self._free_at = max(self._free_at, loop.time() + self._random.uniform(0, self._longest))
         self._late.append(chunk)
-        loop.call_at(max(self._free_at, loop.time()), lambda: self._receiver.data(self._late.popleft()))
-
-    def lost(self, error: Exception | None, /) -> None:
-        self._receiver.lost(error)
+        loop.call_at(max(self._free_at, loop.time()), lambda: self._deliver(self._late.popleft()))
 
 
 @pytest.mark.parametrize("seed", range(8))

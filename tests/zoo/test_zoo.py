@@ -39,7 +39,7 @@ def _zoo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest
 
     def make(kind: str) -> Zoo:
         zoo = Zoo(kind, tmp_path, capsys)
-        monkeypatch.setattr(asyncio, "run", zoo.run)
+        monkeypatch.setattr(asyncio, "run", zoo.clock.run)
         return zoo
 
     return make

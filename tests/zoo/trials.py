@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pytest
 
@@ -15,7 +14,7 @@ from servolink.virtual.odd.board import OddBoard
 from servolink.virtual.odd.kinds import KINDS
 from servolink.virtual.transport import BOARDS
 from tests.cli.programs import Said, call
-from tests.virtual_time import VirtualTimeLoop
+from tests.virtual_time import VirtualClock
 from tests.zoo.table import COMMANDS
 
 T = TypeVar("T")
@@ -34,27 +33,16 @@ class Zoo:
         """Virtual seconds of the latest command."""
         self._folder = folder
         self._capsys = capsys
-        self._now = 1000.0
+        self.clock = VirtualClock()
         BOARDS["zoo"] = self.board
         assert self("use", "rex", "virtual://zoo").code == 0
 
     def __call__(self, *arguments: str) -> Said:
         """Run a command."""
-        started_at = self._now
+        started_at = self.clock.now
         said = call(self._capsys, *arguments)
-        self.seconds = self._now - started_at
+        self.seconds = self.clock.now - started_at
         return said
-
-    def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """Stand in for `asyncio.run`; the clock of the board goes on between two commands."""
-        with asyncio.Runner(loop_factory=VirtualTimeLoop) as runner:
-            loop = runner.get_loop()
-            assert isinstance(loop, VirtualTimeLoop)
-            loop.now = self._now
-            try:
-                return runner.run(main)
-            finally:
-                self._now = loop.now
 
     def verdict(self) -> tuple[str, ...]:
         """Return the findings of doctor."""

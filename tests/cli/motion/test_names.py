@@ -190,7 +190,7 @@ def test_an_interrupted_run_is_stopped(named: Robot) -> None:
     assert said.err == "interrupted: macro 1 'Dance' was ended: all servos report that they are stopped and held\n"
     assert not any(servo.is_start for servo in named.board.servos.values())
     before = angles(named)
-    named.run(asyncio.sleep(3.0))
+    named.clock.run(asyncio.sleep(3.0))
     assert angles(named) == before
 
 

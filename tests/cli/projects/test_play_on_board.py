@@ -117,7 +117,7 @@ def test_ctrl_c_stops_the_servos_and_says_so(robot: Robot, file: str) -> None:
         "interrupted: macro 1 'Dance' was ended: all servos report that they are stopped and held\n"
     )
     before = angles(robot)
-    robot.run(asyncio.sleep(5.0))
+    robot.clock.run(asyncio.sleep(5.0))
     assert angles(robot) == before
 
 
