@@ -34,6 +34,10 @@ _WORD = re.compile(r"(?<![\w./=-])[A-Za-z][A-Za-z'-]*(?![\w=/]|\.\w)")
 """A word of English: not an option, path, address or dotted name."""
 _DIRECTIVE = re.compile(r"#\s*(noqa|type:|pragma|!)")
 _SCRIPT_COMMENT = re.compile(r"(?:^|(?<=\s))//\s(?P<line>.+)|/\*\*?(?P<block>[\s\S]*?)\*/", re.MULTILINE)
+_FENCED = re.compile(r"```.*?```", re.DOTALL)
+_CODE = re.compile(r"`[^`]*`")
+_LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
+_SENTENCE_END = re.compile(r"(?<=[.:;?!])\s+")
 _SCRIPT_TAG = re.compile(r"@\w+")
 _WORST = 40
 
@@ -76,8 +80,8 @@ class Figures(NamedTuple):
 
 
 def read(path: Path) -> tuple[list[Line], int]:
-    """Return the prose of a Python or JavaScript file, equal lines once, and the number of its lines of code."""
-    lines, code = _read_script(path) if path.suffix == ".js" else _read_module(path)
+    """Return the prose of a file, equal lines once, and the number of its lines of code; of a page, the sentences."""
+    lines, code = _READERS[path.suffix](path)
     distinct = {(line.text, line.is_message): line for line in lines if line.words}
     return list(distinct.values()), code
 
@@ -118,6 +122,15 @@ def _messages(path: Path, row: int, text: str) -> Iterator[Line]:
             yield message
 
 
+def _read_page(path: Path) -> tuple[list[Line], int]:
+    found: list[Line] = []
+    for paragraph in re.split(r"\n\s*\n", _FENCED.sub("", path.read_text(encoding="utf-8"))):
+        if not paragraph.startswith(("|", "#", "<", ":::")):
+            text = " ".join(_LINK.sub(r"\1", _CODE.sub("N", paragraph)).split())
+            found.extend(Line(str(path), sentence, is_message=True) for sentence in _SENTENCE_END.split(text))
+    return [line for line in found if len(line.words) >= LEAST_WORDS], 0
+
+
 def _read_script(path: Path) -> tuple[list[Line], int]:
     source = path.read_text(encoding="utf-8")
     found: list[Line] = []
@@ -128,6 +141,9 @@ def _read_script(path: Path) -> tuple[list[Line], int]:
         found.extend(Line(place, text, is_message=False) for text in [next(filter(None, texts), "")] if text)
     rest = _SCRIPT_COMMENT.sub("", source)
     return found, sum(bool(row.strip()) for row in rest.splitlines())
+
+
+_READERS = {".py": _read_module, ".js": _read_script, ".md": _read_page}
 
 
 def figures(paths: Iterable[Path]) -> Figures:

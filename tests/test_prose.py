@@ -39,6 +39,10 @@ MOST_RIDDLES = 2.0
 """Riddles among the lines of a package, percent."""
 MOST_PRONOUNS = 5.3
 """Pronouns per 100 words of a package."""
+MOST_RIDDLES_IN_DESIGN = 3.0
+"""Riddles among the sentences of the design pages, percent; tables and headings are not measured."""
+MOST_PRONOUNS_IN_DESIGN = 7.5
+"""Pronouns per 100 words of the design pages."""
 REMARKS = {
     "cli": (86, 9),
     "client": (172, 13),
@@ -124,6 +128,28 @@ def test_each_package_holds_the_measure(package: str) -> None:
         if (value < bound if name == "lines" else value > bound)
     ]
     assert not worse, f"{package}: {worse}; `python -m tests.prose servolink/{package}` prints the worst lines"
+
+
+def test_design_pages_hold_the_measure() -> None:
+    found = figures((ROOT / "docs/design").glob("*.md"))
+    assert found.riddles <= MOST_RIDDLES_IN_DESIGN, (
+        "`python -m tests.prose docs/design/hub.md` prints the worst sentences"
+    )
+    assert found.pronouns <= MOST_PRONOUNS_IN_DESIGN
+
+
+def test_measure_reads_sentences_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# What it is that they are to have\n\n"
+        "| what | it is that they are to have |\n|---|---|\n\n"
+        "A hub sends `one of these` to\n[the board](which.md). It is what they have.\n\n"
+        "```text\nthis is not what it is\n```\n",
+        encoding="utf-8",
+    )
+    assert [line.text for line in read(page)[0]] == ["A hub sends N to the board.", "It is what they have."]
+    found = figures([page])
+    assert (found.riddles, found.pronouns) == pytest.approx((50, 100 * 3 / 12))
 
 
 def test_measure_reads_docstrings_comments_and_messages_of_a_module(tmp_path: Path) -> None:
