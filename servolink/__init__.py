@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from servolink.client.alarms import Alarm as Alarm
     from servolink.client.alarms import RaisedAlarm as RaisedAlarm
     from servolink.client.board import Board as Board
-    from servolink.client.board_servos import Servo as Servo
     from servolink.client.button_events import ButtonEvent as ButtonEvent
     from servolink.client.button_events import ButtonEvents as ButtonEvents
     from servolink.client.connect import connect as connect
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from servolink.client.playing import Playback as Playback
     from servolink.client.servo_readings import ServoReading as ServoReading
     from servolink.client.servo_readings import ServoReadings as ServoReadings
+    from servolink.client.servo_state import Servo as Servo
     from servolink.client.servo_stream import ServoStream as ServoStream
     from servolink.connection.stats import Stats as Stats
     from servolink.discovery.search import discover as discover
@@ -170,7 +170,7 @@ else:
         "run": "servolink.script",
         "save_project": "servolink.project.project_file",
         "scale_project": "servolink.project.adjust",
-        "Servo": "servolink.client.board_servos",
+        "Servo": "servolink.client.servo_state",
         "ServolinkError": "servolink.errors",
         "SeveralBoards": "servolink.errors",
         "ServoParameter": "servolink.protocol.records",

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias, cast, get_args
 from msgspec import Struct
 from msgspec.structs import force_setattr
 
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.escaping import quote
 from servolink.numeric import as_number, is_integer
 

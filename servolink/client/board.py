@@ -7,8 +7,9 @@ from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
-from servolink.client.board_servos import Servo, ServoController
+from servolink.client.board_servos import ServoController
 from servolink.client.captions import Targets
+from servolink.client.servo_state import Servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats

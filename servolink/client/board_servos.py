@@ -6,13 +6,13 @@ import asyncio
 from collections.abc import AsyncGenerator, Iterable, Mapping
 from contextlib import suppress
 
-from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.client.all_servos import AllServos
 from servolink.client.angle_units import AngleUnits
 from servolink.client.captions import ALL, Targets, servo_targets
 from servolink.client.captions import servo_id as id_of_servo
+from servolink.client.servo_state import Servo, Servos, angles_of, until_arrived
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
 from servolink.connection.gates import UnitsChanged
@@ -25,11 +25,9 @@ from servolink.errors import (
     Reason,
     Rejected,
     RequestTimeout,
-    TargetNotReached,
     TransportError,
 )
-from servolink.escaping import html_table
-from servolink.motion.angles import AngleUnit, Degrees, in_unit, wire_angles
+from servolink.motion.angles import AngleUnit, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
 from servolink.motion.set_points import FRESH, SetPoints
@@ -47,54 +45,7 @@ from servolink.protocol.servos import (
     SetServoParameterResponse,
 )
 
-_ARRIVED = 2  # degrees (or ADC steps) from the target
-_GRACE = 1.0  # seconds beyond the planned duration of a movement
-_PAUSE = 0.04  # seconds between two readings of moving servos
 _STOP_TRIES = 3
-_MOST_NAMED = 8  # servos still away from their targets
-
-
-class Servo(Struct, frozen=True):
-    """State of a servo as reported by the board (3.2.2)."""
-
-    servo_id: int
-    angle: int
-    """`Degrees` or `Adc`; a plain number if the unit is unknown."""
-    current: int
-    """Raw reading, without a unit in the document."""
-    temperature: int
-    """Raw reading, without a unit in the document."""
-    servo_type: int
-    is_start: bool
-    """Whether the servo may move; a stopped servo ignores movements."""
-    is_hold: bool
-    """Whether the servo holds an angle; a released servo is limp."""
-
-    @property
-    def state(self) -> str:
-        """`released`, `stopped`, or `ready` to move."""
-        return "released" if not self.is_hold else "stopped" if not self.is_start else "ready"
-
-    def _repr_html_(self) -> str:
-        return Servos((self,))._repr_html_()
-
-
-class Servos(tuple[Servo, ...]):
-    """Servos, shown as a table in notebooks."""
-
-    __slots__ = ()
-
-    def _repr_html_(self) -> str:
-        columns = ("servo", "angle", "state", "current (raw)", "temperature (raw)", "type")
-        rows = [
-            (one.servo_id, _angle_text(one.angle), one.state, one.current, one.temperature, one.servo_type)
-            for one in self
-        ]
-        return html_table(columns, rows)
-
-
-def _angle_text(angle: int) -> str:
-    return f"{angle}°" if isinstance(angle, Degrees) else str(angle)
 
 
 class ServoController:
@@ -239,31 +190,11 @@ class ServoController:
         """Yield readings until servos rest at `angles`, in the unit of each servo."""
         return self.until_arrived(self._in_units(angles), 0.0, settle=True)
 
-    async def until_arrived(
+    def until_arrived(
         self, goals: Mapping[int, int], seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Yield readings for `seconds` and until all are at `goals`; with `settle`, until two readings agree too."""
-        loop = asyncio.get_running_loop()
-        start = loop.time()
-        before: dict[int, int] = {}
-        while True:
-            # By the time of the request: after a stall of the loop, the reading is from before the stall.
-            too_late = loop.time() - start >= seconds + _GRACE
-            try:
-                servos = await self.servos()
-            except RequestTimeout as error:
-                text = f"the motion was sent, and whether the servos have arrived is unknown: {error}"
-                raise OutcomeUnknown(text, error.request) from error
-            elapsed = loop.time() - start
-            yield servos
-            pose = _angles(goals, servos)
-            away = [servo_id for servo_id in goals if _distance(servo_id, pose[servo_id], goals[servo_id]) > _ARRIVED]
-            if elapsed >= seconds and not away and (too_late or not settle or pose == before):
-                return
-            if too_late:
-                raise _not_arrived({servo_id: (pose[servo_id], goals[servo_id]) for servo_id in away})
-            before = pose
-            await asyncio.sleep(_PAUSE)
+        """Yield readings for `seconds` and until all are at `goals`, in the unit of each servo."""
+        return until_arrived(self.servos, goals, seconds, settle=settle)
 
     async def send(self, packet: ExecuteActionRequest, *, ticket: Ticket | None = None) -> None:
         """Send a movement unchanged. Raise MotionRefused beyond the limits (see `Board.send`)."""
@@ -300,7 +231,7 @@ class ServoController:
                 points.forget(motions)
             if points.lacking(targets, loop.time()):
                 servos = await self.servos()
-                points.read(_angles(targets, servos), loop.time())
+                points.read(angles_of(targets, servos), loop.time())
             steps = points.steps(targets, loop.time())
             # The movement may wait for the line. After a change of units meanwhile, everything is computed again.
             with suppress(UnitsChanged):
@@ -415,7 +346,7 @@ class ServoController:
         if not needed:
             return {}, set(servo_ids)
         servos = await self.servos()
-        pose = _angles(servo_ids, servos)
+        pose = angles_of(servo_ids, servos)
         return pose, {servo.servo_id for servo in servos if servo.servo_id in pose and servo.is_start and servo.is_hold}
 
     def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
@@ -432,34 +363,3 @@ class ServoController:
                 f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}",
                 reason=Reason.LIMIT,
             )
-
-
-def _angles(servo_ids: Iterable[int], servos: Iterable[Servo]) -> dict[int, int]:
-    """Return the angles of the servos wanted, by id. Raise NotFound for a missing servo."""
-    pose = {servo.servo_id: servo.angle for servo in servos}
-    if missing := [servo_id for servo_id in servo_ids if servo_id not in pose]:
-        raise NotFound(f"the board has no servo {missing[0]}", QueryServoRequest(ALL_SERVOS))
-    return {servo_id: pose[servo_id] for servo_id in servo_ids}
-
-
-def _not_arrived(away: Mapping[int, tuple[int, int]]) -> TargetNotReached:
-    """Return the error for servos away from their targets."""
-    places = [f"servo {servo_id} is at {angle}, not at {goal}" for servo_id, (angle, goal) in away.items()]
-    if len(places) > _MOST_NAMED:
-        places[_MOST_NAMED:] = [f"{len(places) - _MOST_NAMED} more servos are on their way"]
-    noun = "it" if len(away) == 1 else "they"
-    return TargetNotReached(
-        f"{'; '.join(places)}, {_GRACE:.0f} s after {noun} should have arrived: {noun} may be stopped or released "
-        "(then start and hold first), blocked, overloaded or unable to turn that far; the motion was sent, so look at "
-        "the robot before you repeat it",
-        away,
-    )
-
-
-def _distance(servo_id: int, angle: int, goal: int) -> int:
-    if type(angle) is not type(goal):
-        raise OutcomeUnknown(
-            f"servo {servo_id} was moved to {goal!r} and now reports {angle!r}: its angle unit was changed meanwhile, "
-            "so whether it has arrived is unknown; read it again"
-        )
-    return abs(angle - goal)

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.errors import MotionRefused, NotFound, RequestRefused
 from servolink.project.model import Project
 from servolink.project.record_lookup import name_of

@@ -9,8 +9,9 @@ from typing import cast
 from msgspec import Struct
 
 from servolink.client.alarms import Alarm, AlarmWatch, RaisedAlarm
-from servolink.client.board_servos import Servo, ServoController
+from servolink.client.board_servos import ServoController
 from servolink.client.readers import Reader, SharedIterator, Source
+from servolink.client.servo_state import Servo
 from servolink.client.session import Session
 from servolink.connection.explain import same
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError

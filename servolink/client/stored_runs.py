@@ -8,8 +8,9 @@ from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
 from servolink.client.board_records import RecordStore
-from servolink.client.board_servos import Servo, ServoController
+from servolink.client.board_servos import ServoController
 from servolink.client.collect import check_can_wait, collect
+from servolink.client.servo_state import Servo
 from servolink.client.session import Session
 from servolink.connection.explain import described
 from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, TargetNotReached

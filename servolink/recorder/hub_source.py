@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import Raw
 
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.messages import Tapping

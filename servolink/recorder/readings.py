@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias, cast
 
 from servolink.client.alarms import Alarm, AlarmWatch
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.motion.angles import Angle, AngleUnit
 from servolink.recorder.channels import Event, Message, ProblemFound, ServosRead, ServoState
 

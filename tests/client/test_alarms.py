@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from servolink.client.alarms import Alarm, AlarmWatch
-from servolink.client.board_servos import Servo
 from servolink.client.servo_readings import _RatedReader
+from servolink.client.servo_state import Servo
 from servolink.errors import OutcomeUnknown
 from servolink.protocol.servos import SetServoParameterRequest
 from tests.client.fake_board import LOST, FakeBoard, opened

@@ -1,4 +1,7 @@
-"""Servos: reading, moving, units, start and hold."""
+"""Servos: reading, moving, units, start and hold.
+
+Module: servolink.client.servo_state.
+"""
 
 from __future__ import annotations
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
 from servolink.client.connect import connect
+from servolink.client.servo_state import Servo
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
 from servolink.motion.angles import Adc
 from servolink.motion.limits import MotionLimits

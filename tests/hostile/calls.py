@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.project.model import Project
 from servolink.protocol.editing import AddActionRequest
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step

@@ -15,8 +15,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.client.board_servos import Servo
 from servolink.client.connect import connect
+from servolink.client.servo_state import Servo
 from servolink.control.channel import open_channel
 from servolink.control.greeting import Greeting
 from servolink.control.status import HubStatus

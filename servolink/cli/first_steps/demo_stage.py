@@ -13,7 +13,7 @@ from typing import Any
 from servolink.cli.screen.live import Draw, follow, live_bars
 from servolink.cli.screen.output import Table, console, is_terminal, print_json, print_table, print_text
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.protocol.records import Action, Step
 from servolink.transports.base import Transport
 from servolink.transports.lifecycle import WrappedTransport

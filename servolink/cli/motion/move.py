@@ -21,7 +21,7 @@ from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.client.board_servos import Servo
+    from servolink.client.servo_state import Servo
 
 DEFAULT_SPEED = 60.0
 """Degrees per second, at most, when neither time nor speed is given."""

@@ -16,7 +16,7 @@ from servolink.script import OK
 
 if TYPE_CHECKING:
     from servolink.client.board import Board
-    from servolink.client.board_servos import Servo
+    from servolink.client.servo_state import Servo
 
 
 @Command(

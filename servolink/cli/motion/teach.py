@@ -27,8 +27,8 @@ from servolink.cli.screen.output import counted, is_terminal, print_error, print
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
 from servolink.client.captions import button_id
+from servolink.client.servo_state import Servo
 from servolink.errors import ConnectionLost, ProjectError, RequestRefused, ServolinkError
 from servolink.platforms.signals import handled
 from servolink.profiles.profile import BoardIdentityRecord, Measured, merge_profile

@@ -12,7 +12,7 @@ from servolink.cli.screen.live import Draw, live_bars
 from servolink.cli.screen.output import is_terminal, print_json, print_text
 from servolink.cli.screen.terminal import single_keys
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
 from servolink.project.teaching import PoseRecorder
 

@@ -22,7 +22,7 @@ from servolink.cli.screen.output import Table, console, plain_lines, print_error
 from servolink.cli.screen.terminal import can_ask, cleanup, typed_keys
 from servolink.cli.usage import usage_error
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.errors import EncodeError, NotFound, ProjectError, RequestRefused, ServolinkError
 from servolink.escaping import escape
 from servolink.protocol.records import ServoParameter

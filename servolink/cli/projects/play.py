@@ -42,8 +42,8 @@ from servolink.virtual.dry_run import DryMove, DryRun, Timeline
 
 if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.client.board import Board
-    from servolink.client.board_servos import Servo
     from servolink.client.playing import Playback
+    from servolink.client.servo_state import Servo
 
 _PLAYED = (ACTION, MACRO)
 _PAUSE = 0.04  # seconds between two drawings
@@ -140,7 +140,7 @@ async def _show(dry_run: DryRun, record: Action | Macro, timeline: Timeline) -> 
 
 
 def _servo(state: ServoState) -> Servo:
-    from servolink.client.board_servos import Servo
+    from servolink.client.servo_state import Servo
 
     reported = (state.servo_id, state.angle, state.current, state.temperature, state.servo_type)
     return Servo(*reported, is_start=bool(state.is_start), is_hold=bool(state.is_hold))

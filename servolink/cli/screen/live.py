@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from servolink.client.board import Board
-    from servolink.client.board_servos import Servo
+    from servolink.client.servo_state import Servo
     from servolink.project.transfer.results import Phase, Progress, ProgressCallback
 
 Draw: TypeAlias = "Callable[[float, Sequence[Servo]], None]"

@@ -11,9 +11,9 @@ from textwrap import wrap
 from servolink.cli.screen.live import Line
 from servolink.cli.screen.output import angle_text, cut, sized, text_width
 from servolink.client.alarms import Alarm, RaisedAlarm
-from servolink.client.board_servos import Servo
 from servolink.client.button_events import ButtonEvent
 from servolink.client.servo_readings import ServoReading
+from servolink.client.servo_state import Servo
 from servolink.connection.stats import Stats
 from servolink.escaping import escape
 from servolink.motion.angles import Degrees

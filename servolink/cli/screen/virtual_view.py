@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 from servolink.cli.screen.live import Line, pictures, redrawn
 from servolink.cli.screen.output import counted
 from servolink.cli.screen.servo_picture import LEGEND, Watched, picture_of_servos, wrapped
-from servolink.client.board_servos import Servo
 from servolink.client.servo_readings import ServoReading
+from servolink.client.servo_state import Servo
 from servolink.connection.stats import Stats
 from servolink.motion.angles import Degrees
 from servolink.virtual.board import VirtualBoard

@@ -10,8 +10,8 @@ from typing import cast
 from msgspec import Struct
 
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
 from servolink.client.servo_readings import ServoReading
+from servolink.client.servo_state import Servo
 from servolink.control.messages import CREDIT
 from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame, TapFrame, TapItem
 from servolink.control.status import ServoNow

@@ -16,8 +16,8 @@ import pytest
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.motion.teach import _stop_on_signal
 from servolink.client.board import Board
-from servolink.client.board_servos import Servo
 from servolink.client.connect import connect
+from servolink.client.servo_state import Servo
 from servolink.discovery.names import Alias, save_alias
 from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
 from servolink.profiles.store import load_profile, save_profile

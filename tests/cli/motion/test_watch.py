@@ -20,8 +20,8 @@ from servolink.cli.command_session import Interruption
 from servolink.cli.motion.watch import ReadingPrinter, Screen, _Watch
 from servolink.cli.screen.servo_picture import Watched, picture
 from servolink.client.alarms import Alarm, RaisedAlarm
-from servolink.client.board_servos import Servo
 from servolink.client.servo_readings import ServoReading
+from servolink.client.servo_state import Servo
 from servolink.connection.stats import Stats
 from servolink.errors import RequestTimeout
 from servolink.motion.angles import Adc, Degrees

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from servolink.cli.screen import live
 from servolink.cli.screen.output import Table, angle_text, plain_lines, show_table
-from servolink.client.board_servos import Servo
+from servolink.client.servo_state import Servo
 from servolink.connection.stats import Stats
 from servolink.motion.angles import Adc, Angle, Degrees
 from servolink.project.transfer.results import Progress
