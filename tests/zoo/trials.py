@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import pytest
 
@@ -16,8 +15,6 @@ from servolink.virtual.transport import BOARDS
 from tests.cli.programs import Said, call
 from tests.virtual_time import VirtualClock
 from tests.zoo.table import COMMANDS
-
-T = TypeVar("T")
 
 GOAL = 10
 """Degrees to which the first servo is moved."""
