@@ -28,6 +28,7 @@ BENCHMARKS = {
     "fleet": Benchmark("benchmarks.fleet", "Many boards through a broker", is_short=False),
     "spy": Benchmark("benchmarks.spy", "A spy between a program and a board", is_short=False),
     "studio": Benchmark("benchmarks.studio", "The studio in a browser", is_short=False),
+    "firmware": Benchmark("benchmarks.firmware", "The firmware on an emulated Pico", is_short=False),
     "handoff": Benchmark("benchmarks.handoff", "From a reading thread to the event loop"),
     "parser": Benchmark("benchmarks.parser", "The parser against a textbook parser"),
     "peers": Benchmark("benchmarks.peers", "The parser against those of other libraries, each on its own format"),

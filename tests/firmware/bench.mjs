@@ -1,17 +1,17 @@
-/* An emulated RP2040 with the image of the firmware, in emulated time: node bench.mjs IMAGE [usb]
+/* An emulated RP2040 with the image of the firmware, in emulated time: node bench.mjs IMAGE uart|usb CORE_HZ
 
    Reads a JSON object from each line of standard input and answers with one:
-   {"uart": HEX, "usb": HEX, "pressed": [PIN], "battery": VOLTS, "run": SECONDS, "hang": true, "reset": true} ->
+   {"uart": HEX, "usb": HEX, "pressed": [PIN], "battery": VOLTS, "run": SECONDS, "until": BYTES, "hang": true, "reset": true} ->
    {"uart": HEX, "usb": HEX, "open": BOOLEAN, "pulses": [[PIN, START, WIDTH]], "resets": N, "now": SECONDS, "stalls": N}
 
-   The emulator has no boot ROM and no flash that can be written: both are here. Its core is slowed down, so that it costs
-   less; timers, PWM, UART and USB have their real rates. */
+   It runs for so many seconds, or until so many bytes have come. The emulator has no boot ROM and no flash that can be
+   written: both are here. Its core may be slower than a real one, so that it costs less; timers, PWM, UART and USB have
+   their real rates. */
 
 import { readFileSync } from 'node:fs'
 import { createInterface } from 'node:readline'
 import { ConsoleLogger, LogLevel, RP2040, USBCDC } from 'rp2040js'
 
-const CORE_HZ = 6_000_000
 const ERASE_NANOS = 45e6
 const PROGRAM_NANOS = 0.4e6
 const XIP = 0x10000000
@@ -79,6 +79,7 @@ function load(chip, path) {
 
 const image = process.argv[2]
 const hasUsb = process.argv[3] === 'usb'
+const cycle = 1e9 / Number(process.argv[4]) // nanoseconds
 let chip, flash, cdc
 let seen = { uart: [], usb: [], pulses: [], resets: 0, open: false }
 const started = new Map()
@@ -128,10 +129,9 @@ function end(pin) {
     seen.pulses.push([pin, start / 1e9, (clock.nanos - start) / 1e3])
 }
 
-function run(seconds) {
+function run(seconds, most = Infinity) {
     const until = clock.nanos + seconds * 1e9
-    const cycle = 1e9 / CORE_HZ
-    while (clock.nanos < until) {
+    while (clock.nanos < until && seen.uart.length + seen.usb.length < most) {
         clock.tick(chip.core.executeInstruction() * cycle)
         if (seen.isReset) {
             seen.isReset = false
@@ -153,7 +153,7 @@ for await (const line of createInterface({ input: process.stdin })) {
         chip.uart[0].feedByte(byte)
         run(10 / 115200)
     }
-    run(asked.run ?? 0)
+    run(asked.run ?? 0, asked.until)
     const hex = (bytes) => Buffer.from(bytes).toString('hex')
     const { open, pulses, resets } = seen
     const answer = { uart: hex(seen.uart), usb: hex(seen.usb), open, pulses, resets, now: clock.nanos / 1e9, stalls: flash.stalls }

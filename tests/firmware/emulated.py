@@ -63,9 +63,9 @@ class EmulatedPico:
 
 
 @contextmanager
-def emulated(image: Path, line: str = "uart") -> Iterator[EmulatedPico]:
-    """Start a Pico with an image, which is reached by its UART or by USB."""
-    command = ("node", str(FOLDER / "bench.mjs"), str(image), line)
+def emulated(image: Path, line: str = "uart", core_hz: int = 6_000_000) -> Iterator[EmulatedPico]:
+    """Start a Pico with an image, which is reached by its UART or by USB. A real core has 48 MHz."""
+    command = ("node", str(FOLDER / "bench.mjs"), str(image), line, str(core_hz))
     process = processes.start(command, stdin=subprocess.PIPE)
     pico = EmulatedPico(process, line)
     pico.run(0.3)  # time to start, and for the USB host to find the board
