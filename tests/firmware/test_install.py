@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from servolink.cli import command_session
 from servolink.cli.main import run as main
 from servolink.cli.usage import WrongUsage
 from servolink.errors import OpenError
@@ -120,17 +121,32 @@ def test_install_writes_the_image_and_examines_the_board(
 
 @pytest.mark.parametrize(
     ("option", "value", "cause"),
-    [("--servos", "17", "1 to 16"), ("--battery", "8.4-6.4", "battery"), ("--pulses", "PULSES", "servo '17'")],
+    [
+        ("--servos", "17", "1 to 16"),
+        ("--servos", "0", "1 to 16"),
+        ("--battery", "8.4-6.4", "battery"),
+        ("--battery", "6.4-inf", "as 6.4-8.4"),
+        ("--pulses", "PULSES", "PULSES: servo '17'"),
+        ("--pulses", "INFO_UF2.TXT", "is not JSON"),
+        ("--pulses", "missing", "No such file"),
+    ],
 )
 def test_install_refuses_values_before_it_writes(
     drive: Path, capsys: pytest.CaptureFixture[str], option: str, value: str, cause: str
 ) -> None:
     (drive / "PULSES").write_text('{"17": [500, 2500, -90, 90]}')
-    given = str(drive / value) if value == "PULSES" else value
+    given = str(drive / value) if option == "--pulses" else value
     with pytest.raises(WrongUsage) as refused:
         main(["firmware", "install", "--drive", str(drive), option, given, "--yes"])
     refused.value.report(as_json=False)
     assert cause in capsys.readouterr().err
+    assert not (drive / "servolink.uf2").exists()
+
+
+def test_install_without_a_terminal_needs_a_yes(drive: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command_session, "can_ask", lambda: False)
+    with pytest.raises(WrongUsage):
+        main(["firmware", "install", "--drive", str(drive)])
     assert not (drive / "servolink.uf2").exists()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
+import re
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from servolink.cli.arguments import not_empty
 from servolink.cli.boards.doctor import described, print_report
 from servolink.cli.command import DEVELOPERS, Command, flag, option
-from servolink.cli.command_session import Interruption, agreed, run_interruptible
+from servolink.cli.command_session import Interruption, agreed, refuse_without_answer, run_interruptible
 from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.doctor.examine import examine
@@ -20,11 +20,15 @@ from servolink.doctor.system import SystemFacts
 from servolink.errors import ServolinkError
 from servolink.files import read_file
 from servolink.firmware import compiling, image, install
+from servolink.json_text import read_json
 from servolink.script import FAILED, OK
 
 _WIRING = [
     ("GPIO 0 to 15", "signal of servos 1 to 16"),
-    ("GPIO 16, 17", "UART, 115,200 baud: to the host's receiving and sending line; not needed with USB"),
+    (
+        "GPIO 16, 17",
+        "UART, 115,200 baud: to the host's receiving and sending line; of 8 buttons, the last one at GPIO 17",
+    ),
     ("GPIO 18 to 22, 27, 28", "buttons 1 to 7, to GND"),
     ("GPIO 26", "battery, through a divider to a third"),
     ("GND", "also to the servos' supply, which must not be the Pico's 3.3 V or USB"),
@@ -32,6 +36,7 @@ _WIRING = [
 """Pins of the Pico, each with the part to connect."""
 _LARGEST = 1 << 20
 """Bytes of the largest file of ranges."""
+_VOLTAGES = re.compile(r"([0-9]{1,3}(?:\.[0-9]+)?)-([0-9]{1,3}(?:\.[0-9]+)?)")
 _DRIVE_SECONDS = 60.0
 """Seconds to wait for a Pico in boot mode."""
 _PORT_SECONDS = 15.0
@@ -50,11 +55,27 @@ def _settings(args: argparse.Namespace, binary: bytes) -> image.ImageSettings:
     """Return the settings of the image, changed by the options. Raise ValueError for a wrong value."""
     settings = image.read_settings(binary)
     if args.pulses:
-        settings = replace(settings, ranges=_ranges(json.loads(read_file(Path(args.pulses), _LARGEST)), settings))
+        settings = replace(settings, ranges=_read_ranges(Path(args.pulses), settings))
     if args.battery:
-        empty, _, full = args.battery.partition("-")
-        settings = replace(settings, battery_empty=round(float(empty) * 1000), battery_full=round(float(full) * 1000))
-    return replace(settings, servos=args.servos or settings.servos, buttons=args.buttons or settings.buttons)
+        voltages = _VOLTAGES.fullmatch(args.battery)
+        if voltages is None:
+            raise ValueError(
+                f"--battery must be the volts of the empty and of the full one, as 6.4-8.4: {args.battery!r}"
+            )
+        empty, full = (round(float(volts) * 1000) for volts in voltages.groups())
+        settings = replace(settings, battery_empty=empty, battery_full=full)
+    counts = {name: getattr(args, name) for name in ("servos", "buttons") if getattr(args, name) is not None}
+    return replace(settings, **counts)
+
+
+def _read_ranges(path: Path, settings: image.ImageSettings) -> tuple[image.Range, ...]:
+    """Return the ranges of all servos, changed by the file for `--pulses`. Raise ValueError with its name."""
+    try:
+        return _ranges(read_json(read_file(path, _LARGEST)), settings)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...]:
@@ -82,7 +103,7 @@ def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...
         option("--drive", "FOLDER", "drive of the Pico (found by itself)", not_empty),
         option("--pulses", "FILE", "ranges of servos that differ from 500 to 2500 us for -90 to 90 degrees", not_empty),
         option("--servos", "N", "number of servos, 1 to 16 (16)", int),
-        option("--buttons", "N", "number of buttons, 1 to 8 (7); with 8 there is no UART", int),
+        option("--buttons", "N", "number of buttons, 0 to 8 (7); with 8 there is no UART", int),
         option("--battery", "EMPTY-FULL", "volts of the empty and of the full battery, such as 6.4-8.4", not_empty),
         flag("--yes", "do not ask"),
     ),
@@ -90,6 +111,7 @@ def _ranges(given: Any, settings: image.ImageSettings) -> tuple[image.Range, ...
 )
 def run_install(args: argparse.Namespace) -> int:
     """Write the image with its settings, wait for the board and examine it."""
+    refuse_without_answer(args)
     binary = image.from_uf2(compiling.IMAGE.read_bytes())
     try:
         blocks = image.to_uf2(image.with_settings(binary, _settings(args, binary)))
@@ -110,7 +132,9 @@ def run_install(args: argparse.Namespace) -> int:
             )
         if not await agreed(args, interruption, f"write the firmware onto the Pico at {drive}?"):
             return FAILED
+        interruption.state = "the Pico may have no firmware: install it again"
         install.write(drive, blocks)
+        interruption.state = "the firmware was written to the Pico"
         port = await install.wait_for_port(before, _PORT_SECONDS)
         report = await examine(SystemFacts(), port.url)
         if args.json:
@@ -121,7 +145,7 @@ def run_install(args: argparse.Namespace) -> int:
             print_table(Table(("pin", "connect"), _WIRING))
         return FAILED if report.findings else OK
 
-    return run_interruptible(main, "the Pico may have no firmware: install it again")
+    return run_interruptible(main, "nothing was written")
 
 
 @Command(
