@@ -1,8 +1,8 @@
 /* An emulated RP2040 with the image of the firmware, in emulated time: node bench.mjs IMAGE uart|usb CORE_HZ
 
    Reads a JSON object from each line of standard input and answers with one:
-   {"uart": HEX, "usb": HEX, "pressed": [PIN], "battery": VOLTS, "run": SECONDS, "until": BYTES, "hang": true, "reset": true} ->
-   {"uart": HEX, "usb": HEX, "open": BOOLEAN, "pulses": [[PIN, START, WIDTH]], "resets": N, "now": SECONDS, "stalls": N}
+   {"uart": HEX, "usb": HEX, "pressed": [PIN], "battery": VOLTS, "erase": SECONDS, "run": SECONDS, "until": BYTES, "hang": true, "reset": true} ->
+   {"uart": HEX, "usb": HEX, "open": BOOLEAN, "pulses": [[PIN, START, WIDTH]], "resets": N, "now": SECONDS, "stalls": N, "erasing": BOOLEAN}
 
    It runs for so many seconds, or until so many bytes have come. The emulator has no boot ROM and no flash that can be
    written: both are here. Its core may be slower than a real one, so that it costs less; timers, PWM, UART and USB have
@@ -12,7 +12,7 @@ import { readFileSync } from 'node:fs'
 import { createInterface } from 'node:readline'
 import { ConsoleLogger, LogLevel, RP2040, USBCDC } from 'rp2040js'
 
-const ERASE_NANOS = 45e6
+let eraseNanos = 45e6
 const PROGRAM_NANOS = 0.4e6
 const XIP = 0x10000000
 const BOOT = 0x20041f00
@@ -32,6 +32,10 @@ class Flash {
             this.finish(this.sent)
             this.sent = null
         }
+    }
+
+    isErasing() {
+        return this.chip.clock.nanos + PROGRAM_NANOS < this.until
     }
 
     exchange(byte) {
@@ -55,7 +59,7 @@ class Flash {
         this.isEnabled = false
         if (command === 0x20) this.chip.flash.fill(0xff, at, at + 4096)
         else data.forEach((byte, index) => (this.chip.flash[(at & ~0xff) | ((at + index) & 0xff)] &= byte))
-        this.until = this.chip.clock.nanos + (command === 0x20 ? ERASE_NANOS : PROGRAM_NANOS)
+        this.until = this.chip.clock.nanos + (command === 0x20 ? eraseNanos : PROGRAM_NANOS)
     }
 }
 
@@ -144,6 +148,7 @@ function run(seconds, most = Infinity) {
 boot()
 for await (const line of createInterface({ input: process.stdin })) {
     const asked = JSON.parse(line)
+    if (asked.erase) eraseNanos = asked.erase * 1e9
     if (asked.reset) boot(chip.flash)
     if (asked.hang) chip.sramView.setUint32((chip.core.PC & ~3) - 0x20000000, 0xe7fee7fe, true) // branches to itself
     if (asked.pressed) chip.gpio.slice(16).forEach((pin) => pin.setInputValue(!asked.pressed.includes(pin.index)))
@@ -156,7 +161,7 @@ for await (const line of createInterface({ input: process.stdin })) {
     run(asked.run ?? 0, asked.until)
     const hex = (bytes) => Buffer.from(bytes).toString('hex')
     const { open, pulses, resets } = seen
-    const answer = { uart: hex(seen.uart), usb: hex(seen.usb), open, pulses, resets, now: clock.nanos / 1e9, stalls: flash.stalls }
+    const answer = { uart: hex(seen.uart), usb: hex(seen.usb), open, pulses, resets, now: clock.nanos / 1e9, stalls: flash.stalls, erasing: flash.isErasing() }
     console.log(JSON.stringify(answer))
     Object.assign(seen, { uart: [], usb: [], pulses: [] })
 }

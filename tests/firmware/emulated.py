@@ -33,6 +33,7 @@ class EmulatedPico:
     now: float = 0.0
     resets: int = 0
     is_open: bool = False
+    is_erasing: bool = False
     pulses: dict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     """Starts in seconds and widths in microseconds of the pulses at each pin."""
 
@@ -47,6 +48,7 @@ class EmulatedPico:
         for pin, start, width in answer["pulses"]:
             self.pulses[pin].append((start, width))
         self.now, self.resets, self.is_open = answer["now"], answer["resets"], answer["open"]
+        self.is_erasing = answer["erasing"]
         return bytes.fromhex(answer[self.line])
 
     def run(self, seconds: float) -> bytes:

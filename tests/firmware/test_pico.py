@@ -112,6 +112,15 @@ def test_records_outlive_a_reset_and_motion_goes_on_while_flash_is_erased(pico: 
         assert answers(sent) == [(30031, b"\1")]
     starts = [start for start, _ in pico.pulses[0] if start > begun]
     assert max(after - before for before, after in pairwise(starts)) < PERIOD + 1e-4
+    pico.command(erase=0.4)
+    pico.ask(move((1, -90, 500)))
+    while not pico.is_erasing:
+        pico.ask(add_action(1, *long), 0.1)
+    pico.ask(STOP, 0)
+    stopped = pico.now
+    pico.run(0.2)
+    assert pico.is_erasing
+    assert len(set(pico.widths_since(0, stopped + PERIOD))) == 1, "a stop acts within a pulse while a sector is erased"
     pico.command(reset=True, run=4)
     assert len(answers(pico.ask(frame(30010), 0.3))[0][1]) == 2 + 4 * 36
 

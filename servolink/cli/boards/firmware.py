@@ -37,6 +37,7 @@ _WIRING = [
 _LARGEST = 1 << 20
 """Bytes of the largest file of ranges."""
 _VOLTAGES = re.compile(r"([0-9]{1,3}(?:\.[0-9]+)?)-([0-9]{1,3}(?:\.[0-9]+)?)")
+"""Value of the option `--battery`: volts of the empty and of the full battery."""
 _DRIVE_SECONDS = 60.0
 """Seconds to wait for a Pico in boot mode."""
 _PORT_SECONDS = 15.0
@@ -64,6 +65,7 @@ def _settings(args: argparse.Namespace, binary: bytes) -> image.ImageSettings:
             )
         empty, full = (round(float(volts) * 1000) for volts in voltages.groups())
         settings = replace(settings, battery_empty=empty, battery_full=full)
+    # A count of 0 is a value too, which the image refuses or takes.
     counts = {name: getattr(args, name) for name in ("servos", "buttons") if getattr(args, name) is not None}
     return replace(settings, **counts)
 
