@@ -119,9 +119,9 @@ class BodyFields(_Part, frozen=True):
     mass: Annotated[Mass | UnsetType, _about("mass of the whole robot, kg")] = UNSET
     density: Annotated[Density | UnsetType, _about("density of parts without a mass, kg/m³")] = UNSET
     torque: Annotated[Torque | UnsetType, _about("strongest torque of a servo, N m")] = UNSET
-    speed: Annotated[Speed, _about("fastest turn of a servo, degrees/s")] = 300
+    speed: Annotated[Speed | UnsetType, _about("fastest turn of a servo, degrees/s")] = UNSET
     stiffness: Annotated[Stiffness | UnsetType, _about("torque of a servo for each degree of lag, N m")] = UNSET
-    friction: Annotated[Friction, _about("coefficient of friction, of parts and floor")] = 0.8
+    friction: Annotated[Friction | UnsetType, _about("coefficient of friction, of parts and floor")] = UNSET
     bolted: Annotated[bool | UnsetType, _about("whether the base is bolted down; true without feet")] = UNSET
     touching: Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=256, description="parts that may overlap")] = ()
 

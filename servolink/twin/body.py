@@ -30,6 +30,10 @@ TORQUE_SHARE: Final = 0.3
 """Torque of servos without a torque, as a share of the weight of the robot times its size."""
 TORQUE_SPARE: Final = 2.0
 """The same, at least as a multiple of the torque to hold the heaviest limb stretched out."""
+SPEED: Final = 300.0
+"""Fastest turn of servos without a speed, in degrees per second."""
+FRICTION: Final = 0.8
+"""Coefficient of friction without another: rubber soles on a table."""
 FULL_LAG: Final = 5.0
 """Lag in degrees with the full torque of a servo without a stiffness."""
 
@@ -117,6 +121,8 @@ class Body:
     feet: tuple[str, ...]
     """Names of the parts that stand flat on the floor; without any, the base of the robot stays upright."""
     has_floor: bool
+    assumptions: tuple[str, ...]
+    """Values that the figure does not give, as texts for people."""
 
     @property
     def mass(self) -> float:
@@ -185,13 +191,29 @@ def body_of(figure: Figure) -> Body:
     return Body(
         name=figure.name,
         parts=tuple(parts),
-        friction=fields.friction,
+        friction=fields.friction or FRICTION,
         touching=fields.touching,
         bolted=bolted,
         base=at,
         feet=figure.base.feet if isinstance(figure.base, Feet) else (),
         has_floor=at[2] + lowest > -_MILLIMETRE,
+        assumptions=tuple(_assumptions(figure, fields, weight, weakest)),
     )
+
+
+def _assumptions(figure: Figure, fields: BodyFields, weight: float, weakest: float) -> Iterator[str]:
+    """Yield each value that the figure does not give for all parts and servos."""
+    servos = [joint for joint in figure.joints if joint.servo is not UNSET]
+    if not (fields.mass or fields.density or all(joint.mass for joint in figure.joints)):
+        yield f"mass of {weight:.3g} kg, by the sizes of the parts"
+    if not (fields.torque or all(joint.torque for joint in servos)):
+        yield f"torque of {weakest:.3g} N m for each servo, by weight and size"
+    if not (fields.speed or all(joint.speed for joint in servos)):
+        yield f"speed of {SPEED:g} degrees/s for each servo"
+    if not (fields.stiffness or all(joint.stiffness for joint in servos)):
+        yield f"stiffness of the servos: full torque at a lag of {FULL_LAG:g} degrees"
+    if not fields.friction:
+        yield f"friction of {FRICTION:g}"
 
 
 def metres(vector: Vector) -> Vector:
@@ -319,4 +341,4 @@ def _drive(joint: Joint, fields: BodyFields, weakest: float) -> Drive:
     """Return the drive of a joint; `weakest` is the torque of a servo without one."""
     torque = joint.torque or fields.torque or weakest
     stiffness = joint.stiffness or fields.stiffness or torque / FULL_LAG
-    return Drive(torque, math.radians(joint.speed or fields.speed), stiffness * 180 / math.pi)
+    return Drive(torque, math.radians(joint.speed or fields.speed or SPEED), stiffness * 180 / math.pi)

@@ -28,10 +28,12 @@ def model_text(body: Body, step: float = 0.002) -> str:
     root = ET.Element("mujoco", model=escape(body.name))
     ET.SubElement(root, "compiler", angle="radian", boundinertia="1e-9")
     ET.SubElement(root, "option", timestep=_text(step), integrator="implicitfast", gravity=_texts((0, 0, -GRAVITY)))
+    visual = ET.SubElement(root, "visual")
+    ET.SubElement(visual, "headlight", ambient="0.5 0.5 0.5", diffuse="0.4 0.4 0.4")
     defaults = ET.SubElement(root, "default")
     ET.SubElement(defaults, "geom", friction=_texts((body.friction, 0.005, 0.0001)))
     world = ET.SubElement(root, "worldbody")
-    ET.SubElement(world, "light", pos="0.5 0.5 2", dir="-0.2 -0.2 -1", diffuse="0.7 0.7 0.7")
+    ET.SubElement(world, "light", pos="0.5 0.5 2", dir="-0.2 -0.2 -1", diffuse="0.4 0.4 0.4")
     if body.has_floor:
         ET.SubElement(world, "geom", name=FLOOR, type="plane", size="2 2 0.1", rgba="0.75 0.78 0.8 1")
     base = ET.SubElement(world, "body", name=BASE, pos=_texts(body.base))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Final
@@ -57,7 +58,7 @@ class Physics:
         joints = [self.model.joint(servo_joint(servo_id)) for servo_id in self.servo_ids]
         self.positions = [int(joint.qposadr[0]) for joint in joints]
         """Places of the servos in `data.qpos`."""
-        self._torques = self.model.actuator_forcerange.copy()
+        self._original = copy(self.model)
         self.reset()
         self._refuse_overlap()
 
@@ -68,8 +69,18 @@ class Physics:
             if part.servo is not None:
                 self.data.qpos[self.model.jnt_qposadr[self.model.body_jntadr[number]]] = part.rest
         self.data.ctrl[:] = self.data.qpos[self.positions]
-        self.model.actuator_forcerange[:] = self._torques
+        self.model.actuator_forcerange[:] = self._original.actuator_forcerange
         self._mujoco.mj_forward(self.model, self.data)
+
+    def vary(self, *, mass: float = 1.0, stiffness: float = 1.0, friction: float = 1.0) -> None:
+        """Multiply masses, stiffness of servos and friction of the body by factors."""
+        model, original = self.model, self._original
+        model.body_mass[:] = original.body_mass * mass
+        model.body_inertia[:] = original.body_inertia * mass
+        model.actuator_gainprm[:, 0] = original.actuator_gainprm[:, 0] * stiffness
+        model.actuator_biasprm[:, 1] = original.actuator_biasprm[:, 1] * stiffness
+        model.geom_friction[:, 0] = original.geom_friction[:, 0] * friction
+        self._mujoco.mj_setConst(model, self.data)
 
     def advance(self, steps: int) -> None:
         """Advance the physics by a number of steps."""
@@ -77,7 +88,7 @@ class Physics:
 
     def release(self, at: int, *, released: bool) -> None:
         """Take the torque from the servo at a place of `servo_ids`, or give the torque back."""
-        self.model.actuator_forcerange[at] = 0.0 if released else self._torques[at]
+        self.model.actuator_forcerange[at] = 0.0 if released else self._original.actuator_forcerange[at]
 
     def touching(self) -> set[tuple[str, str]]:
         """Return the names of the parts that touch each other or the floor, each pair in order of names."""

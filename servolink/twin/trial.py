@@ -1,0 +1,193 @@
+"""Trial: one run of an action or a macro on a body with physics, and all that is measured meanwhile."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any, Final
+
+import msgspec
+from msgspec import Struct
+
+from servolink.errors import ProjectError
+from servolink.project.model import Project
+from servolink.project.record_lookup import name_of
+from servolink.protocol.records import Action, Macro
+from servolink.twin.mjcf import BASE, FLOOR, part_names
+from servolink.twin.moment import moment
+from servolink.twin.simulation import Physics, Simulation
+from servolink.virtual.dry_run import DryRun
+
+LONGEST: Final = 60.0
+"""Longest trial in simulated seconds; a longer run is cut off."""
+AFTERWARDS: Final = 2.0
+"""Seconds after the end of a run, in which the robot can still fall."""
+FALLEN: Final = 45.0
+"""Lean in degrees of a robot that has fallen."""
+
+_SPACING = 0.02  # seconds between two measurements
+_SUPPORT = 5  # measurements whose points of support count together: a foot that bounces still supports
+_DIRECTIONS = 64  # in which the margin of the centre of mass is measured
+
+
+class Variation(Struct, frozen=True):
+    """Factors of the values of a body."""
+
+    mass: float = 1.0
+    stiffness: float = 1.0
+    friction: float = 1.0
+
+
+AS_WRITTEN: Final = Variation()
+"""Values of the body as they are."""
+
+
+class Fall(Struct, frozen=True):
+    """Moment in which a robot has fallen."""
+
+    seconds: float
+    """Seconds since the start of the run."""
+    step: str
+    """Command and action that run at this moment."""
+    variation: Variation
+
+
+class Collision(Struct, frozen=True):
+    """Two parts that touch, or the floor and a part other than a foot."""
+
+    parts: tuple[str, str]
+    seconds: float
+    """Seconds from the start of the run to the first touch."""
+
+
+class TrialResult(Struct, frozen=True):
+    """Measurements of one run, up to the fall if there is one."""
+
+    fall: Fall | None
+    worst_tilt: float
+    """Largest lean of the feet in degrees; of a robot without feet, of its base."""
+    worst_at: float
+    """Seconds from the start of the run to the largest lean."""
+    margin_mm: float | None
+    """Least distance of the centre of mass from the edge of the support; negative beyond it, None for a bolted body."""
+    collisions: tuple[Collision, ...]
+    torque: dict[int, float]
+    """Highest torque of each servo, as a share of its strongest."""
+    lag: dict[int, float]
+    """Largest lag of each servo behind its command, in degrees."""
+
+
+def run_seconds(project: Project, record: Action | Macro) -> float:
+    """Return the duration of a run. Raise ProjectError for a macro that no board can play."""
+    try:
+        return DryRun(project.actions, project.macros, ()).play(record).seconds
+    except ProjectError as error:
+        raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
+
+
+def start(physics: Physics, project: Project, record: Action | Macro, variation: Variation) -> Simulation:
+    """Return a simulation in which a record begins to run, on a body with the values of a variation."""
+    physics.vary(**msgspec.structs.asdict(variation))
+    dry_run = DryRun(project.actions, project.macros, physics.servo_ids)
+    simulation = Simulation(physics, dry_run.hardware)
+    dry_run.begin(record)
+    return simulation
+
+
+def run_trial(
+    physics: Physics, project: Project, record: Action | Macro, variation: Variation = AS_WRITTEN, seconds: float = 0.0
+) -> TrialResult:
+    """Run a record from the pose with all servos at 0, and a little longer.
+
+    `seconds` is the duration by `run_seconds`, if known. Raise ProjectError for a macro that no board can play.
+    """
+    end = min(seconds or run_seconds(project, record), LONGEST) + AFTERWARDS
+    simulation = start(physics, project, record, variation)
+    watch = Watch(physics)
+    while simulation.now < end and not watch.has_fallen:
+        simulation.advance(simulation.now + _SPACING)
+        watch.look(simulation.now)
+    fall = Fall(simulation.now, moment(project, record, simulation.now), variation) if watch.has_fallen else None
+    return watch.trial(fall)
+
+
+class Watch:
+    """Measurements of a body in motion."""
+
+    def __init__(self, physics: Physics) -> None:
+        """Measure from now on; all that touches now may touch later."""
+        import numpy as np  # late: MuJoCo brings it
+
+        self.has_fallen = False
+        """Whether the robot leans too far, or its base has come to the floor."""
+        self._physics = physics
+        self._np = np
+        body, model = physics.body, physics.model
+        named = dict(zip((part.name for part in body.parts), part_names(body), strict=True))
+        self._upright = [model.body(named[foot]).id for foot in body.feet] or [model.body(BASE).id]
+        self._up = physics.data.xmat[self._upright][:, 6:].copy()
+        self._floor = model.geom(FLOOR).id if body.has_floor else -1
+        trunk = model.body_weldid[model.geom_bodyid] == model.body(BASE).id
+        self._trunk = np.flatnonzero(trunk & ~np.isin(np.arange(model.ngeom), physics.data.contact.geom))
+        angles = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
+        self._directions = np.array([np.cos(angles), np.sin(angles)])
+        self._strongest = np.abs(physics.model.actuator_forcerange).max(axis=1)
+        self._torque = np.zeros(model.nu)
+        self._lag = np.zeros(model.nu)
+        self._support: deque[Any] = deque(maxlen=_SUPPORT)
+        self._tilt, self._tilt_at, self._margin = 0.0, 0.0, math.inf
+        self._at_rest = physics.touching()
+        self._known = set(self._pairs())
+        self._touched: dict[tuple[str, str], float] = {}
+
+    def look(self, now: float) -> None:
+        """Measure once, at the time `now`."""
+        np, data = self._np, self._physics.data
+        np.maximum(self._torque, np.abs(data.actuator_force), out=self._torque)
+        np.maximum(self._lag, np.abs(data.ctrl - data.qpos[self._physics.positions]), out=self._lag)
+        if new := set(self._pairs()) - self._known:
+            self._note_collisions(now)
+            self._known |= new
+        if self._physics.body.bolted:
+            return
+        cosines = (data.xmat[self._upright][:, 6:] * self._up).sum(axis=1)
+        tilt = math.degrees(math.acos(min(1.0, float(cosines.max()))))
+        if tilt > self._tilt:
+            self._tilt, self._tilt_at = tilt, now
+        pairs = data.contact.geom
+        on_floor = (pairs == self._floor).any(axis=1)
+        self._support.append(data.contact.pos[on_floor, :2])
+        self._measure_margin()
+        self.has_fallen = tilt > FALLEN or bool(np.isin(pairs[on_floor], self._trunk).any())
+
+    def trial(self, fall: Fall | None) -> TrialResult:
+        """Return all measurements."""
+        ids = self._physics.servo_ids
+        shares = self._torque / self._strongest
+        return TrialResult(
+            fall=fall,
+            worst_tilt=self._tilt,
+            worst_at=self._tilt_at,
+            margin_mm=None if math.isinf(self._margin) else self._margin * 1000,
+            collisions=tuple(Collision(parts, at) for parts, at in self._touched.items()),
+            torque=dict(zip(ids, shares.tolist(), strict=True)),
+            lag=dict(zip(ids, self._np.degrees(self._lag).tolist(), strict=True)),
+        )
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Return the pairs of bodies in contact, by number."""
+        numbers = self._physics.model.geom_bodyid[self._physics.data.contact.geom].tolist()
+        return [(one, other) for one, other in numbers]
+
+    def _note_collisions(self, now: float) -> None:
+        for pair in self._physics.touching() - self._at_rest:
+            if FLOOR not in pair or not {*pair} & {*self._physics.body.feet}:
+                self._touched.setdefault(pair, now)
+
+    def _measure_margin(self) -> None:
+        """Compare the centre of mass with the hull of the points of support, in all directions."""
+        support = self._np.concatenate(self._support)
+        if len(support):
+            centre = self._physics.data.subtree_com[1, :2]
+            reach = (support @ self._directions).max(axis=0) - centre @ self._directions
+            self._margin = min(self._margin, float(reach.min()))
