@@ -2,7 +2,7 @@
 
 import { html, useEffect, useRef } from "../html.js";
 import { LENGTH } from "../state/history.js";
-import { Stretch } from "../state/stretch.js";
+import { scaleOf, Stretch } from "../state/stretch.js";
 import uPlot from "../vendor/uplot.js";
 
 /** @typedef {import("../state/history.js").History} History */
@@ -14,7 +14,8 @@ const PIXELS = 2; // from one point to the next, at least
 const THIN = 1,
   WIDE = 2.4; // pixels; without a graphics card, drawing lines of 1.4 takes three times as long as of 1
 const FAINT = 0.3;
-const ANGLES = [-180, 180];
+const LEAST_SPAN = { angle: 60, current_raw: 20, temperature_raw: 20 }; // of the scale, in the unit of the plot
+const LABEL_SPACE = 26; // pixels from one label of the scale to the next, at least
 
 /** @param {Props} props */
 export function Plot(props) {
@@ -43,19 +44,15 @@ export function Plot(props) {
  */
 function draw(plot, { history, ids, quantity, seconds }) {
   const stretch = new Stretch(history, seconds, plot.width / PIXELS);
-  plot.setData(
-    [stretch.times(history.times), ...ids.map((id) => stretch.values(history.of(id)[quantity]))],
-    quantity !== "angle",
-  );
-  plot.setScale("x", { min: -seconds, max: 0 });
-  if (quantity === "angle") plot.setScale("y", { min: ANGLES[0], max: ANGLES[1] });
+  plot.setData([stretch.times(history.times), ...ids.map((id) => stretch.values(history.of(id)[quantity]))], false);
+  plot.setScale("x", { min: -seconds, max: 0 }); // the other scale follows the values that are shown
 }
 
 /**
  * @param {HTMLElement} element
  * @param {Props} props
  */
-function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks }) {
+function options(element, { history, ids, quantity, chosen, limbOf, unit, nowLabel, marks }) {
   const style = getComputedStyle(document.documentElement);
   /** @param {string} name */
   const colour = (name) => style.getPropertyValue(name).trim();
@@ -71,7 +68,13 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
     cursor: { show: false },
     padding: [8, 16, 0, 0],
     hooks: marks && { draw: [(/** @type {uPlot} */ plot) => drawMarks(plot, history, marks.value, colour("--ink-2"))] },
-    scales: { x: { time: false }, y: {} },
+    scales: {
+      x: { time: false },
+      y: {
+        range: (/** @type {unknown} */ _, /** @type {number | null} */ low, /** @type {number | null} */ high) =>
+          scaleOf(low, high, LEAST_SPAN[quantity]),
+      },
+    },
     axes: [
       {
         ...axis,
@@ -82,6 +85,7 @@ function options(element, { history, ids, chosen, limbOf, unit, nowLabel, marks 
       {
         ...axis,
         size: 50,
+        space: LABEL_SPACE,
         values: (/** @type {unknown} */ _, /** @type {number[]} */ ticks) =>
           ticks.map((tick) => `${minus(tick)}${unit}`),
       },

@@ -62,3 +62,19 @@ export class Stretch {
     return found;
   }
 }
+
+/**
+ * Return the ends of a scale: round numbers around all values, and at least `span` apart.
+ * @param {number | null} low lowest value, null without values
+ * @param {number | null} high highest value
+ * @param {number} span
+ * @returns {[number, number]}
+ */
+export function scaleOf(low, high, span) {
+  if (low === null || high === null) return [-span / 2, span / 2];
+  const step = Math.max(span, high - low) / 4,
+    unit = 10 ** Math.floor(Math.log10(step));
+  const round = unit * ([1, 2, 3, 5].find((factor) => factor * unit >= step) ?? 10);
+  const missing = Math.max(0, span - (high - low)) / 2;
+  return [Math.floor((low - missing) / round) * round, Math.ceil((high + missing) / round) * round];
+}

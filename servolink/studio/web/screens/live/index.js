@@ -4,7 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Plot } from "../../parts/plot.js";
 import { Segments } from "../../parts/segments.js";
-import { limbName, limbOf, limbs } from "../../state/figure.js";
+import { limbName, limbOf, limbs, nameOf } from "../../state/figure.js";
 import { history, isFresh, isLive, servoIds } from "../../state/robot.js";
 import { theme } from "../../state/settings.js";
 import { chosen, plotQuantity, plottedQuantity, showLimb, shownLimb } from "../../state/view.js";
@@ -77,7 +77,12 @@ function LimbCard({ limb, ids, isShown, ...tools }) {
   </section>`;
 }
 
-// Plot of all servos over the last seconds.
+// Plot of all servos over the last seconds, and the names of the limbs in its colours.
+
+const Legend = () => html`<ul class="plotlegend grow" aria-label=${t("live.legend")}>
+  ${limbs.value.map(({ limb }) => html`<li key=${limb} data-g=${limb}><span class="gd"></span>${limbName(limb)}</li>`)}
+  ${chosen.value !== null && html`<li class="now" data-g=${limbOf(chosen.value)}><span class="gd wide"></span><b>${nameOf(chosen.value)}</b></li>`}
+</ul>`;
 
 const SECONDS = 12;
 
@@ -90,7 +95,7 @@ function PlotCard() {
           { value: "current_raw", label: t("live.current_title") },
           { value: "temperature_raw", label: t("live.temperature_title") },
         ]} />
-      <span class="grow"></span>
+      <${Legend} />
       <span class="chip hide-n">${t("live.last_seconds", { seconds: SECONDS })}</span>
     </header>
     <${Plot} history=${history} ids=${servoIds.value} quantity=${plottedQuantity.value} seconds=${SECONDS} chosen=${chosen.value}

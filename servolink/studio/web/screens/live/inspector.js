@@ -1,10 +1,12 @@
 // Chosen servo: readings, and buttons to release or start the servo.
 
 import { html, useRef, useSignalEffect } from "../../html.js";
-import { limbOf, nameOf } from "../../state/figure.js";
-import { isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
+import { Hold } from "../../parts/hold.js";
+import { NumberField } from "../../parts/number-field.js";
+import { limbOf, limitsOf, nameOf } from "../../state/figure.js";
+import { isFresh, isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
-import { chosen } from "../../state/view.js";
+import { chosen, draft, draftTarget, mode } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
@@ -16,7 +18,7 @@ const ROWS = /** @type {const} */ ([
 ]);
 
 /** @param {Tools} tools */
-export function Inspector({ link }) {
+export function Inspector({ link, motion }) {
   const card = useRef(/** @type {HTMLElement | null} */ (null));
   const id = chosen.value ?? servoIds.value[0];
   useSignalEffect(() => {
@@ -50,6 +52,7 @@ export function Inspector({ link }) {
       <dl class="kv">
         ${ROWS.map(([name, title]) => html`<dt>${t(title)}</dt><dd data-part=${name}></dd>`)}
       </dl>
+      <${Exact} id=${id} motion=${motion} />
       <div class="row wrap actions">
         <button class="btn s" disabled=${isOff} onClick=${release}>${t("live.let_go")}</button>
         <button class="btn s" disabled=${!isLive.value || !mayMove.value} onClick=${() => set({ start: false, hold: true })}>${t("live.hold_it")}</button>
@@ -57,4 +60,24 @@ export function Inspector({ link }) {
       </div>
     </div>
   </section>`;
+}
+
+/**
+ * Field for the exact target of the servo. In Robot mode the servo moves there while a button is held.
+ * @param {{ id: number, motion: import("../../state/motion.js").Motion }} props
+ */
+function Exact({ id, motion }) {
+  const [low, high] = limitsOf(id),
+    target = draft.value[id],
+    reading = Math.round(servos.peek().get(id)?.angle ?? 0); // from which the arrow keys begin
+  const shown = (/** @type {number} */ angle) => (target === undefined && angle === reading ? "" : degrees(angle));
+  const isOff = !isFresh.value || !mayMove.value;
+  const go = async () => {
+    if (target !== undefined && (await motion.begin())) motion.towards({ [id]: target });
+  };
+  return html`<label class="exact"><span>${t("live.exact")}</span>
+      <${NumberField} classes="s" label=${t("live.exact_of", { name: nameOf(id) })} value=${target ?? reading} format=${shown} low=${low} high=${high} disabled=${isOff}
+        onChange=${(/** @type {number} */ angle) => draftTarget(id, Math.round(angle))} />
+    </label>
+    ${mode.value === "robot" && target !== undefined && html`<div class="exact"><${Hold} label=${t("live.exact_go", { angle: degrees(target) })} classes="small" hasKey=${false} disabled=${isOff || isOthers.value} onBegin=${go} onEnd=${() => motion.end()} /></div>`}`;
 }

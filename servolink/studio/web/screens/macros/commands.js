@@ -32,12 +32,17 @@ export function duplicate() {
     command = chosenCommand(),
     at = chosenClip.value;
   if (one === null) return;
-  if (command === null || at === null)
-    return addMacro("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
+  if (command === null || at === null) return duplicateMacro();
   changeMacro("macros.did_insert", (each) => withCommandAt(each, at + 1, { ...command }), {
     values: { what: nameOfCommand(command) },
   });
   chooseClip(at + 1);
+}
+
+/** Duplicate the macro on the screen. */
+export function duplicateMacro() {
+  const one = macro.value;
+  if (one !== null) addMacro("macros.did_duplicate", t("actions.copy_of", { name: one.macro_caption }), one.commands);
 }
 
 /** Take the chosen command out of the macro. */

@@ -26,6 +26,7 @@ import { seconds, t } from "../../texts/text.js";
 import {
   chosenCommand,
   duplicate,
+  duplicateMacro,
   FASTEST,
   MOST_REPEATS,
   moveChosen,
@@ -45,7 +46,8 @@ const LONGEST_PAUSE = 0x7fff_ffff / 1000; // seconds
 export function Inspector() {
   const command = chosenCommand();
   return html`<section class="card insp">
-    ${command === null ? html`<${Whole} />` : html`<${One} command=${command} at=${chosenClip.value} />`}
+    <${Whole} />
+    ${command !== null && html`<${One} command=${command} at=${chosenClip.value} />`}
     <div class="pad0"><${Speeds} /></div>
   </section>`;
 }
@@ -67,11 +69,11 @@ function Whole() {
   return html`<header>
       <${NameField} name=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} label=${t("actions.name")} onChange=${rename} />
       <${Menu} label=${t("actions.more")} items=${[
-        { label: t("actions.duplicate"), run: duplicate },
+        { label: t("actions.duplicate"), run: duplicateMacro },
         { label: t("actions.delete"), run: removeMacro, danger: true },
       ]} />
     </header>
-    <div class="pad0 fields"><p class="mut num">${t("macros.facts", { time, count: one.commands.length })}</p></div>`;
+    <p class="pad0 mut num">${t("macros.facts", { time, count: one.commands.length })}</p>`;
 }
 
 /** @param {{ command: Command, at: number }} props */
@@ -82,7 +84,7 @@ function One({ command, at }) {
     command.type === "macro" ? draft.value?.macros.find((each) => each.macro_id === command.macro_id) : undefined;
   /** @param {Event} event */
   const slide = (event) => setSpeed(at, Number(/** @type {HTMLInputElement} */ (event.currentTarget).value), "slide");
-  return html`<header>
+  return html`<header class="part">
       <h2 class="ell">${nameOfCommand(command)}</h2>
       <span class=${command.type === "macro" ? "chip acc" : "chip"}>${t(`kind.${command.type}`)}</span>
       <${Menu} label=${t("macros.more")} items=${[
