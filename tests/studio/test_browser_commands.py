@@ -123,7 +123,7 @@ def watch(place: Place) -> None:
 def stop_one(place: Place) -> None:
     show(place.page, "Live")
     place.page.get_by_role("button", name="L elbow").click()
-    place.button("Stop and hold").click()
+    place.button("Hold here").click()
     until(lambda: place.wire.sent_of(20030)[-1] == bytes((6, 0, 1)))
     place.button("Start").click()
 

@@ -195,7 +195,7 @@ export const en = {
   "live.temperature_raw": "Temperature, raw",
   "live.let_go": "Let go",
   "live.let_go_warning": "Let {name} go? It goes limp, and a raised limb falls.",
-  "live.hold_it": "Stop and hold",
+  "live.hold_it": "Hold here",
   "live.legend": "Colours of the plot",
   "live.exact": "Exact target",
   "live.exact_of": "Exact target of {name}",

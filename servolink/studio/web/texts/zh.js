@@ -195,7 +195,7 @@ export const zh = {
   "live.temperature_raw": "原始温度",
   "live.let_go": "松开",
   "live.let_go_warning": "松开 {name}？它会失去力量，抬起的肢体会下落。",
-  "live.hold_it": "停止并保持",
+  "live.hold_it": "保持在此",
   "live.legend": "曲线颜色",
   "live.exact": "精确目标",
   "live.exact_of": "{name}的精确目标",
