@@ -141,7 +141,13 @@ def move(place: Place) -> None:
     show(place.page, "Live")
     place.page.get_by_role("group", name="Robot").get_by_role("button", name="Robot").click()
     slider = place.page.get_by_label("Target of servo 6")
-    slider.press("ArrowRight", delay=300)
+    before = place.wire.count(20050)
+
+    def press() -> bool:
+        slider.press("ArrowRight", delay=300)  # again and again: a busy page may lose the lease meanwhile
+        return place.wire.count(20050) > before
+
+    until(press)
     place.page.get_by_role("group", name="Robot").get_by_role("button", name="Preview").click()
 
 
