@@ -53,6 +53,32 @@ def test_a_pose_is_edited_and_kept_and_nothing_moves(studio: Studio, browser: An
     assert [servo.angle for servo in studio.board.servos()] == angles
 
 
+def test_a_movement_is_eased_at_the_cost_that_was_shown(studio: Studio, browser: Any) -> None:
+    before = stored(studio)
+    with editing(browser, studio.url, "Actions") as page:
+        page.locator(".pose").filter(has_text="Arm up").click()
+        page.get_by_role("button", name="Easing …").click()
+        dialog = page.get_by_role("dialog")
+        dialog.get_by_role("button", name="Linear").click()
+        expect(dialog.get_by_role("button", name="Make 1 actions")).to_be_disabled()
+        dialog.get_by_role("button", name="Soft").click()
+        cost = re.search(r"(\d+) actions and a macro, (\d+) bytes", dialog.get_by_role("note").inner_text())
+        assert cost is not None
+        dialog.get_by_role("button", name="Make").click()
+        go(page, "Project")
+        page.get_by_role("button", name="Write to the board").click()
+        expect(page.get_by_text("Written", exact=True)).to_be_visible()
+    after = stored(studio)
+    made = [one for one in after.actions if one not in before.actions]
+    [macro] = [one for one in after.macros if one not in before.macros]
+    assert len(made) == len(macro.commands) == int(cost[1]) > 1
+    assert sum(38 + 5 * len(one.steps) for one in made) + 38 + 12 * len(made) == int(cost[2])
+    [arm_up] = [one for one in before.actions if one.action_caption == "Arm up"]
+    assert {step.servo_id: step.degree for step in made[-1].steps} == {
+        step.servo_id: step.degree for step in arm_up.steps
+    }
+
+
 def test_undo_and_redo_reach_over_screens(studio: Studio, browser: Any) -> None:
     with editing(browser, studio.url, "Actions") as page:
         page.locator(".pose").filter(has_text="Arm up").click()

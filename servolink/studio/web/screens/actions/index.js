@@ -1,6 +1,6 @@
 // Actions: poses as pictures, the figure as their editor, and every servo with its target and its time.
 
-import { html, useEffect, useRef } from "../../html.js";
+import { html, useEffect, useRef, useState } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { NumberField } from "../../parts/number-field.js";
@@ -26,6 +26,7 @@ import {
 import { chooseAction } from "../../state/view.js";
 import { seconds, t } from "../../texts/text.js";
 import { addTaken, copyRight, duplicate, mirrorAction, take, timeForAll } from "./commands.js";
+import { EasingDialog } from "./easing.js";
 import { StageCard } from "./stage-card.js";
 import { StepsCard } from "./steps-card.js";
 
@@ -60,6 +61,7 @@ const NoActions = () => html`<div class="card empty">
 // Toolbar of changes to the whole action.
 
 function Toolbar() {
+  const [isEasing, setEasing] = useState(false);
   const one = action.value,
     hasSides = mirror.value.size > 0,
     reason = hasSides ? undefined : t("actions.no_sides");
@@ -72,6 +74,8 @@ function Toolbar() {
       <${Icon} name="copy" /><span>${t("actions.copy_right")}</span>
     </button>
     <button class="btn" disabled=${!isLive.value} onClick=${take}><${Icon} name="camera" /><span>${t("actions.take")}</span></button>
+    <button class="btn" disabled=${one.steps.length === 0} onClick=${() => setEasing(true)}>${t("easing.button")}</button>
+    ${isEasing && html`<${EasingDialog} onClose=${() => setEasing(false)} />`}
     <span class="grow"></span>
     <label class="row allin">
       <span class="mut">${t("actions.all_in")}</span>
