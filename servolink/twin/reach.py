@@ -19,14 +19,14 @@ from servolink.twin.simulation import Physics, mujoco
 REACHED: Final = 0.003
 """Distance in metres within which a place is reached."""
 
-_FARTHEST = 100.0  # metres
+_FARTHEST = 10.0  # metres
 _CLOSE = 1e-4  # metres: the search ends
 _ITERATIONS = 40
 _RESTARTS = 8
 _ALIKE = 2  # more searches in a row that end as near: no pose is nearer
 _NUDGE = 0.15  # share of the way to a random pose: from straight legs no small step leads down
 _LONGEST_STEP = 0.8  # radians, or metres of the base
-_FIRM = 30.0  # weight of feet that stand, where a goal has 1
+_FIRM = 30.0  # weight of feet that stand, where a goal 100 mm away has 1
 _BALANCE = 3.0  # weight of the centre of mass above the feet
 _LEVER = 0.1  # metres: a turn of a foot counts as a move at this distance
 _ENDS = {"hand": "arm", "foot": "leg"}
@@ -115,7 +115,7 @@ class PosableFigure:
             start: Angles in degrees by servo id, from which the search begins; other servos are at rest.
 
         Raises:
-            TwinError: A part is unknown or cannot move, or a place is not three numbers within 100 m.
+            TwinError: A part is unknown or cannot move, or a place is not three numbers within 10 m.
         """
         goals = [self._goal(part, place) for part, place in places.items()]
         servos = self._leading_to(goals)
@@ -125,7 +125,7 @@ class PosableFigure:
         begin = self._pose(start or {})
         found, missed = self._search(goals, [], servos, begin, 1.0)
         if missed > REACHED and standing:
-            stance = self._stance(begin, goals)
+            stance = self._stance(begin, goals, max(1.0, missed / 0.1))
             legs = self._leading_to(stance)
             base = range(len(self._positions), self._columns.shape[1])
             other, less = self._search(goals, stance, [*sorted({*servos, *legs}), *base], found, _NUDGE)
@@ -182,16 +182,17 @@ class PosableFigure:
                 body = model.body_parentid[body]
         return sorted(found)
 
-    def _stance(self, begin: Any, goals: Sequence[_Goal]) -> list[_Goal]:
+    def _stance(self, begin: Any, goals: Sequence[_Goal], weight: float) -> list[_Goal]:
         """Return the goals to keep the feet that are to stand, and the centre of mass, as in the pose `begin`."""
         self._move(begin)
         data, moved = self._physics.data, {goal.body for goal in goals}
         feet = [foot for name in self._physics.body.feet if (foot := self._bodies[name]) not in moved]
         origin = 0 * data.xpos[0]
         stance = [
-            _Goal(foot, origin, data.xpos[foot].copy(), _FIRM, data.xmat[foot].reshape(3, 3).copy()) for foot in feet
+            _Goal(foot, origin, data.xpos[foot].copy(), weight * _FIRM, data.xmat[foot].reshape(3, 3).copy())
+            for foot in feet
         ]
-        return [*stance, _Goal(0, origin, data.subtree_com[1].copy(), _BALANCE)]
+        return [*stance, _Goal(0, origin, data.subtree_com[1].copy(), weight * _BALANCE)]
 
     def _pose(self, angles: Mapping[int, float]) -> Any:
         """Put the figure at rest, and then servos at angles in degrees up to their limits; return the positions."""
