@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, Iterable, Mapping
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
@@ -30,7 +31,6 @@ from servolink.errors import (
 from servolink.motion.angles import AngleUnit, in_unit, wire_angles
 from servolink.motion.limits import MotionLimits, degrees_per_second
 from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
-from servolink.motion.set_points import FRESH, SetPoints
 from servolink.motion.ticket import Ticket
 from servolink.numeric import checked_flag, is_number
 from servolink.platforms.time_asleep import time_with_sleep
@@ -44,6 +44,9 @@ from servolink.protocol.servos import (
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
+
+if TYPE_CHECKING:
+    from servolink.motion.set_points import SetPoints
 
 _STOP_TRIES = 3
 
@@ -336,7 +339,9 @@ class ServoController:
         """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
         if not self._are_outside(targets):
             return ticket
-        return ticket._replace(until=min(ticket.until, time_with_sleep() + FRESH))
+        from servolink.motion.set_points import FRESH
+
+        return replace(ticket, until=min(ticket.until, time_with_sleep() + FRESH))
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.

@@ -9,11 +9,12 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from msgspec.structs import replace
+
 from servolink.client.board import Board
 from servolink.client.session import Session, set_mode
 from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
-from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps, TextLog, text_logger
 from servolink.errors import (
@@ -39,6 +40,7 @@ from servolink.transports.registry import create
 
 if TYPE_CHECKING:  # loaded on use: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
+    from servolink.connection.sharing import BoardSharing
     from servolink.control.share_address import ShareTransport
     from servolink.profiles.profile import BoardProfile, ProfileInUse
 
@@ -354,7 +356,7 @@ def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuar
 
     guard = IdentityGuard(connection, profile)
     connection.preparations += (guard.prepare,)
-    connection.gates = connection.gates._replace(identity=guard.refusal)
+    connection.gates = replace(connection.gates, identity=guard.refusal)
     return guard
 
 

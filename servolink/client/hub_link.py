@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 from msgspec import Raw
+from msgspec.structs import replace
 
 from servolink.connection.connection import Connection
 from servolink.connection.options import ConnectionOptions
@@ -69,7 +70,7 @@ class HubLink:
             self._hear(*notification)
         self._channel.on_notification = self._hear
         self._connection.preparations += (self._take_lease_for,)
-        self._connection.gates = self._connection.gates._replace(role=self._refuse_role, lease=self._refuse_lease)
+        self._connection.gates = replace(self._connection.gates, role=self._refuse_role, lease=self._refuse_lease)
 
     async def close(self) -> None:
         """Disconnect: the hub frees the lease and the board."""

@@ -6,6 +6,8 @@ import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from servolink.client.captions import CaptionSource, Targets, servo_targets
 from servolink.connection.sharing import SendPoints
 from servolink.control.messages import MOST_GAP, MOST_STREAM_HZ
@@ -139,7 +141,7 @@ def stream_on(
         session.check_goes_on("the stream", ExecuteActionRequest(), begun)
         if through_hub is not None:
             return await through_hub(angles, until)
-        return await servos.stream(angles, points, begun._replace(until=until))
+        return await servos.stream(angles, points, replace(begun, until=until))
 
     async def read_ids() -> tuple[int, ...]:
         # The unit is set before the first set-point is given, which would be late on a slow board.

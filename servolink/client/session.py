@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnector
 from servolink.connection.explain import described, lost, same
 from servolink.connection.fences import SERVO_LIST, name_of
-from servolink.connection.packet_connection import PacketConnection
 from servolink.connection.stats import Stats
 from servolink.control.status import ConnectionState
 from servolink.errors import (
@@ -31,6 +30,7 @@ from servolink.protocol.packet import Command, Packet, Query, Request, Response,
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
 if TYPE_CHECKING:  # most boards have no profile
+    from servolink.connection.packet_connection import PacketConnection
     from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)

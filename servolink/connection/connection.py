@@ -6,9 +6,8 @@ import asyncio
 import os
 from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
-from random import Random
 from threading import get_ident
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.connection.asking import Done, QueryAsker
 from servolink.connection.call import Call, Slot
@@ -18,10 +17,8 @@ from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
 from servolink.connection.opening import Opening
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE, TransmissionMode
-from servolink.connection.repeating_slots import RepeatingSlots
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
-from servolink.connection.sharing import BoardSharing
 from servolink.connection.slots import NO_OBSTACLE, Slots
 from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.connection.stats import Stats
@@ -34,6 +31,11 @@ from servolink.protocol.packet import Command, Packet, Query, Request, Response,
 from servolink.protocol.servos import SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
 from servolink.transports.base import Transport
+
+if TYPE_CHECKING:
+    from random import Random
+
+    from servolink.connection.sharing import BoardSharing
 
 R = TypeVar("R", bound=Response)
 
@@ -101,12 +103,10 @@ class Connection:
         self.is_proved = True
         """Whether responses of the board prove that nothing is owed; otherwise only a silence before the opening."""
         self._opened_by: frozenset[int] = frozenset()  # packet ids of the queries of the latest opening
-        # A recorded session can be replayed only with the same handshake.
-        seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
-        self._random = random or Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
+        self._random = random
         self._loop = asyncio.get_running_loop()
         self._thread = get_ident()
-        self._slots = RepeatingSlots() if answers_twice else Slots()
+        self._slots = _repeating_slots() if answers_twice else Slots()
         if answers_twice:
             depth = write_depth = 1
         pace = getattr(transport, "bytes_per_second", 0.0)
@@ -250,6 +250,12 @@ class Connection:
             self._scheduler.pause()
 
     def _begin_opening(self, event: ConnectionEvent) -> None:
+        if self._random is None:
+            from random import Random  # late: a program on a hub opens nothing
+
+            # A recorded session can be replayed only with the same handshake.
+            seed = b"" if getattr(self.transport, "is_recorded", False) else os.urandom(16)
+            self._random = Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
         opening = Opening(
             self.transport.url,
             self.codec,
@@ -516,6 +522,12 @@ class Connection:
         # Not with `get_running_loop`, as Python 3.11 asks the system for the process id in each call of that.
         if get_ident() != self._thread or not self._loop.is_running():
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
+
+
+def _repeating_slots() -> Slots:
+    from servolink.connection.repeating_slots import RepeatingSlots  # late: few boards answer twice
+
+    return RepeatingSlots()
 
 
 def _see_exception(opening: asyncio.Task[None]) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
+
+from msgspec import Struct
+from msgspec.structs import astuple
 
 from servolink.errors import ConnectionLost, Reason, RequestRefused, ServolinkError
 from servolink.motion.ticket import StopCounter, Ticket
@@ -19,7 +22,7 @@ def open_gate(packet: Packet, ticket: Ticket) -> None:
     """Refuse nothing."""
 
 
-class Gates(NamedTuple):
+class Gates(Struct, frozen=True):
     """Gates in the order in which they are asked; the first refusal counts (docs/design/motion.md)."""
 
     identity: Gate = open_gate
@@ -39,7 +42,8 @@ class Gates(NamedTuple):
         """Return the first refusal, None if `packet` may be sent now. Stops and queries pass without being asked."""
         if not passes_gates(packet):
             return None
-        for gate in self:
+        gates: tuple[Gate, ...] = astuple(self)
+        for gate in gates:
             if (refusal := gate(packet, ticket)) is not None:
                 return refusal
         return None

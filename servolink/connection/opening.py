@@ -6,8 +6,7 @@ import asyncio
 import logging
 from collections import Counter
 from collections.abc import Awaitable, Callable, Collection
-from random import Random
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from servolink.connection.deadlines import BACKOFF, DeadlineTimer, ResponseTimes
 from servolink.connection.evidence import HandshakeFailed, LineEvidence, evidence_in
@@ -21,6 +20,9 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Response
 from servolink.protocol.servos import SetServoParameterResponse
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
+
+if TYPE_CHECKING:
+    from random import Random
 
 Kind: TypeAlias = "Query[Any] | int"
 """A query of the handshake, or the id of any other response."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import msgspec
+from msgspec.structs import replace
 
 from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
 from servolink.errors import MotionRefused, NotFound, Reason
@@ -41,7 +42,7 @@ class ReadyRun:
             self._hub.tell("lease.give")
             raise MotionRefused("the board was stopped while this was prepared; nothing was moved", reason=Reason.STOP)
         self.is_none.clear()
-        self._prepared, self._ticket = asked, ticket._replace(until=time_with_sleep() + asked.expires)
+        self._prepared, self._ticket = asked, replace(ticket, until=time_with_sleep() + asked.expires)
         self._timer = asyncio.get_running_loop().call_later(asked.expires, self.forget)
         return msgspec.json.decode(checked, type=Ran)
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from servolink.errors import EncodeError, MotionRefused, NotFound, Reason
 from servolink.escaping import quote
@@ -19,7 +20,7 @@ FRESH = 0.5
 _LEAD = 0.05  # seconds beyond a period, since a way of few whole degrees would be much slower than its cap
 
 
-class _Way(NamedTuple):
+class _Way(Struct, frozen=True):
     """Movement of a servo as sent, from where the servo was then."""
 
     start: float

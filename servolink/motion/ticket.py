@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import count
-from typing import NamedTuple
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 _FIRST_EPOCHS = count(0, 1 << 40)  # so that epochs of two counters never coincide
 
@@ -13,7 +15,7 @@ STOPPED = "a stop came first"
 """Reason of a stop, for people."""
 
 
-class Ticket(NamedTuple):
+class Ticket(Struct, frozen=True):
     """Permission to begin a motion, valid from the moment of the request.
 
     A ticket belongs to the counter that issued it. Any relay of a motion, such as a hub, exchanges
@@ -31,11 +33,11 @@ class Ticket(NamedTuple):
 
     def begun(self) -> Ticket:
         """Return the ticket for the rest of a motion that has begun: only a stop ends the motion."""
-        return self._replace(until=math.inf)
+        return replace(self, until=math.inf)
 
     def checked(self, units_sent: int) -> Ticket:
         """Return the ticket of a motion whose angles were checked when so many angle units had been sent."""
-        return self._replace(units_sent=units_sent)
+        return replace(self, units_sent=units_sent)
 
 
 NO_TICKET = Ticket(-1)

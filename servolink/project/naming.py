@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from servolink.escaping import escape
 
@@ -14,7 +15,7 @@ _MOST_LISTED = 5
 _COMPARED = 64  # characters; a caption has at most 32 bytes, and typed text may be of any length
 
 
-class Named(NamedTuple):
+class Named(Struct, frozen=True, order=True):
     """Servo or record with a caption."""
 
     label: str

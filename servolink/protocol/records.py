@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 from typing import Annotated, Any
 
@@ -231,8 +230,7 @@ The document has no such limit.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class MacroPlaying:
+class MacroPlaying(Struct, frozen=True):
     """Player of macros without a clock: movements are passed to `move`, and each pause is yielded in seconds.
 
     All steps of an action start together, and the action lasts as long as the longest step. A ratio of 50 doubles the

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+from msgspec import Struct
 
 from servolink.errors import TransportError, TransportUnavailable
 from servolink.transports.address import Address, shorten
@@ -23,7 +25,7 @@ DISCOVERY = "servolink.discovery"
 Factory: TypeAlias = Callable[[Address], Transport]
 
 
-class _Kind(NamedTuple):
+class _Kind(Struct, frozen=True):
     module: str
     function: str
     needs: str = ""  # packages to install if the library of the module is missing

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 
 import pytest
+from msgspec.structs import replace
 
 from servolink.connection.gates import Gate, Gates
 from servolink.errors import ConnectionLost, MotionRefused, RequestError, ServolinkError
@@ -31,18 +32,18 @@ def refusing(name: str) -> Gate:
 
 def test_gates_are_asked_in_one_order_whichever_was_closed_first() -> None:
     order = ("identity", "role", "exclusive_use", "lease", "ticket", "limits")
-    assert Gates._fields == order
+    assert Gates.__struct_fields__ == order
     ticket = StopCounter().ticket()
     for one, other in itertools.combinations(order, 2):
         for names in ((one, other), (other, one)):
             gates = Gates()
             for name in names:
-                gates = gates._replace(**{name: refusing(name)})
+                gates = replace(gates, **{name: refusing(name)})
             assert str(gates.refusal(MOVE, ticket)) == one
 
 
 def test_a_stop_and_a_query_pass_closed_gates() -> None:
-    gates = Gates(*map(refusing, Gates._fields))
+    gates = Gates(*map(refusing, Gates.__struct_fields__))
     ticket = StopCounter().ticket()
     passing: tuple[Packet, ...] = (STOP, SetServoParameterRequest(7, 0, 1), QueryServoListRequest())
     assert [gates.refusal(packet, ticket) for packet in passing] == [None, None, None]
@@ -53,7 +54,7 @@ def test_a_stop_and_a_query_pass_closed_gates() -> None:
 async def test_a_stop_is_sent_through_closed_gates_and_a_motion_is_not() -> None:
     board = FakeBoard()
     async with connected(board) as connection:
-        connection.gates = Gates(*map(refusing, Gates._fields))
+        connection.gates = Gates(*map(refusing, Gates.__struct_fields__))
         await connection.send_stop(STOP)
         await connection.request(SetServoParameterRequest(2, 0, 1))
         for packet in (START, RELEASE):
@@ -79,7 +80,7 @@ async def test_gates_are_asked_after_everything_that_is_awaited() -> None:
             asked.append(packet)
 
         connection.preparations = (stop_meanwhile,)
-        connection.gates = connection.gates._replace(identity=note)
+        connection.gates = replace(connection.gates, identity=note)
         with pytest.raises(RequestError, match="ExecuteActionRequest was not sent: a stop came first"):
             await connection.send(MOVE)
         with pytest.raises(RequestError, match="SetServoParameterRequest was not sent: a stop came first"):

@@ -9,6 +9,8 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
+from msgspec.structs import replace
+
 from servolink.client.board import Board, servos_of
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
@@ -237,7 +239,7 @@ class PacketSender:
                 return inner(packet, ticket)
             return self._standstill.refuse(packet, ticket, connection.stops)
 
-        connection.gates = connection.gates._replace(lease=lease, ticket=stop)
+        connection.gates = replace(connection.gates, lease=lease, ticket=stop)
         connection.preparations += (self._take_lease,)
 
     async def _take_lease(self, packet: Packet, ticket: Ticket) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Awaitable, Callable, Coroutine
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
+from msgspec.structs import replace
+
 from servolink.client.board import Board
 from servolink.control.messages import (
     Battery,
@@ -68,7 +70,7 @@ class Caller(NamedTuple):
 
     async def board_to_move(self, until: float | None) -> Board:
         """Return the board for a motion, which must begin by `until` (see `Control.board_to_move`)."""
-        ticket = self.ticket if until is None else self.ticket._replace(until=until + seconds_asleep())
+        ticket = self.ticket if until is None else replace(self.ticket, until=until + seconds_asleep())
         return await self.control.board_to_move(ticket)
 
 

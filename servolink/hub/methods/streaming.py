@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import reduce
 
+from msgspec.structs import replace
+
 from servolink.client.servo_stream import ServoStream
 from servolink.control.messages import StreamBegin, StreamBegun, StreamSend, StreamSent
 from servolink.control.roles import Role
@@ -30,7 +32,7 @@ def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     ticket = control.hub.stops.ticket(who=control.session)
 
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
-        return await control.hub.stream(control.session, angles, points, ticket._replace(until=until))
+        return await control.hub.stream(control.session, angles, points, replace(ticket, until=until))
 
     control.stream = ServoStream(board, board.servo_ids, send_points, params.hz, params.gap)
     control.streams += 1
