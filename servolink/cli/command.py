@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import Any, NamedTuple, TypeAlias, TypedDict, Unpack
 
@@ -105,32 +104,54 @@ def one_of(*options: Option, required: bool = False) -> Group:
     return Group(options, required=required)
 
 
-@dataclass(frozen=True, slots=True)
 class Command:
-    """Declaration of a command, and decorator of the function to run; a command without a function has subcommands."""
+    """Declaration of a command, and decorator of the function to run; a command without a function has subcommands.
 
-    name: str
-    """As it is typed, such as `move` or `project show`."""
-    topic: str = ""
-    """Heading in `servolink --help`; empty for subcommands."""
-    help: str = field(kw_only=True)
-    details: str = ""
-    """Further paragraphs of its own help."""
-    examples: tuple[str, ...] = ()
-    """Words after `servolink`, each for a fresh board; a test runs all examples on virtual boards."""
-    options: tuple[Option | Group, ...] = ()
-    defaults: Mapping[str, Any] = field(default_factory=dict)
-    """Further values of the arguments passed to `run`."""
-    takes_board: bool = True
-    """Whether it has the options `--board` and `--timeout`."""
-    patience: str = PATIENCE
-    """Default of `--timeout` in seconds, shown in the help."""
-    needs_records: bool = False
-    """Whether its examples need something stored on the board."""
-    hint: str = ""
-    """Advice behind the error for an unexpected argument."""
-    run: Run | None = None
+    Not a dataclass, as those take a fifth of the time of `servolink --help` to load.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        topic: str = "",
+        *,
+        help: str,  # noqa: A002 - as argparse calls it
+        details: str = "",
+        examples: tuple[str, ...] = (),
+        options: tuple[Option | Group, ...] = (),
+        defaults: Mapping[str, Any] | None = None,
+        takes_board: bool = True,
+        patience: str = PATIENCE,
+        needs_records: bool = False,
+        hint: str = "",
+        run: Run | None = None,
+    ) -> None:
+        self.name = name
+        """As it is typed, such as `move` or `project show`."""
+        self.topic = topic
+        """Heading in `servolink --help`; empty for subcommands."""
+        self.help = help
+        self.details = details
+        """Further paragraphs of its own help."""
+        self.examples = examples
+        """Words after `servolink`, each for a fresh board; a test runs all examples on virtual boards."""
+        self.options = options
+        self.defaults = defaults or {}
+        """Further values of the arguments passed to `run`."""
+        self.takes_board = takes_board
+        """Whether it has the options `--board` and `--timeout`."""
+        self.patience = patience
+        """Default of `--timeout` in seconds, shown in the help."""
+        self.needs_records = needs_records
+        """Whether its examples need something stored on the board."""
+        self.hint = hint
+        """Advice behind the error for an unexpected argument."""
+        self.run = run
 
     def __call__(self, run: Run) -> Command:
         """Return this command, run by a function."""
-        return replace(self, run=run)
+        return self.changed(run=run)
+
+    def changed(self, **changes: Any) -> Command:
+        """Return a copy with other attributes."""
+        return Command(**{**vars(self), **changes})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,6 +17,7 @@ from servolink.cli.usage import WrongUsage, usage_error
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
 
+_USUAL_COLUMNS = 80
 _ELSEWHERE = {"version": "--version"}  # typed as commands by people who know other tools
 _NEGATIVE = re.compile(r"-\.?\d")
 
@@ -154,6 +156,10 @@ def parser_of(command: Command = WHOLE) -> Parser:
 class _HelpFormatter(argparse.HelpFormatter):
     """Keeps line breaks, and leaves the common options out of the usage: they are the same for every command."""
 
+    def __init__(self, prog: str) -> None:
+        """Fill the width of the terminal, as argparse does, but without its import of `shutil` with all compressors."""
+        super().__init__(prog, width=_columns() - 2)
+
     def add_usage(self, usage: Any, actions: Iterable[argparse.Action], groups: Any, prefix: Any = None) -> None:
         """Add the usage."""
         common = {name for each in (*COMMON, BOARD, timeout("")) for name in each.names}
@@ -162,6 +168,17 @@ class _HelpFormatter(argparse.HelpFormatter):
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return "\n".join(_filled(line, width) if len(line) > width else line for line in text.split("\n"))
+
+
+def _columns() -> int:
+    """Return the width of the terminal, or the number in COLUMNS; 80 if neither is known."""
+    columns = os.environ.get("COLUMNS", "")
+    if columns.isdecimal() and int(columns):
+        return int(columns)
+    try:
+        return os.get_terminal_size().columns or _USUAL_COLUMNS
+    except OSError:
+        return _USUAL_COLUMNS
 
 
 def _filled(line: str, width: int) -> str:

@@ -339,7 +339,7 @@ class ServoController:
         """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
         if not self._are_outside(targets):
             return ticket
-        from servolink.motion.set_points import FRESH
+        from servolink.motion.set_points import FRESH  # late: most boards have no limits beyond the document's
 
         return replace(ticket, until=min(ticket.until, time_with_sleep() + FRESH))
 

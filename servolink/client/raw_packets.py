@@ -41,6 +41,7 @@ class RawPackets:
         self, packet: Request[R], *, timeout: float | None, unchecked: bool, ticket: Ticket | None
     ) -> Coroutine[Any, Any, R]:
         """Return a coroutine to send a request (see `Board.request`)."""
+        # Queries without a time limit do not come here: `Board.request` sends them at once.
         if isinstance(packet, SetAngleUnitRequest):
             setting: Any = self._servos.units.request(packet, timeout=timeout, unchecked=unchecked)
             return setting  # type: ignore[no-any-return]

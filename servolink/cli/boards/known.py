@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import STORED, Command, flag, option
@@ -59,8 +58,7 @@ def run_list(args: argparse.Namespace) -> int:
     return OK
 
 
-BOARD_LIST = replace(
-    run_list,
+BOARD_LIST = run_list.changed(
     name="board list",
     topic="",
     help="list the names of boards, and how much is known of each",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import SERVO_NAME, SPEED, number
@@ -261,7 +260,7 @@ def run_release(args: argparse.Namespace) -> int:
     return run_with_board(args, talk)
 
 
-SERVO_RELEASE = replace(run_release, name="servo release", topic="", examples=("servo release 1 2 --yes",))
+SERVO_RELEASE = run_release.changed(name="servo release", topic="", examples=("servo release 1 2 --yes",))
 
 
 async def chosen_servos(board: Board, servos: Sequence[int | str]) -> list[int]:

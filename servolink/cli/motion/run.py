@@ -6,7 +6,6 @@ import argparse
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.cli.arguments import RECORD_NAME
@@ -71,8 +70,7 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, **limits_of(args))
 
 
-ACTION_RUN = replace(
-    run,
+ACTION_RUN = run.changed(
     name="action run",
     topic="",
     help="run an action",
@@ -80,8 +78,7 @@ ACTION_RUN = replace(
     options=_OPTIONS,
     defaults={"kind": "action"},
 )
-MACRO_RUN = replace(
-    ACTION_RUN,
+MACRO_RUN = ACTION_RUN.changed(
     name="macro run",
     help="start a macro",
     examples=("macro run 1", "macro run 1 --start"),

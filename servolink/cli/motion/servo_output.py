@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from servolink.cli.command import MOVE, Command, flag
@@ -37,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     return run_with_board(args, talk, angle_unit="adc" if args.adc else "degree")
 
 
-SERVO_LIST = replace(run, name="servo list", topic="", examples=("servo list", "servo list --json"))
+SERVO_LIST = run.changed(name="servo list", topic="", examples=("servo list", "servo list --json"))
 
 
 async def known_captions(board: Board) -> dict[int, str]:

@@ -13,10 +13,9 @@ import sys
 import unicodedata
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from itertools import zip_longest
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from servolink.errors import EncodeError, Reason, RequestError, ServolinkError, TargetNotReached
 from servolink.escaping import escape
@@ -137,8 +136,7 @@ def lost_output(error: OSError) -> str:
     return f"standard output cannot be written: {error.strerror}"
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
+class Table(NamedTuple):
     """Rows of texts and numbers, escaped at printing."""
 
     columns: Sequence[str]
