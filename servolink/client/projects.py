@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from servolink.client.session import Session
 from servolink.escaping import escape, quote
 from servolink.project.model import Project, is_unfinished
+from servolink.project.transfer.folders import may_have_journals
 from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
@@ -98,6 +99,8 @@ class ProjectTransfers:
         project_id = await self._session.find_project_id() or 0
         if is_unfinished(project_id):
             return True
+        if not may_have_journals(folder):
+            return False
         from servolink.project.transfer.backups import BackupStore, is_import_unfinished
 
         return is_import_unfinished(BackupStore(folder), project_id, self._session.connection.board_url)

@@ -250,12 +250,9 @@ class Connection:
             self._scheduler.pause()
 
     def _begin_opening(self, event: ConnectionEvent) -> None:
-        if self._random is None:
-            from random import Random  # late: a program on a hub opens nothing
-
-            # A recorded session can be replayed only with the same handshake.
-            seed = b"" if getattr(self.transport, "is_recorded", False) else os.urandom(16)
-            self._random = Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
+        # A recorded session can be replayed only with the same handshake.
+        seed = b"" if getattr(self.transport, "is_recorded", False) else os.urandom(16)
+        self._random = self._random or random_of(seed)
         opening = Opening(
             self.transport.url,
             self.codec,
@@ -522,6 +519,13 @@ class Connection:
         # Not with `get_running_loop`, as Python 3.11 asks the system for the process id in each call of that.
         if get_ident() != self._thread or not self._loop.is_running():
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
+
+
+def random_of(seed: bytes) -> Random:
+    """Return the source of chance for the handshakes of a connection."""
+    from random import Random  # late: a program on a hub opens nothing
+
+    return Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
 
 
 def _repeating_slots() -> Slots:

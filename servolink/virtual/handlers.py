@@ -7,8 +7,9 @@ request was executed, for a response with no other content; or None for a reques
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
+
+from msgspec import Struct
 
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import in_range, response_class
@@ -32,8 +33,7 @@ class Host(Protocol):
     """Whether the host receives button events."""
 
 
-@dataclass(frozen=True, slots=True)
-class RequestContext(Generic[P]):
+class RequestContext(Struct, Generic[P], frozen=True):
     """Request with its host and board, for a handler."""
 
     hardware: Hardware

@@ -13,5 +13,5 @@ from servolink.connection import connection
 @pytest.fixture(scope="package", autouse=True)
 def _same_handshake() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(connection, "Random", lambda *_: Random(1))
+        patch.setattr(connection, "random_of", lambda _: Random(1))
         yield

@@ -18,9 +18,10 @@ from msgspec import Struct
 
 from servolink.errors import ProjectError
 from servolink.escaping import escape
-from servolink.files import read_file, reason, user_folder, write_atomically
+from servolink.files import read_file, reason, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
+from servolink.project.transfer.folders import IMPORTS, data_folder
 from servolink.project.transfer.journal import Journal
 
 _SUFFIX = ".servolink.json"
@@ -54,7 +55,7 @@ class BackupStore:
 
     def __init__(self, folder: Path | None = None, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
         """Use `folder`, by default in the user's data folder; the folder is created on first use."""
-        self.folder = folder or _data_folder()
+        self.folder = folder or data_folder()
         self.now = now
 
     def keep(self, project: Project, url: str, caption_encoding: str) -> Path:
@@ -103,7 +104,7 @@ class BackupStore:
 
     def write(self, journal: Journal) -> None:
         """Write `journal`, replacing any earlier state."""
-        with self._creating("imports", "the journal of the import"):
+        with self._creating(IMPORTS, "the journal of the import"):
             # ASCII, where even an address of invalid text can be written.
             content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
             write_atomically(self._journal(journal.marker), content, private=True)
@@ -119,7 +120,7 @@ class BackupStore:
     def journals(self, project_id: int) -> list[Journal]:
         """Return all journals. Raise ProjectError for an unreadable journal of the board with this project id."""
         found = []
-        for path in self._files("imports"):
+        for path in self._files(IMPORTS):
             if match := _JOURNAL.fullmatch(path.name):
                 marker = int(match["marker"], 16)
                 try:
@@ -147,7 +148,7 @@ class BackupStore:
                 return marker
 
     def _journal(self, marker: int) -> Path:
-        return self.folder / "imports" / f"{marker:08x}.json"
+        return self.folder / IMPORTS / f"{marker:08x}.json"
 
     @contextmanager
     def _creating(self, name: str, what: str) -> Iterator[Path]:
@@ -191,13 +192,6 @@ def is_import_unfinished(store: BackupStore, project_id: int, url: str) -> bool:
         journal.is_of(project_id, url) or (journal.may_be_of(project_id, url) and not journal.has_written_all)
         for journal in journals
     )
-
-
-def _data_folder() -> Path:
-    try:
-        return user_folder("data")
-    except OSError as error:
-        raise ProjectError(f"backups of boards cannot be kept: {error.strerror}") from error
 
 
 def _read(path: Path, marker: int) -> Journal:
