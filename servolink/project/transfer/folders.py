@@ -20,10 +20,7 @@ def data_folder() -> Path:
 
 
 def may_have_journals(folder: Path | None) -> bool:
-    """Return whether there may be journals of imports in `folder`, None for the user's folder of data.
-
-    Raise ProjectError as `data_folder` does.
-    """
+    """Return whether there may be journals of imports in `folder`; None stands for the user's folder of data."""
     try:
         return any(((folder or data_folder()) / IMPORTS).iterdir())
     except FileNotFoundError:
