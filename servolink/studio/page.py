@@ -58,6 +58,8 @@ class Hello(Struct, forbid_unknown_fields=True):
     token: Annotated[str, Meta(max_length=200)]
     who: Annotated[str, Meta(max_length=MOST_NAME)] = ""
     """Name of the page for people, such as `Tablet 2`."""
+    leaves: bool = False
+    """Whether the studio is to leave its board: the hub has ended, and another robot is to be chosen."""
 
 
 class _Named(Struct):
@@ -75,6 +77,8 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
         return
     admit()
     try:
+        if hello.leaves and role == "edit" and not studio.is_link(hello.token):
+            await studio.use("", hello.who)
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
             await messages.send_str(msgspec.json.encode(await studio.welcome(welcome)).decode())
             await _Page(studio, role, hello, welcome, messages, reader, writer).talk()

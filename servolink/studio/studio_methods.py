@@ -87,6 +87,10 @@ class Studio:
         """Return the open pages that show the board of the hub `hub`."""
         return [page for page in self.pages if page.hub == hub]
 
+    def is_link(self, token: Token) -> bool:
+        """Return whether a token belongs to a link, so that its page is on another machine."""
+        return self.links is not None and self.links.is_one(token)
+
     async def use(self, hub: str, by: str) -> None:
         """Lead all pages to the board of the hub `hub`, for the page `by`; to none if empty.
 
@@ -167,7 +171,7 @@ METHODS: Methods[PageCaller] = Methods()
 
 def check_local(caller: PageCaller) -> None:
     """Raise RpcError for a page that was opened through a link."""
-    if caller.studio.links is not None and caller.studio.links.is_one(caller.page.token):
+    if caller.studio.is_link(caller.page.token):
         raise RpcError(
             Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
         )

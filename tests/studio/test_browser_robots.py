@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from tests.processes import until
+from tests.processes import finish, start, until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import PATIENCE, SCREENS, Studio, grab, in_browser, opened, running, show
 from tests.studio.node_tools import needs_npm
@@ -34,6 +36,22 @@ def arm(user: Path) -> Iterator[str]:
     program = BoardProgram(user, "--servos", "6")
     yield program.url
     program.kill()
+
+
+def test_another_robot_is_chosen_when_the_program_that_shared_the_board_has_ended(user: Path, browser: Any) -> None:
+    sharing = start([sys.executable, "-m", "servolink", "--board", "virtual://?servos=6", "share", "--name", "rex"])
+    assert sharing.stdout is not None
+    sharing.stdout.readline()
+    with running("--board", "share://rex", "studio") as url, opened(browser, url, loss=True) as page:
+        expect(page.get_by_label("Target of servo 6,")).to_be_enabled()
+        show(page, "Board")
+        expect(page.locator(".bd2.on")).to_contain_text("rex")
+        finish(sharing, signal.SIGTERM)
+        expect(page.get_by_text("The board is not shared any more.")).to_be_visible()
+        page.get_by_role("button", name="Choose another robot").click()
+        expect(page.get_by_role("heading", name="Choose a robot")).to_be_visible()
+        page.get_by_role("button", name="Start a virtual robot").click()
+        expect(page.locator(".boardbtn")).to_contain_text("virtual")
 
 
 _COVERED = """() => [...document.querySelectorAll("button, input, a, select")].filter(one => {

@@ -176,6 +176,22 @@ def test_pages_of_links_see_no_boards_and_choose_none() -> None:
     run(test)
 
 
+def test_a_page_leaves_a_board_whose_hub_has_ended_unless_a_link_opened_it() -> None:
+    async def test(place: Place) -> None:
+        await place.studio.robots.give_back("virtual")
+        place.studio.links = Links(place.gate, 80, ("robot.local",))
+        tokens = [link.address.partition("token=")[2] for link in place.studio.links.addresses()]
+        for token in tokens:
+            async with place.page() as page:
+                await page.send_json({"token": token, "leaves": True})
+                assert (await page.receive()).data == 4404
+        async with place.page() as page:
+            await page.send_json({"token": place.gate.new_token("edit"), "leaves": True})
+            assert (await page.receive_json())["name"] == ""
+
+    run(test)
+
+
 def test_boards_that_have_a_name_are_listed_by_it(user: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(names, "aliases_path", lambda: user / "boards.toml")
     save_alias("rex", Alias("tcp://127.0.0.1:1"))

@@ -81,6 +81,22 @@ test("a lost connection fails what was asked, and nothing is sent twice", async 
   mock.timers.reset();
 });
 
+test("a studio leaves a board that is not shared any more with the next connection, which is tried at once", () => {
+  mock.timers.enable({ apis: ["setTimeout"] });
+  const { link, socket } = connected();
+  socket.lose(4404);
+  link.leave();
+  assert.equal(sockets.length, 2);
+  sockets[1].welcome();
+  assert.equal(sockets[1].sent[0].leaves, true);
+  mock.timers.tick(10_000);
+  assert.equal(sockets.length, 2); // the attempt that waited was given up
+  sockets[1].lose(4410); // to another board, without a pause
+  sockets[2].welcome();
+  assert.equal(sockets[2].sent[0].leaves, undefined);
+  mock.timers.reset();
+});
+
 test("pauses between attempts double up to four seconds, and begin anew after a welcome", () => {
   mock.timers.enable({ apis: ["setTimeout"] });
   connected();

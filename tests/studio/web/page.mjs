@@ -5,6 +5,7 @@ export const sockets = [];
 
 class FakeSocket {
   static OPEN = 1;
+  static CLOSED = 3;
   sent = [];
   readyState = 0;
 

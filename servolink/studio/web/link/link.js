@@ -43,6 +43,8 @@ export class Link {
     this._listeners = new Map();
     this._lastId = 0;
     this._pause = FIRST_PAUSE;
+    this._timer = 0;
+    this._leaves = false;
     /** @type {(state: LinkState) => void} */
     this.onState = () => {};
     /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
@@ -53,16 +55,26 @@ export class Link {
   open() {
     const socket = (this._socket = new WebSocket(this._url));
     let isWelcome = false;
-    socket.onopen = () => socket.send(JSON.stringify({ token: this._token, who: this._who }));
+    socket.onopen = () =>
+      socket.send(JSON.stringify({ token: this._token, who: this._who, leaves: this._leaves || undefined }));
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
       if (isWelcome) return this._take(message);
       isWelcome = true;
+      this._leaves = false;
       this._pause = FIRST_PAUSE;
       this.onState("open");
       this.onWelcome(message);
     };
     socket.onclose = (event) => this._lost(event);
+  }
+
+  /** Let the studio leave its board, whose hub has ended, with the next connection, which is tried at once. */
+  leave() {
+    this._leaves = true;
+    if (this._socket?.readyState !== WebSocket.CLOSED) return;
+    clearTimeout(this._timer);
+    this.open();
   }
 
   /**
@@ -132,7 +144,7 @@ export class Link {
     if (event.code === BAD_TOKEN) return this.onState("refused");
     if (event.code === MOVING) return this.open(); // the studio goes on to another board
     this.onState(event.code === NO_HUB ? "unshared" : "lost");
-    setTimeout(() => this.open(), this._pause);
+    this._timer = setTimeout(() => this.open(), this._pause);
     this._pause = Math.min(LONGEST_PAUSE, this._pause * 2);
   }
 }

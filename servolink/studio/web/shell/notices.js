@@ -28,11 +28,13 @@ import { ask } from "./control.js";
 /** @param {Tools} tools */
 export function Notices(tools) {
   const note = present();
-  const canAsk = note?.key === "note.others";
+  const canAsk = note?.key === "note.others",
+    canLeave = note?.key === "note.unshared" && isLocal();
   return html`${
     note &&
     html`<div class="veil"><${Note} ...${note}>
     ${canAsk && html`<button class="btn" onClick=${() => ask(tools)}>${t("lease.ask_for")}</button>`}
+    ${canLeave && html`<button class="btn" onClick=${() => tools.link.leave()}>${t("robots.choose_other")}</button>`}
   </${Note}></div>`
   }<${StoppedNote} ...${tools} /><${ProblemNote} />`;
 }

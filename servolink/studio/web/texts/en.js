@@ -95,6 +95,7 @@ export const en = {
   "robots.kept": "shared by this studio",
   "robots.shared": "shared by another program",
   "robots.busy": "a moment …",
+  "robots.choose_other": "Choose another robot",
   "robots.new_virtual": "New virtual robot",
   "robots.address": "Another address",
   "robots.virtual_goes": "What is stored on {name} is lost when it is disconnected. Save a file first to keep it. Disconnect?",

@@ -95,6 +95,7 @@ export const zh = {
   "robots.kept": "由本工作室共享",
   "robots.shared": "由其他程序共享",
   "robots.busy": "请稍候……",
+  "robots.choose_other": "选择其他机器人",
   "robots.new_virtual": "新建虚拟机器人",
   "robots.address": "其他地址",
   "robots.virtual_goes": "断开后，{name} 上保存的内容会丢失。如需保留，请先保存为文件。要断开吗？",
