@@ -26,7 +26,7 @@ def test_the_page_shows_every_servo_and_the_banner(studio: Studio, browser: Any,
         page.get_by_text("VIRTUAL BOARD").wait_for()
         playwright.expect(page.locator(".sv")).to_have_count(16)
         playwright.expect(page.locator("[data-part=angle]").first).to_contain_text("°")
-        stop = page.get_by_role("button", name="STOP").locator("visible=true")
+        stop = page.get_by_role("button", name="STOP Esc").locator("visible=true")
         playwright.expect(stop).to_be_in_viewport(ratio=1)
         assert "token" not in page.url
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

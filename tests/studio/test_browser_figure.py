@@ -93,4 +93,4 @@ def test_fitting_is_not_cut_off_at_the_side(studio: Studio, browser: Any, size: 
         for name in ("Hexapod", "Next servo", "servo 1 moves a little"):
             place = page.get_by_role("button", name=name).bounding_box()
             assert place["x"] + place["width"] <= page.viewport_size["width"] - 12, name
-        expect(page.get_by_role("button", name="STOP").locator("visible=true")).to_be_in_viewport(ratio=1)
+        expect(page.get_by_role("button", name="STOP Esc").locator("visible=true")).to_be_in_viewport(ratio=1)

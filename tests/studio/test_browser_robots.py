@@ -73,7 +73,7 @@ def test_a_robot_is_connected_and_changed_with_the_mouse_on_all_pages(nothing: s
     with opened(browser, nothing) as page, opened(browser, nothing, "tablet", "dark") as other:
         for each in (page, other):
             expect(each.get_by_role("heading", name="Choose a robot")).to_be_visible()
-            assert each.get_by_role("button", name="STOP").count() == 0
+            assert each.get_by_role("button", name="STOP Esc").count() == 0
             no_overflow(each)
         page.get_by_role("button", name="Start a virtual robot").click()
         for each in (page, other):
