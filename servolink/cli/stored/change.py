@@ -25,9 +25,10 @@ from servolink.escaping import quote
 from servolink.project.build import refuse_new_errors
 from servolink.project.model import Project
 from servolink.project.naming import Named, id_or_caption, listed
-from servolink.project.record_lookup import by_servo
+from servolink.project.record_lookup import by_servo, name_of
 from servolink.project.transfer.import_plan import compare
 from servolink.project.transfer.results import Change, Plan, ProgressCallback
+from servolink.project.validate import duplicates
 from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES
 from servolink.protocol.records import ServoParameter
 
@@ -68,6 +69,8 @@ async def change_content(args: argparse.Namespace, board: Board, interruption: I
         print_error(f"servolink: {shared}; from now on, give ids")
     for caption in _hidden_captions(before, after):
         print_error(f"servolink: in commands, the caption {quote(caption)} is written name:{caption}")
+    for repeated in _repeated_servos(before, after):
+        print_error(f"servolink: {repeated}; boards differ in the step used")
     await _warn_of_missing_servos(board, before, after)
 
     async def plan(on_progress: ProgressCallback) -> Plan:
@@ -88,6 +91,15 @@ def _hidden_captions(before: Project, after: Project) -> Iterator[str]:
         for caption in sorted(new - old):
             if id_or_caption(caption) != caption or (kind is SERVO_PARAMETER and caption == ALL):
                 yield caption
+
+
+def _repeated_servos(before: Project, after: Project) -> Iterator[str]:
+    """Yield each servo with several steps in a new action, as `action 5 'Wave' has several steps for servo 1`."""
+    known = [action.steps for action in before.actions]
+    for action in after.actions:
+        if action.steps not in known:
+            for servo_id in dict.fromkeys(action.steps[each.at].servo_id for each in duplicates(action.steps)):
+                yield f"{name_of(action)} has several steps for servo {servo_id}"
 
 
 async def _warn_of_missing_servos(board: Board, before: Project, after: Project) -> None:

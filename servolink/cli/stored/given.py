@@ -43,7 +43,19 @@ def maker(args: argparse.Namespace, kind: RecordType[Any]) -> Make:
     if given:
         usage_error(args, f"--{given[0].replace('_', '-')} and JSON are both given; choose one")
     fields = _fields(text)
-    return lambda old, _: record_from_json(kind.record_class, {**record_to_json(old), **fields}, unchecked=True)
+    return lambda old, _: _described(kind, {**record_to_json(old), **fields})
+
+
+def _described(kind: RecordType[Any], fields: dict[str, Any]) -> Any:
+    """Return the record with `fields`, of which stored ones may have any value that a board can have sent.
+
+    Raise EncodeError naming path, value and the range of the document.
+    """
+    try:
+        return record_from_json(kind.record_class, fields, unchecked=True)
+    except EncodeError:
+        record_from_json(kind.record_class, fields)
+        raise
 
 
 def _json_text(what: str | None) -> str | bytes | None:

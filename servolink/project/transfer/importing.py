@@ -46,7 +46,7 @@ async def apply_project(
 ) -> ApplyResult:
     """Make the content of the board equal to `project`.
 
-    `replace` deletes everything first (document, 4.2), otherwise only differences are written. `backup=False` continues
+    `replace` deletes everything first, otherwise only differences are written. `backup=False` continues
     without a backup. `unchecked` writes records read from a board; `restores` is the name of the backup with these
     records.
 

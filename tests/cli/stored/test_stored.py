@@ -7,6 +7,7 @@ servolink.cli.stored.show_records, servolink.cli.stored.verbs.
 from __future__ import annotations
 
 import io
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -214,6 +215,15 @@ def test_records_as_json(robot: Robot, tmp_path: Path, monkeypatch: pytest.Monke
     assert same["changed"] is False
 
 
+def test_several_steps_for_one_servo_are_named(robot: Robot) -> None:
+    step = {"servo_id": 1, "degree": 5, "interval_ms": 50}
+    text = json.dumps({"action_caption": "Lift", "steps": [step, {**step, "servo_id": 2}, {**step, "degree": 9}]})
+    said = robot("action", "add", text)
+    assert said.code == 0
+    assert said.err.startswith("servolink: action 3 'Lift' has several steps for servo 1; boards differ in the step")
+    assert "several steps" not in robot("action", "rename", "3", "Raise").err
+
+
 def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Path) -> None:
     spin = Action(1, "Spin", (Step(3, 90, 100),))
     file = Project(
@@ -260,6 +270,10 @@ def test_records_of_a_file_bring_along_what_they_run(robot: Robot, tmp_path: Pat
         ("action rename 1 123456789012345678901234567890123", "actions[0].action_caption: "),
         ('action set 1 {"action_id":4}', "the JSON has the id 4, not 1"),
         ('action add {"steps":3}', "steps: must be a list, not 3"),
+        (
+            'action add {"action_caption":"Up","steps":[{"servo_id":1,"degree":5,"interval_ms":400000}]}',
+            "steps[0].interval_ms: 400000 is outside 0..327670",
+        ),
         ('action add {"colour":3}', "colour"),
         ("action add {", "the record is not JSON"),
         ("action add @missing", "missing cannot be read: No such file"),
