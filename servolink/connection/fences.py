@@ -6,7 +6,7 @@ from typing import Any
 
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.packet import Query, Response
+from servolink.protocol.packet import Query, Request, Response
 from servolink.protocol.record_types import RECORD_TYPES
 from servolink.protocol.servos import (
     ALL_SERVOS,
@@ -34,7 +34,7 @@ RESERVES: tuple[Query[Any], ...] = (SERVO_LIST, QueryServoRequest(ALL_SERVOS))
 _MOST_OF_A_KIND = 4  # servos or records asked for
 
 
-def name_of(query: Query[Any]) -> str:
+def name_of(query: Request[Any]) -> str:
     """Return the name of a query in a profile, such as `QueryMemorySize`."""
     return type(query).__name__.removesuffix("Request")
 

@@ -22,7 +22,8 @@ PATIENCE = 1.0
 
 _FIRST, _SECOND = 2.4, 1.1  # the same in the expected byte order and in the other one
 _FILLER = bytes(265)  # ends a frame that seems 256 bytes longer in the wrong byte order
-_AFTER_RESET = 0.3  # seconds
+AFTER_RESET = 0.3
+"""Seconds from a reset by the first opening to the second one."""
 _PATIENCES_AFTER_OPENING = 3
 
 
@@ -98,7 +99,7 @@ async def reach(url: str, byte_order: ByteOrder = "little", **options: Any) -> t
             await transport.free()
             if is_last:
                 raise
-            await asyncio.sleep(_AFTER_RESET)
+            await asyncio.sleep(AFTER_RESET)
         except BaseException:
             await transport.free()
             raise

@@ -6,8 +6,7 @@ servolink.virtual.odd.lines, servolink.virtual.odd.wire.
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -21,28 +20,12 @@ from servolink.virtual.odd.lines import OldMode, Resetting
 from servolink.virtual.odd.wire import Values
 from tests.sampling import sampled
 from tests.zoo.table import COMMANDS, FREE, TABLE, USUAL
-from tests.zoo.trials import Zoo
+from tests.zoo.trials import MakeZoo
 
 ALWAYS = {"plain", "big", "old-at-opening", "twice", "old-firmware", "servos-only", "no-all", "silent"}
 """Kinds that are tried in every run, beside others."""
 REFUSED_WITHIN = 6.0
 """Seconds until a device that is not a board is refused."""
-
-MakeZoo = Callable[[str], Zoo]
-
-
-@pytest.fixture(name="zoo")
-def _zoo(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> MakeZoo:
-    """Return a function that makes an odd board, with folders of its own for profiles and backups."""
-    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
-        monkeypatch.setenv(name, str(tmp_path / name))
-
-    def make(kind: str) -> Zoo:
-        zoo = Zoo(kind, tmp_path, capsys)
-        monkeypatch.setattr(asyncio, "run", zoo.clock.run)
-        return zoo
-
-    return make
 
 
 def _stay_in_mode_1(board: OddBoard, values: Values) -> Values:

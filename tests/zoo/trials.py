@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import pytest
 
@@ -154,3 +155,6 @@ _TRIALS: dict[str, Callable[[Zoo], Said]] = {
     "move": _move,
     "stop": _stop,
 }
+
+MakeZoo: TypeAlias = Callable[[str], Zoo]
+"""Function that makes an odd board of a kind."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import zip_longest
 from textwrap import wrap
@@ -20,12 +21,13 @@ from servolink.client.captions import ALL, servo_id
 from servolink.connection.options import options_in
 from servolink.discovery.names import resolve_url
 from servolink.discovery.search import identity_of
+from servolink.doctor.contact import AFTER_RESET
 from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport, TrialLine
 from servolink.doctor.learn_motion import interval_finding, plan_movement
 from servolink.doctor.learn_queries import Contact, make_contact
 from servolink.doctor.learn_trial import Trial, connected
-from servolink.errors import OpenError, RequestTimeout, ServolinkError
+from servolink.errors import ConnectionLost, OpenError, RequestTimeout, ServolinkError
 from servolink.files import is_name
 from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, Measured, merge_profile
 from servolink.profiles.store import load_profile, save_profile
@@ -85,17 +87,31 @@ class _Lesson:
             self._name, through_hub=False
         )  # nobody needs to switch a board off and on whose name is unknown
         power_cycled = self._args.power_cycled or await self._ask_for_power()
-        transport = await self._opened(may_wait=power_cycled)
-        try:
-            with self._interruption.watched():
-                return await self._learn(transport, power_cycled=power_cycled)
-        finally:
-            await transport.free()
+        with self._interruption.watched():
+            transport, contact = await self._contact(may_wait=power_cycled)
+            try:
+                return await self._learn(transport, contact, power_cycled=power_cycled)
+            finally:
+                await transport.free()
 
-    async def _learn(self, transport: SharedTransport, *, power_cycled: bool) -> int:
+    async def _contact(self, *, may_wait: bool) -> tuple[SharedTransport, Contact]:
+        """Open the board and make contact; once more if the first opening resets the board."""
+        for is_last in (False, True):
+            transport: SharedTransport | None = None
+            try:
+                transport = await self._opened(may_wait=may_wait)
+                self._show_step("looking for the board, in both byte orders and transmission modes")
+                return transport, await make_contact(transport, self._args.timeout)
+            except BaseException as error:
+                if transport is not None:
+                    await transport.free()
+                if is_last or not isinstance(error.__cause__ or error, ConnectionLost):
+                    raise
+            await asyncio.sleep(AFTER_RESET)
+        raise AssertionError  # the last round returns or raises
+
+    async def _learn(self, transport: SharedTransport, contact: Contact, *, power_cycled: bool) -> int:
         args = self._args
-        self._show_step("looking for the board, in both byte orders and transmission modes")
-        contact = await make_contact(transport, args.timeout)
         servo_id = await self._servo_id(transport, contact)  # first: without the servo, everything else is in vain
         learnt = await learn_by_asking(
             transport, contact, power_cycled=power_cycled, patience=args.timeout, on_step=self._show_step
@@ -158,11 +174,15 @@ class _Lesson:
         while True:
             try:
                 transport = SharedTransport(create(await resolve_url(self._name, through_hub=False)))
-                async with TrialLine(transport, Codec()):
-                    return transport
+                # A reset ends the connection, of which the caller hears with the first query.
+                with suppress(ConnectionLost):
+                    async with TrialLine(transport, Codec()):
+                        pass
             except OpenError:
                 if loop.time() >= end:
                     raise
+            else:
+                return transport
             await asyncio.sleep(0.2)
 
     async def _may_keep(self, identity: BoardIdentityRecord) -> bool:

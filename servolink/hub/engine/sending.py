@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board, servos_of
 from servolink.connection.connection import Connection
+from servolink.connection.fences import name_of
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
@@ -39,6 +40,8 @@ from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataRespons
 
 Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
 """Called with the response to a query, and the content as received, if known; or with an error."""
+
+_SILENCE = 0.3  # seconds for a query that the board is known not to answer; later ones of the program wait meanwhile
 
 
 class PacketSender:
@@ -81,7 +84,7 @@ class PacketSender:
     def send_at_once(self, exchange: Exchange, done: Done) -> bool:
         """Send a query that needs no preparation, and pass the outcome to `done`. Return whether the query was sent."""
         packet, connection, units = exchange.packet, self._board.connection, self._units
-        if not isinstance(packet, Query):
+        if not isinstance(packet, Query) or self._is_unanswered(packet):
             return False
         heard: Callable[[Packet | ServolinkError, bytes | None], None] = partial(done, exchange)
         has_angles = isinstance(packet, QueryServoRequest)
@@ -258,8 +261,13 @@ class PacketSender:
             self._units.keep_for(program.units, math.inf)
 
     async def _request(self, packet: Request[Any], *, unchecked: bool) -> Packet:
-        response: Packet = await self._board.connection.request(packet, unchecked=unchecked)
+        timeout = _SILENCE if self._is_unanswered(packet) else None
+        response: Packet = await self._board.connection.request(packet, timeout=timeout, unchecked=unchecked)
         return response
+
+    def _is_unanswered(self, packet: Request[Any]) -> bool:
+        """Return whether the board is known to leave a query unanswered, for which no program should wait for long."""
+        return bool(self._board.connection.unsupported) and name_of(packet) in self._board.unanswered
 
 
 async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
