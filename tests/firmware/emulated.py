@@ -36,6 +36,9 @@ class EmulatedPico:
     is_erasing: bool = False
     pulses: dict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     """Starts in seconds and widths in microseconds of the pulses at each pin."""
+    _epoch: float | None = None
+    _unsent: bytes = b""
+    _received: bytes = b""
 
     def command(self, **asked: Any) -> bytes:
         """Give the bench a command, and return what the board transmitted meanwhile."""
@@ -58,6 +61,22 @@ class EmulatedPico:
     def ask(self, data: bytes, seconds: float = 0.05) -> bytes:
         """Send bytes, and return what comes within some time."""
         return self.command(**{self.line: data.hex()}, run=seconds)
+
+    def receive(self, data: bytes) -> None:
+        """Keep bytes of the host for the next tick."""
+        self._unsent += data
+
+    def tick(self, now: int) -> None:
+        """Let time pass up to a time in microseconds, which begins with the first call."""
+        if self._epoch is None:
+            self._epoch = now / 1e6 - self.now
+        data, self._unsent = self._unsent, b""
+        self._received += self.ask(data, max(0.0, now / 1e6 - self._epoch - self.now))
+
+    def transmit(self) -> bytes:
+        """Return what the board has transmitted up to the last tick."""
+        data, self._received = self._received, b""
+        return data
 
     def widths_since(self, pin: int, start: float) -> list[float]:
         """Return the widths of the pulses that began later than `start`."""

@@ -9,7 +9,7 @@ import os
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import pytest
 
@@ -191,10 +191,23 @@ class HostBoard:
         self._functions.hardware_start(self._hardware)
 
 
+class AnyBoard(Protocol):
+    """Board whose time, in microseconds, goes on only in `tick`."""
+
+    def receive(self, data: bytes) -> None:
+        """Take bytes of the host."""
+
+    def tick(self, now: int) -> None:
+        """Do what is due up to the time `now`."""
+
+    def transmit(self) -> bytes:
+        """Return bytes for the host."""
+
+
 class HostTransport(BaseTransport):
     """Transport to a board, whose time is that of the event loop."""
 
-    def __init__(self, board: HostBoard) -> None:
+    def __init__(self, board: AnyBoard) -> None:
         """Prepare the transport."""
         super().__init__("test://firmware")
         self._board = board

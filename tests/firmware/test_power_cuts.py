@@ -29,6 +29,8 @@ _NO_RESPONSE = {10050, 20050, 20060}
 class _Line(HostTransport):
     """Line to a board that loses power `after` some seconds, with all requests and responses."""
 
+    _board: HostBoard
+
     def __init__(self, board: HostBoard, after: float | None = None, bits: int = 0) -> None:
         super().__init__(board)
         self._after, self._bits = after, bits

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import shutil
 import subprocess
@@ -13,8 +14,10 @@ import pytest
 import servolink
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.firmware.compiling import IMAGE
 from tests import processes
 from tests.cli.terminals import in_pipe
+from tests.firmware.emulated import emulated, needs_emulator
 from tests.firmware.fuzz import fuzz
 from tests.firmware.host import (
     FIRMWARE,
@@ -33,20 +36,31 @@ Serve = Callable[[str], tuple[subprocess.Popen[str], str]]
 DEMO = Path(servolink.__file__).parent / "studio/demo.servolink.json"
 
 
-async def _movements(board: Board, host: HostBoard) -> None:
+async def _movements(board: Board, width: Callable[[int], float], within: float) -> None:
+    """Move, import and run a macro; `width` is that of the last pulse of a servo, in microseconds."""
     await board.set_servo(255, start=True, hold=True)
     await board.move({1: 30, 2: -45}, duration=1.0, wait=True)
-    assert host.pulses[:2] == pytest.approx([1500 + 30 / 0.09, 1000], abs=0.1)
+    await asyncio.sleep(0.1)  # an angle is rounded to degrees
+    assert [width(0), width(1)] == pytest.approx([1500 + 30 / 0.09, 1000], abs=within)
     await board.apply_project(OLD, backup=False)
     await board.run_macro(1, wait=True)
-    assert host.pulses[0] == pytest.approx(1500 - 3 / 0.09, abs=0.1), "action 2 goes to 0, corrected by -3"
+    await asyncio.sleep(0.1)
+    assert width(0) == pytest.approx(1500 - 3 / 0.09, abs=within), "action 2 goes to 0, corrected by -3"
     await board.stop()
     assert [servo.is_start for servo in await board.servos()] == [False] * 16
 
 
 async def test_the_client_moves_the_firmware(board: HostBoard) -> None:
     async with connect(HostTransport(board)) as connected:
-        await _movements(connected, board)
+        await _movements(connected, lambda servo: board.pulses[servo], 0.1)
+
+
+@needs_emulator
+@pytest.mark.parametrize("line", ["uart", "usb"])
+async def test_the_client_moves_the_emulated_pico(line: str) -> None:
+    with emulated(IMAGE, line) as pico:
+        async with connect(HostTransport(pico)) as connected:
+            await _movements(connected, lambda servo: pico.pulses[servo][-1][1], 0.5)
 
 
 @pytest.fixture(scope="module")
