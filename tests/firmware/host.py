@@ -202,6 +202,7 @@ class AnyBoard(Protocol):
 
     def transmit(self) -> bytes:
         """Return bytes for the host."""
+        ...
 
 
 class HostTransport(BaseTransport):

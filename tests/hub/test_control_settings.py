@@ -27,6 +27,7 @@ async def test_facts_without_an_answer_are_null() -> None:
         assert facts["servo_ids"] == [1, 2, 3]
 
 
+@pytest.mark.virtual_only("the firmware has no old transmission mode")
 async def test_the_old_mode_stops_all_servos_first_and_needs_the_lease() -> None:
     async with shared() as here, here.program("studio") as studio, here.program("tablet") as tablet:
         await tablet.call("move", targets={"1": 60}, duration=5)
