@@ -16,7 +16,7 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.protocol.record_types import RECORD_TYPES, STORED_TYPES
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from servolink.virtual.storage import Contents
-from tests.cli import robot as robots
+from tests import virtual_time
 from tests.cli.programs import Said
 from tests.cli.robot import Robot
 from tests.sampling import every, some
@@ -74,7 +74,7 @@ def _interrupted(robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     """Return a function that runs an edit on a board with STORED, with SIGINT before a turn of its loop."""
     robot.ask(lambda board: board.apply_project(STORED, backup=False))
     contents = robot.board.storage.contents
-    monkeypatch.setattr(robots, "VirtualTimeLoop", InterruptedLoop)
+    monkeypatch.setattr(virtual_time, "VirtualTimeLoop", InterruptedLoop)
 
     def run(edit: str, at: int | None) -> Said:
         for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
