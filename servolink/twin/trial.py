@@ -25,8 +25,8 @@ AFTERWARDS: Final = 2.0
 FALLEN: Final = 45.0
 """Lean in degrees of a robot that has fallen."""
 
-_SPACING = 0.02  # seconds between two measurements
-_SUPPORT = 5  # measurements whose points of support count together: a foot that bounces still supports
+_SPACING = 0.03  # seconds between two measurements, a whole number of ticks
+_SUPPORT = 4  # measurements whose points of support count together: a foot that bounces still supports
 _DIRECTIONS = 64  # in which the margin of the centre of mass is measured
 
 
@@ -124,11 +124,12 @@ class Watch:
         self._np = np
         body, model = physics.body, physics.model
         named = dict(zip((part.name for part in body.parts), part_names(body), strict=True))
-        self._upright = [model.body(named[foot]).id for foot in body.feet] or [model.body(BASE).id]
+        self._upright = np.array([model.body(named[foot]).id for foot in body.feet] or [model.body(BASE).id])
+        self._positions = np.array(physics.positions, dtype=int)
         self._up = physics.data.xmat[self._upright][:, 6:].copy()
         self._floor = model.geom(FLOOR).id if body.has_floor else -1
-        trunk = model.body_weldid[model.geom_bodyid] == model.body(BASE).id
-        self._trunk = np.flatnonzero(trunk & ~np.isin(np.arange(model.ngeom), physics.data.contact.geom))
+        self._is_trunk = model.body_weldid[model.geom_bodyid] == model.body(BASE).id
+        self._is_trunk[physics.data.contact.geom] = False  # a base that rests on the floor
         angles = np.arange(_DIRECTIONS) * (2 * math.pi / _DIRECTIONS)
         self._directions = np.array([np.cos(angles), np.sin(angles)])
         self._strongest = np.abs(physics.model.actuator_forcerange).max(axis=1)
@@ -144,21 +145,21 @@ class Watch:
         """Measure once, at the time `now`."""
         np, data = self._np, self._physics.data
         np.maximum(self._torque, np.abs(data.actuator_force), out=self._torque)
-        np.maximum(self._lag, np.abs(data.ctrl - data.qpos[self._physics.positions]), out=self._lag)
+        np.maximum(self._lag, np.abs(data.ctrl - data.qpos[self._positions]), out=self._lag)
         if new := set(self._pairs()) - self._known:
             self._note_collisions(now)
             self._known |= new
         if self._physics.body.bolted:
             return
-        cosines = (data.xmat[self._upright][:, 6:] * self._up).sum(axis=1)
-        tilt = math.degrees(math.acos(min(1.0, float(cosines.max()))))
+        cosine = (data.xmat[self._upright][:, 6:] * self._up).sum(axis=1).max()
+        tilt = math.degrees(math.acos(min(1.0, float(cosine))))
         if tilt > self._tilt:
             self._tilt, self._tilt_at = tilt, now
         pairs = data.contact.geom
-        on_floor = (pairs == self._floor).any(axis=1)
+        on_floor = pairs[:, 0] == self._floor  # MuJoCo names a plane before other shapes
         self._support.append(data.contact.pos[on_floor, :2])
         self._measure_margin()
-        self.has_fallen = tilt > FALLEN or bool(np.isin(pairs[on_floor], self._trunk).any())
+        self.has_fallen = tilt > FALLEN or bool(self._is_trunk[pairs[on_floor, 1]].any())
 
     def trial(self, fall: Fall | None) -> TrialResult:
         """Return all measurements."""

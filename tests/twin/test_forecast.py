@@ -104,7 +104,7 @@ def test_the_command_prints_verdicts_and_assumptions(tmp_path: Path, capsys: pyt
     said = call(capsys, "twin", "check", written(tmp_path, STAND, bow(80)))
     assert (said.code, said.err) == (1, "")
     assert "macro 1  Stand  stands   0°    38 mm" in said.out
-    assert "macro 2 'Bow' falls: at 0.6 s, after the end" in said.out
+    assert "macro 2 'Bow' falls: at 0.7 s, after the end" in said.out
     assert "assumed, as the figure does not say: mass of 1.62 kg, by the sizes of the parts; torque of " in said.out
     said = call(capsys, "twin", "check", written(tmp_path, STAND, bow(80)), "--macro", "macro:1")
     assert (said.code, "Bow" in said.out) == (0, False)
@@ -143,7 +143,7 @@ def test_the_command_draws_the_fall_or_says_why_not(tmp_path: Path, capsys: pyte
     assert said.code == 1
     if out.exists():
         assert out.read_bytes().startswith(b"\x89PNG")
-        assert f"{out}: written, macro 2 'Bow' at 0.6 s" in said.out
+        assert f"{out}: written, macro 2 'Bow' at 0.7 s" in said.out
     else:
         assert "nothing was drawn, as this computer has neither EGL nor OSMesa" in said.err
 
