@@ -40,3 +40,11 @@ def arm(degrees: float = 0, **more: Any) -> Body:
 def box(**more: Any) -> Body:
     """Return a free box, 40 mm wide and 100 mm high."""
     return body({"id": "box", "shapes": [{"box": [40, 100, 40]}], "mass": 0.5}, body={"bolted": False, **more})
+
+
+def lamp() -> Figure:
+    """Return a lamp that stands free on a base of 100 mm, with servos 1 and 2 in arm and head."""
+    base = {"id": "base", "shapes": [{"box": [100, 20, 100]}], "mass": 0.3}
+    arm = {"id": "arm", "parent": "base", "servo": 1, "at": [0, 10, 0], "length": 200, "along": [0, 1, 0]}
+    head = {"id": "head", "parent": "arm", "servo": 2, "at": [0, 200, 0], "shapes": [{"box": [50, 40, 80]}]}
+    return figure(base, arm | {"mass": 0.15}, head | {"mass": 0.1}, body={"bolted": False})

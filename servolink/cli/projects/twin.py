@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import asdict
 
-from servolink.cli.arguments import file_path, new_file
+from servolink.cli.arguments import new_file, not_empty
 from servolink.cli.command import PROJECTS, Command, flag, one_of, option
-from servolink.cli.projects.source import FORCE
+from servolink.cli.projects.source import FORCE, write_edited
 from servolink.cli.screen.output import Table, counted, print_json, print_result, print_table, print_text
 from servolink.errors import ProjectError
 from servolink.files import reason, write_atomically
@@ -27,7 +27,8 @@ if TYPE_CHECKING:  # and imported late: `--help` needs none of it
     from servolink.twin.forecast import Forecast
     from servolink.twin.trial import Fall
 
-FILE = option("source", "FILE", "a project file with a figure", file_path)
+FILE = option("source", "FILE", "a project file with a figure", not_empty)
+"""Argument with the project whose figure has the body."""
 
 TWIN = Command(
     "twin",
@@ -142,6 +143,52 @@ def _write_new(args: argparse.Namespace, path: Path, content: bytes) -> None:
         write_atomically(path, content)
     except OSError as error:
         raise ProjectError(f"{path}: cannot be written: {reason(error)}") from error
+
+
+@Command(
+    "twin soften",
+    help="slow down the macros in which the robot falls, or make their movements smaller",
+    details=(
+        "For each macro that does not stand, as `twin check` says, the least slowing is looked for, and where none "
+        "helps the largest angles. Without -o and --in-place nothing is written. `servolink plan` shows what the "
+        "result would change on a board."
+    ),
+    examples=("twin soften robot.servolink.json -o soft.servolink.json",),
+    options=(
+        FILE,
+        option("--macro", "NAME", "soften this macro only: caption or id"),
+        one_of(
+            option("-o --output", "OUT", "write the result to this file", new_file),
+            flag("--in-place", "write the result to FILE itself"),
+        ),
+        *FORCE,
+    ),
+    takes_board=False,
+)
+def run_soften(args: argparse.Namespace) -> int:
+    """Print and write the changes; return 1 if no change helps a macro, else 0."""
+    from servolink.twin.body import read_body
+    from servolink.twin.soften import AMPLITUDES, SPEEDS, soften
+
+    project, body = read_body(args.source)
+    by_type(project)  # refuses duplicate ids: the board would run either record
+    macros = project.macros if args.macro is None else [find(project, args.macro, (MACRO,))]
+    found = soften(project, body, macros)
+    unsolved = [macro.macro_id for macro in found.unsolved]
+    if args.output is not None or args.in_place:
+        write_edited(args, project, found.project, list(found.changes), unsolved=unsolved)
+    elif args.json:
+        print_json({"file": None, "written": False, "changes": found.changes, "unsolved": unsolved})
+    else:
+        for change in found.changes or ("the robot stands in all macros: nothing to change",)[: not unsolved]:
+            print_text(change)
+        if found.changes:
+            print_text("nothing was written; -o OUT or --in-place does")
+    if not args.json:
+        for macro in found.unsolved:
+            tried = f"no speed down to {SPEEDS[-1]} % and no angles down to {AMPLITUDES[-1]} %"
+            print_text(f"{name_of(macro)}: {tried} let the robot stand; change the poses", "red")
+    return FAILED if unsolved else OK
 
 
 @Command(
