@@ -4,7 +4,7 @@ import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
 import { isFresh, isMine, isStill, lease } from "../state/robot.js";
-import { mode, showKeys } from "../state/view.js";
+import { mode, screen, showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { redoEdit, undoEdit } from "./edits.js";
 import { stop } from "./header.js";
@@ -66,9 +66,28 @@ const LIST = [
   ],
 ];
 
-/** Dialog with a list of all keys. */
+/** Page of the documentation about each screen, in the folder `docs` of servolink. @type {Record<string, string>} */
+const PAGES = {
+  actions: "tutorial/first-robot.md",
+  macros: "tutorial/first-robot.md",
+  buttons: "tutorial/first-robot.md",
+  record: "how-to/recordings.md",
+  project: "how-to/save-and-restore.md",
+  board: "how-to/board-profiles.md",
+  servos: "how-to/trim.md",
+};
+
+/** What the screen is for, and where the documentation tells more. */
+const Guide = () => html`<section class="guide" aria-labelledby="guide-title">
+  <h3 id="guide-title">${t("guide.title", { screen: t(ENTRIES.find(({ name }) => name === screen.value)?.title ?? "screen.live") })}</h3>
+  <p>${t(/** @type {Key} */ (`guide.${screen.value}`))}</p>
+  <p class="mut">${t("guide.docs")} <code>docs/${PAGES[screen.value] ?? "how-to/studio.md"}</code></p>
+</section>`;
+
+/** Dialog with a guide to the screen, and a list of all keys. */
 export function KeyList() {
   return html`<${Dialog} title=${t("app.keys")} onClose=${() => showKeys(false)}>
+    <${Guide} />
     <div class="keys">
       ${LIST.map(
         ([title, keys]) => html`<h3>${t(title)}</h3>

@@ -619,6 +619,18 @@ export const en = {
   "easing.made": "{name} is a macro now too",
   "easing.made_detail": "It plays the new actions. The screen Project writes them to the board.",
 
+  "guide.title": "This screen: {screen}",
+  "guide.docs": "More in the documentation of servolink:",
+  "guide.live": "Shows the robot now. Click a limb or a row to choose a servo; drag it, or type an exact target. In Preview nothing moves until you hold; in Robot mode the robot follows as long as you hold.",
+  "guide.actions": "An action is one pose that servos go to together. Drag limbs of the figure, or type targets and times. Easing makes the movement soft. The screen Project writes to the board.",
+  "guide.macros": "A macro plays actions, pauses and other macros in a row. Add parts, drag them, and change their speed. The figure plays first; hold the button to let the robot do it.",
+  "guide.buttons": "Says which macro each button of the remote control starts. Choose a button, then a macro for press, hold and let go. One table at a time is in use on the robot.",
+  "guide.teach": "Let limbs go, pose them by hand, and take each pose. Hold the robot first, because limp limbs fall. Save makes actions of the poses, and a macro that plays them.",
+  "guide.record": "Plots the servos on one time axis. Freeze holds the plots still, Mark keeps a moment, and Record writes everything to a file.",
+  "guide.project": "Shows what differs from the board, and writes it. Each writing keeps a backup, and Roll back brings one back.",
+  "guide.board": "Chooses the robot, examines the line, and has the settings of the board.",
+  "guide.servos": "Sets servos up, one at a time: find it, name it, nudge it until it stands right, and measure its limits by hand. Names and corrections are written with the project.",
+
   "run.by": "Moved by",
   "run.page": "As edited",
   "run.board": "As stored",
