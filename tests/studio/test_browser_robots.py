@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import sys
 from collections.abc import Iterator
@@ -13,7 +14,18 @@ import pytest
 from servolink import sync
 from tests.processes import finish, start, until
 from tests.studio.board_program import BoardProgram
-from tests.studio.browser import PATIENCE, SCREENS, Studio, grab, in_browser, opened, running, show
+from tests.studio.browser import (
+    PATIENCE,
+    SCREENS,
+    SIZES,
+    Studio,
+    grab,
+    in_browser,
+    new_profile,
+    opened,
+    running,
+    show,
+)
 from tests.studio.node_tools import needs_npm
 from tests.studio.test_accessible import found_by_axe
 
@@ -36,6 +48,44 @@ def arm(user: Path) -> Iterator[str]:
     program = BoardProgram(user, "--servos", "6")
     yield program.url
     program.kill()
+
+
+_DENIED = {
+    "url": "/dev/ttyACM0",
+    "shares": "",
+    "name": "",
+    "product": "<b>USB</b> servo board",
+    "problem": "no permission for /dev/ttyACM0; `servolink doctor` says how to get it",
+    "findings": [
+        {
+            "check": "permissions",
+            "observation": "/dev/ttyACM0 belongs to root:dialout with mode 0660; ann is in users",
+            "meaning": "only members of dialout may open the port",
+            "remedy": "sudo usermod -aG dialout ann\nlog out and in again",
+        }
+    ],
+    "is_ours": False,
+    "is_kept": False,
+}
+
+
+@needs_npm
+@pytest.mark.parametrize("size", SIZES)
+def test_a_port_that_needs_rights_shows_the_command(nothing: str, browser: Any, axe: str, size: str) -> None:
+    profile = new_profile(browser, size)
+
+    def with_port(page: Any) -> None:
+        studio = page.connect_to_server()
+        studio.on_message(lambda text: page.send(text.replace('"boards":[]', f'"boards":[{json.dumps(_DENIED)}]')))
+
+    profile.route_web_socket("**/ws", with_port)
+    with opened(browser, nothing, profile=profile) as page:
+        expect(page.get_by_text("<b>USB</b> servo board")).to_be_visible()
+        expect(page.locator(".cmd code").first).to_have_text("sudo usermod -aG dialout ann")
+        assert page.get_by_role("button", name="Connect: ").count() == 0
+        page.evaluate(axe)
+        assert found_by_axe(page) == []
+        no_overflow(page)
 
 
 def test_another_robot_is_chosen_when_the_program_that_shared_the_board_has_ended(user: Path, browser: Any) -> None:
