@@ -110,7 +110,7 @@ def _found(caller: PageCaller) -> tuple[FoundBoard, ...]:
     absent = [(DeviceInfo(aliases[name].url), name) for name, one in named.items() if one is None]
     places = [one for one in absent if not aliases[one[1]].serial_number]
     return tuple(
-        _described(caller, one, name, is_ours=one.url in ours or one.shares in ours)
+        _described(caller, one, name, is_ours=one.url in ours)
         for one, name in [*((one, names.get(one.url, "")) for one in found), *places]
     )
 

@@ -157,6 +157,17 @@ def test_a_board_is_shared_beside_the_present_one_and_given_back() -> None:
     run(test)
 
 
+def test_another_virtual_board_of_the_same_address_is_a_board_of_its_own() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            assert (await call(page, "studio.share", url=VIRTUAL))["result"] == {"name": "virtual-2"}
+            found = (await call(page, "studio.boards"))["result"]["boards"]
+            assert {(one["name"], one["is_ours"]) for one in found} == {("virtual", True), ("virtual-2", False)}
+
+    run(test)
+
+
 def test_pages_of_links_see_no_boards_and_choose_none() -> None:
     async def test(place: Place) -> None:
         place.studio.links = Links(place.gate, 80, ("robot.local",))
