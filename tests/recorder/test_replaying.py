@@ -12,6 +12,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.errors import ConnectionLost, InvalidAddress, OpenError, OutcomeUnknown
 from servolink.protocol.codec import Codec
+from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.records import Action, Step
 from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest, SetServoParameterResponse
@@ -124,15 +125,24 @@ def power(permil: int) -> QueryRemainPowerResponse:
 
 
 def test_repeats_of_either_side_are_no_other_way(tmp_path: Path) -> None:
-    async def act(board: Board) -> None:
-        before = board.stats.frames_received
-        await board.release(1)
-        assert board.stats.frames_received == before + 1
+    write_id, written = WriteProjectIDRequest(7), WriteProjectIDResponse(1)
+    limp = (1.0, ">", LIMP), (1.1, "<", LIMP_DONE)
+    released: list[int] = []
 
-    silent = write(tmp_path / "silent.mcap", passed((0.0, ">", LIMP), (0.5, ">", LIMP), (0.6, "<", LIMP_DONE)))
-    replayed(silent, act)
-    slow = write(tmp_path / "slow.mcap", passed((0.0, ">", LIMP), (2.0, "<", LIMP_DONE), (2.1, ">", LIMP)))
-    replayed(slow, act)
+    def program(writes: int) -> Callable[[Board], Awaitable[object]]:
+        async def act(board: Board) -> None:
+            for _ in range(writes):
+                await board.write_project_id(7)
+            await board.release(1)
+            released.append(writes)
+
+        return act
+
+    first, again = ((0.0, ">", write_id), (0.1, "<", written)), ((0.5, ">", write_id), (0.6, "<", written))
+    replayed(write(tmp_path / "twice.mcap", passed(*first, *again, *limp)), program(1))
+    once = passed(*first, *limp)
+    replayed(write(tmp_path / "once.mcap", once), program(2))
+    assert released == [1, 2]
 
 
 def test_silence_is_replayed(tmp_path: Path) -> None:
