@@ -174,9 +174,11 @@ def test_a_board_is_shared_with_other_programs_and_given_back(nothing: str, arm:
         expect(page.get_by_role("button", name="Share only")).to_be_visible(timeout=PATIENCE)
 
 
+@needs_npm
 @pytest.mark.parametrize("size", ["phone", "zoomed"])
-def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, browser: Any, size: str) -> None:
+def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, browser: Any, axe: str, size: str) -> None:
     with opened(browser, studio.url, size) as page:
+        page.evaluate(axe)
         expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
         page.keyboard.press("Escape")
         expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
@@ -185,6 +187,7 @@ def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, brow
             show(page, screen)
             expect(page.locator(".dock > a[aria-current], .others > button[aria-current]")).to_have_text(screen)
             no_overflow(page)
+            assert size == "phone" or found_by_axe(page) == [], screen  # `test_accessible` has phones
         page.get_by_role("button", name="More").click()
         page.get_by_role("button", name="Help").click()
         expect(page.get_by_role("dialog")).to_be_visible()
