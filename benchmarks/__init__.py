@@ -28,6 +28,7 @@ BENCHMARKS = {
     "fleet": Benchmark("benchmarks.fleet", "Many boards through a broker", is_short=False),
     "spy": Benchmark("benchmarks.spy", "A spy between a program and a board", is_short=False),
     "twin": Benchmark("benchmarks.twin", "A body with physics", is_short=False),
+    "twin_uses": Benchmark("benchmarks.twin_uses", "Boards, learning and poses on the twin"),
     "studio": Benchmark("benchmarks.studio", "The studio in a browser", is_short=False),
     "firmware": Benchmark("benchmarks.firmware", "The firmware on an emulated Pico", is_short=False),
     "handoff": Benchmark("benchmarks.handoff", "From a reading thread to the event loop"),
