@@ -160,12 +160,15 @@ class Session:
     async def note_unanswered(self, query: Query[Any], error: RequestTimeout) -> None:
         """Count a short query with this error as unanswered, also after a loss, if the board answers another one.
 
-        Raise `error` if the board has answered the query before, and RequestTimeout if the board answers nothing.
+        Raise `error` if the board has answered the query before, or answers nothing now.
         """
         if query in self.connection.answered:
             raise error
         # The programs of a hub have no opening of their own, and each board with servos lists these.
-        await self.request(next(iter(self.connection.answered), SERVO_LIST))
+        try:
+            await self.request(next(iter(self.connection.answered), SERVO_LIST))
+        except (RequestTimeout, ConnectionLost):
+            raise error from None
         self._unanswered |= {name_of(query)}
 
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> None:
