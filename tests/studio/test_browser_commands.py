@@ -104,7 +104,10 @@ def clear(place: Place) -> None:
     dialog.get_by_role("button", name="Delete everything").click()
     place.page.get_by_text("Written", exact=True).wait_for()
     assert place.board.actions() == ()
-    place.page.get_by_role("button", name="Roll back …").first.click()
+    kept = re.search(r"kept as (backup \d+)", place.page.get_by_text("kept as backup").inner_text())
+    assert kept is not None
+    backup = place.page.get_by_role("listitem").filter(has=place.page.get_by_text(kept[1], exact=True))
+    backup.get_by_role("button", name="Roll back …").click()
     dialog.get_by_role("button", name="Roll back").click()
     place.page.get_by_text("Rolled back", exact=True).wait_for()
     assert place.board.export_project().actions == before.actions
