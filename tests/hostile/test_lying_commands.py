@@ -59,6 +59,7 @@ EXEMPT = {
     "demo": "has a virtual board of its own",
     "use": "opens nothing",
     "backups": "reads files",
+    "twin": "reads files",
     "decode": "reads files",
     "show": "reads files",
     "convert": "reads files",

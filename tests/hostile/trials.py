@@ -161,6 +161,15 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("project rename {allowed} action 999 {name} -o {renamed}"),
         Trial("project schema"),
     ),
+    "twin": (
+        Trial("twin check {body}", timed=True),
+        Trial("twin check {body} --macro {name}"),
+        Trial("twin check {noise}"),
+        Trial("twin soften {body}"),
+        Trial("twin soften {other}"),
+        Trial("twin model {body}"),
+        Trial("twin model {body} -o {missing}/x"),
+    ),
     "events": (Trial("--url {few} events --seconds 0.02"),),
     "decode": (
         Trial("decode --hex {hex}"),

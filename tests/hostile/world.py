@@ -15,6 +15,7 @@ import pytest
 
 from servolink.discovery.announcements import announced
 from servolink.errors import EncodeError
+from servolink.project.figure import Figure, figure_from_json
 from servolink.project.model import Project
 from servolink.project.project_file import format_project
 from servolink.protocol.caption import decode_caption
@@ -121,6 +122,7 @@ class World:
         self._write("project", format_project(_project(texts)).encode())
         self._write("other", format_project(_project([decode_caption(caption, "utf-8") for caption in few])).encode())
         self._write("allowed", format_project(_project([texts[at] for at in _ALLOWED][::8])).encode())
+        self._write("body", format_project(_harmless_records(), figure=_figure(texts)).encode())
         self._write("mixed", json.dumps({"schema": 1, self.name: texts}).encode())
         self._write("noise", b"\n".join(self.captions))
         frames = [
@@ -215,6 +217,28 @@ def _is_allowed(payload: Payload) -> bool:
 
 
 _ALLOWED = [at for at, payload in enumerate(PAYLOADS) if _is_allowed(payload)]
+
+
+def _figure(texts: Sequence[str]) -> Figure:
+    """Return a lamp on the floor whose parts have the first and the last of `texts` as names."""
+    foot, arm = (text.encode("utf-8", "replace").decode()[:63] for text in (texts[0], texts[-1]))
+    return figure_from_json(
+        {
+            "figure": 1,
+            "name": foot,
+            "view": {},
+            "joints": [
+                {"id": foot, "shapes": [{"box": [100, 20, 100]}], "mass": 0.3},
+                {"id": f"{arm}2", "parent": foot, "servo": 1, "at": [0, 10, 0], "length": 90, "along": [0, 1, 0]},
+            ],
+            "body": {"bolted": False},
+        }
+    )
+
+
+def _harmless_records() -> Project:
+    lean = Action(1, "lean", (Step(1, 90, 1),))
+    return Project(6, (), (lean,), (Macro(1, "lean", (MacroCommand(1, total_interval=100),)),), (), 0)
 
 
 def _project(texts: Sequence[str]) -> Project:
