@@ -58,7 +58,7 @@ def example(kind: inspect.Type) -> Any:
         case inspect.Metadata(inner):
             found = example(inner)
         case inspect.LiteralType(values):
-            found = values[0]
+            found = values[-1]  # of transmission modes the one in which boards respond
         case inspect.BoolType() | inspect.IntType() | inspect.FloatType():
             found = 1
         case inspect.StrType():
