@@ -69,6 +69,12 @@ LISTEN = """() => {
   };
 }"""
 """Remembers the names of the methods that a page calls, in `window.sent`."""
+_NO_RULES = ["skip-link"]  # takes a link to a screen for one, when the row of links is scrolled
+_AXE = """async leftOut => {
+  const rules = Object.fromEntries(leftOut.map(id => [id, { enabled: false }]));
+  const { violations } = await axe.run(document, { resultTypes: ["violations"], rules });
+  return violations.map(({ id, impact, nodes }) => `${impact} ${id}: ${nodes.map(({ html }) => html).join("; ")}`);
+}"""
 
 
 class Studio(NamedTuple):
@@ -169,3 +175,8 @@ def grab(page: Any, servo_id: int) -> tuple[float, float]:
 def is_stopped(studio: Studio) -> bool:
     """Return whether no servo can move."""
     return not any(servo.is_start for servo in studio.board.servos())
+
+
+def found_by_axe(page: Any) -> Any:
+    """Return the violations on a page into which axe-core was loaded."""
+    return page.evaluate(_AXE, _NO_RULES)

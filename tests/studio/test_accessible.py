@@ -7,24 +7,12 @@ from typing import Any
 
 import pytest
 
-from tests.studio.browser import SCREENS, SIZES, Studio, in_browser, opened, show
+from tests.studio.browser import SCREENS, SIZES, Studio, found_by_axe, in_browser, opened, show
 from tests.studio.node_tools import needs_npm
 
 pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 
 pytestmark = [*in_browser, needs_npm]
-
-_LEFT_OUT = ["skip-link"]  # takes a link to a screen for one, when the row of links is scrolled
-_RUN = """async leftOut => {
-  const rules = Object.fromEntries(leftOut.map(id => [id, { enabled: false }]));
-  const { violations } = await axe.run(document, { resultTypes: ["violations"], rules });
-  return violations.map(({ id, impact, nodes }) => `${impact} ${id}: ${nodes.map(({ html }) => html).join("; ")}`);
-}"""
-
-
-def found_by_axe(page: Any) -> Any:
-    """Return the violations on a page into which axe-core was loaded."""
-    return page.evaluate(_RUN, _LEFT_OUT)
 
 
 def check(studio: Studio, browser: Any, axe: str, size: str, theme: str) -> None:

@@ -19,6 +19,7 @@ from tests.studio.browser import (
     SCREENS,
     SIZES,
     Studio,
+    found_by_axe,
     grab,
     in_browser,
     new_profile,
@@ -27,7 +28,6 @@ from tests.studio.browser import (
     show,
 )
 from tests.studio.node_tools import needs_npm
-from tests.studio.test_accessible import found_by_axe
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
