@@ -313,7 +313,7 @@ async def test_a_way_back_is_refused_half_a_second_after_its_reading() -> None:
         board.connection.send = later  # type: ignore[method-assign,assignment]
         with pytest.raises(RequestError, match="the time by which it was to begin has passed"):
             await board.move({1: 115}, duration=1)
-        assert packets == [pytest.approx(0.5)]
+        assert packets == [pytest.approx(0.5, abs=1e-3)]
         assert fake.sent_of(ExecuteActionRequest) == []
 
 
