@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Coroutine
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +63,7 @@ class InterruptedLoop(VirtualTimeLoop):
             signal.raise_signal(signal.SIGINT)
         super()._run_once()  # type: ignore[misc]  # asyncio's own, since its beginning
 
-    def shutdown_asyncgens(self) -> Coroutine[Any, Any, None]:
+    def shutdown_asyncgens(self) -> Any:  # a coroutine, of a type that mypy and pyright name differently
         """Note that the command has ended; Python ends the process at a later signal."""
         InterruptedLoop.ended, InterruptedLoop.at = InterruptedLoop.turns, None
         return super().shutdown_asyncgens()
