@@ -244,20 +244,21 @@ def add_table(place: Place) -> None:
     write(place)
 
 
-def use_table(place: Place) -> None:
+def choose_for_table(place: Place, verb: str) -> None:
+    """Add a table and choose from its menu."""
     add_table(place)
     show(place.page, "Buttons")
     place.page.get_by_role("button", name=re.compile("^More for")).click()
-    place.page.get_by_role("menuitem", name=re.compile("^Use ")).click()
+    place.page.get_by_role("menuitem", name=re.compile(f"^{verb} ")).click()
     write(place)
+
+
+def use_table(place: Place) -> None:
+    choose_for_table(place, "Use")
 
 
 def delete_table(place: Place) -> None:
-    add_table(place)
-    show(place.page, "Buttons")
-    place.page.get_by_role("button", name=re.compile("^More for")).click()
-    place.page.get_by_role("menuitem", name=re.compile("^Delete ")).click()
-    write(place)
+    choose_for_table(place, "Delete")
 
 
 def hear_button(place: Place) -> None:
