@@ -61,7 +61,7 @@ REMARKS = {
     "servolink": (154, 12),
     "spy": (122, 33),
     "studio": (167, 17),
-    "studio/web": (84, 8),
+    "studio/web": (99, 8),
     "sync": (177, 34),
     "transports": (173, 14),
     "usbip": (188, 21),
@@ -78,7 +78,8 @@ REMARKS_ELSEWHERE = (141, 14)
 def packages() -> dict[str, list[Path]]:
     """Return the source files of each package; `servolink` has the modules outside packages, `studio/web` the page."""
     web = PROJECT / "studio" / "web"
-    found = {"servolink": sorted(PROJECT.glob("*.py")), "studio/web": sources(web)}
+    code = [file for file in sources(web) if file.parent.name != "texts" or file.stem == "text"]  # no tables of texts
+    found = {"servolink": sorted(PROJECT.glob("*.py")), "studio/web": code}
     for folder in PROJECT.iterdir():
         if files := [file for file in sources(folder) if folder.is_dir() and web not in file.parents]:
             found[folder.name] = files

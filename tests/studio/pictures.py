@@ -33,7 +33,7 @@ _STILL = """() => {
   const sheet = new CSSStyleSheet();
   sheet.replaceSync(`
     .live canvas, .plot, .chip[title=Battery], .insp dd, [data-part=meters] i, .conn dd { visibility: hidden }
-    .mono, .cmd code, [aria-label$="中文"] { visibility: hidden }
+    .mono, .cmd code, span:has(> .lang) { visibility: hidden }
     .conn .bd2:not(.on), .conn ul + p, .conn > :last-child > :first-child > :is(div, p) { display: none }
   `);
   document.adoptedStyleSheets.push(sheet);

@@ -193,7 +193,7 @@ def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, brow
         expect(page.get_by_role("dialog")).to_be_visible()
         page.get_by_role("button", name="Close").click()
         page.get_by_role("button", name="More").click()
-        page.get_by_role("button", name="切换到中文").click()
+        page.get_by_label("Language").locator("visible=true").select_option("简体中文")
         expect(page.get_by_role("link", name="实时")).to_be_visible()
 
 

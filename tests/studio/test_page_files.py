@@ -1,4 +1,4 @@
-"""The files of the page: all there, none of them changed since they were taken, and every text in both languages."""
+"""The files of the page: all there, none of them changed since they were taken, and every text in all languages."""
 
 from __future__ import annotations
 
@@ -16,8 +16,12 @@ from tests.syntax import tree_of
 WEB = VENDOR.parent
 MODULES = sorted(path for path in WEB.rglob("*.js") if "vendor" not in path.parts)
 _IMPORT = re.compile(r'(?:from|import)\s*"(\.[^"\n]+)";')
+_VALUE = re.compile(r"\{\w+\}")
 _KEY = re.compile(r'^  "([\w.]+)": "(.*)",$', re.MULTILINE)
+_LANGUAGES = sorted(path.stem for path in WEB.glob("texts/*.js") if "export const texts = {" in path.read_text("utf-8"))
 _GZIPPED = 250_000
+_CHINESE = "/texts/zh-Hant.js"
+"""Loaded at once by pages in that language, beside English."""
 _LICENCES = "/vendor/LICENCES.txt"
 """For people, and never asked for by the page."""
 
@@ -42,11 +46,20 @@ def test_modules_import_files_that_are_served() -> None:
 
 
 def test_languages_have_the_same_texts_with_the_same_values() -> None:
-    english, chinese = texts("en"), texts("zh")
+    english = texts("en")
     assert len(english) > 50
-    assert english.keys() == chinese.keys()
-    for key, text in english.items():
-        assert set(re.findall(r"\{\w+\}", text)) == set(re.findall(r"\{\w+\}", chinese[key])), key
+    assert _LANGUAGES == ["en", "zh-Hans", "zh-Hant"]
+    for language in _LANGUAGES:
+        translated = texts(language)
+        assert list(translated) == list(english), language
+        for key, text in english.items():
+            assert set(_VALUE.findall(text)) == set(_VALUE.findall(translated[key])), (language, key)
+
+
+def test_traditional_chinese_has_no_simplified_characters() -> None:
+    """The characters of Big5 are those of Taiwan; the name of the language in its own characters is elsewhere."""
+    for text in texts("zh-Hant").values():
+        assert text.encode("big5hkscs").decode("big5hkscs") == text
 
 
 def test_every_text_is_used() -> None:
@@ -88,7 +101,9 @@ def test_modules_are_served_without_comments_and_with_the_lines_of_the_source() 
 
 def test_the_first_load_of_the_page_is_small() -> None:
     files = page_files()
-    asked_later = {f"/{path.relative_to(WEB).as_posix()}" for path in MODULES} - modules_at_first() | {_LICENCES}
+    asked_later = {f"/{path.relative_to(WEB).as_posix()}" for path in MODULES} - modules_at_first() - {_CHINESE} | {
+        _LICENCES
+    }
     assert 100_000 < sum(len(gzip.compress(files[name].content)) for name in files.keys() - asked_later) < _GZIPPED
 
 
@@ -113,5 +128,6 @@ def test_every_finding_before_a_board_is_opened_has_a_chinese_text() -> None:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Finding":
                 name = node.args[0]
                 checks.add(name.value if isinstance(name, ast.Constant) else environment.LATENCY_TIMER)
-    text = (WEB / "texts/doctor-zh.js").read_text(encoding="utf-8")
-    assert set(re.findall(r'^  "([^"]+)": \{ title: ".+", meaning: ".+" \},$', text, re.MULTILINE)) == checks
+    text = (WEB / "texts/doctor.js").read_text(encoding="utf-8")
+    found = re.findall(r'^  "([^"]+)": \{ title: ".+", meaning: ".+" \},$', text, re.MULTILINE)
+    assert sorted(found) == sorted([*checks, *checks])  # Simplified and Traditional

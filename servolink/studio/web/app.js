@@ -13,7 +13,7 @@ import { Motion } from "./state/motion.js";
 import { followMoves } from "./state/moving.js";
 import { keepCurrent } from "./state/project.js";
 import { follow, welcome } from "./state/robot.js";
-import { who } from "./state/settings.js";
+import { showLanguage, who } from "./state/settings.js";
 
 const KEY = "servolink.token";
 
@@ -41,7 +41,7 @@ followFigure(link);
 followMoves(link);
 keepCurrent(link);
 listenToKeys({ link, motion });
-await loadTemplates();
+await Promise.all([loadTemplates(), showLanguage()]);
 render(html`<${App} link=${link} motion=${motion} />`, /** @type {Element} */ (document.getElementById("app")));
 drawFigures();
 link.open();

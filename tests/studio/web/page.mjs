@@ -83,6 +83,7 @@ export function frame(now) {
 
 export const document = Object.assign(new EventTarget(), { hidden: false });
 export const window = new EventTarget();
+Object.defineProperty(globalThis, "navigator", { value: { languages: ["en-GB"] }, configurable: true });
 Object.assign(globalThis, {
   WebSocket: FakeSocket,
   Worker: FakeWorker,

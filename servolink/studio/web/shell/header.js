@@ -4,12 +4,13 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { battery, boardState, hasBoard, linkState, welcome } from "../state/robot.js";
-import { changeLanguage, changeTheme, theme } from "../state/settings.js";
+import { changeTheme, theme } from "../state/settings.js";
 import { toast } from "../state/toasts.js";
 import { showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { Control } from "./control.js";
 import { Edits } from "./edits.js";
+import { LanguageChoice } from "./language-choice.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 
@@ -25,9 +26,7 @@ export function Header(tools) {
     <div class="headright">
       <${BatteryChip} />
       <${Control} ...${tools} />
-      <button class="btn ic ghost ${onWide}" aria-label=${t("app.language")} title=${t("app.language")} onClick=${changeLanguage}>
-        ${t("app.language_short")}
-      </button>
+      <span class="btn ic ghost ${onWide}"><${LanguageChoice} /></span>
       <button class="btn ic ghost" aria-label=${t("app.theme")} onClick=${changeTheme}>
         <${Icon} name=${theme.value === "dark" ? "sun" : "moon"} />
       </button>

@@ -3,9 +3,9 @@
 import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { differences } from "../state/project.js";
-import { changeLanguage } from "../state/settings.js";
 import { screen, showKeys, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
+import { LanguageChoice } from "./language-choice.js";
 
 /** @typedef {{ name: string, icon: string, title: import("../texts/text.js").Key, isBelow?: boolean }} Entry */
 
@@ -66,7 +66,7 @@ function Others() {
       isOpen &&
       html`<div class="otherlist card">
       ${others.map(link)}
-      <button class="m" onClick=${then(changeLanguage)}><b aria-hidden="true">${t("app.language_short")}</b><span>${t("app.language")}</span></button>
+      <span class="m"><${LanguageChoice} /><span aria-hidden="true">${t("app.language")}</span></span>
       <button class="m" onClick=${then(() => showKeys(true))}><${Icon} name="help" /><span>${t("app.help")}</span></button>
     </div>`
     }

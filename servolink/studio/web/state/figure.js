@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "../html.js";
 import { Figure } from "../figure/figure.js";
 import { safeText } from "../parts/safe-text.js";
-import { language, t } from "../texts/text.js";
+import { inLanguage, t } from "../texts/text.js";
 import { captions, hasBoard, servoIds, welcome } from "./robot.js";
 
 /** @typedef {import("../figure/figure.js").FigureData} FigureData */
@@ -78,7 +78,7 @@ export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.serv
  * @param {string} limb
  */
 export const limbName = (limb) =>
-  safeText(figure.value?.data.groups?.[limb]?.[language.value] ?? "") || t("live.others");
+  safeText(inLanguage(figure.value?.data.groups?.[limb] ?? {}) ?? "") || t("live.others");
 
 /**
  * Return the limb of a servo; each limb has its colour.

@@ -1,13 +1,14 @@
 // Settings kept in the browser: language, theme, and name of the page.
 
-import { effect, signal } from "../html.js";
+import { batch, effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
-import { language } from "../texts/text.js";
+import { language, languageOf, load, texts } from "../texts/text.js";
 
 const KEY = "servolink.settings";
 
 /** @typedef {"light" | "dark"} Theme */
-/** @typedef {{ theme?: Theme, language?: import("../texts/text.js").Language, who?: string }} Settings */
+/** @typedef {import("../texts/text.js").Language} Language */
+/** @typedef {{ theme?: Theme, language?: Language, who?: string }} Settings */
 
 const known = read();
 
@@ -15,14 +16,14 @@ const known = read();
 export const theme = signal(known.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 /** Name of this page for people at other pages. */
 export const who = signal(known.who ?? "");
-
-language.value = known.language ?? (navigator.language.startsWith("zh") ? "zh" : "en");
+/** Language chosen in this browser; undefined before a choice. */
+const chosen = signal(known.language);
 
 effect(() => {
   document.documentElement.dataset.theme = theme.value;
-  document.documentElement.lang = language.value === "zh" ? "zh-CN" : "en";
+  document.documentElement.lang = language.value;
   forgetPalette();
-  write({ theme: theme.value, language: language.value, who: who.value });
+  write({ theme: theme.value, language: chosen.value, who: who.value });
 });
 
 /** @returns {Settings} */
@@ -48,9 +49,25 @@ export function changeTheme() {
   theme.value = theme.value === "dark" ? "light" : "dark";
 }
 
-/** Change between English and Chinese on the page. */
-export function changeLanguage() {
-  language.value = language.value === "zh" ? "en" : "zh";
+/** Show the page in the language chosen before, else in the first available language among the preferences of the browser. */
+export const showLanguage = () => show([chosen.value, ...navigator.languages].map(languageOf).find(Boolean) ?? "en");
+
+/**
+ * Show the page in another language from now on.
+ * @param {Language} name
+ */
+export function chooseLanguage(name) {
+  chosen.value = name;
+  return show(name);
+}
+
+/** @param {Language} name */
+async function show(name) {
+  const loaded = await load(name);
+  batch(() => {
+    texts.value = loaded;
+    language.value = name;
+  });
 }
 
 /**

@@ -1,13 +1,12 @@
-// English. The keys are sorted by screen; `zh.js` has the same ones.
+// English. The keys are sorted by screen; each language has the same ones.
 
-export const en = {
+export const texts = {
   "app.title": "servolink studio",
   "app.skip": "Skip to content",
   "app.screens": "Screens",
   "app.close": "Close",
   "app.theme": "Light or dark",
-  "app.language": "切换到中文",
-  "app.language_short": "中",
+  "app.language": "Language",
   "app.more": "More",
   "app.help": "Help",
   "app.keys": "Keyboard shortcuts",

@@ -11,7 +11,7 @@ import { edit } from "../../state/project.js";
 import { fitCaption, freeId, withRecord } from "../../state/records.js";
 import { action, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { editToast } from "../../state/toasts.js";
-import { degrees, t } from "../../texts/text.js";
+import { degrees, number, t } from "../../texts/text.js";
 
 /** @typedef {import("../../state/easing.js").Curve} Curve */
 
@@ -26,7 +26,7 @@ export function EasingDialog({ onClose }) {
   const { parts, worst } = eased(curve, startPose(ghostAction.value), one.steps, error);
   const from = ghostAction.value ? nameOfAction(ghostAction.value) : t("actions.ghost_robot"),
     isOne = parts.length < 2;
-  const values = { count: parts.length, bytes: bytesOf(parts), worst: worst.toFixed(1) };
+  const values = { count: parts.length, bytes: bytesOf(parts), worst: number(worst, 1) };
   const make = () => {
     onClose();
     makeEased(one, parts);

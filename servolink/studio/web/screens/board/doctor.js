@@ -4,8 +4,8 @@ import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { isLive, welcome } from "../../state/robot.js";
-import { DOCTOR_ZH } from "../../texts/doctor-zh.js";
-import { language, t } from "../../texts/text.js";
+import { FINDINGS } from "../../texts/doctor.js";
+import { language, number, t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
 
@@ -36,7 +36,7 @@ export function Doctor({ link }) {
 
 /** @param {{ number: number, finding: Finding }} props */
 export function One({ number, finding: { check, observation, meaning, remedy } }) {
-  const said = language.value === "zh" ? DOCTOR_ZH[check] : undefined;
+  const said = FINDINGS[language.value]?.[check];
   return html`<div class="finding">
     <div class="row"><span class="chip warn num">${number}</span><b>${said?.title ?? safeText(check)}</b></div>
     <dl>
@@ -57,9 +57,9 @@ function Step({ text }) {
 
 /** @param {{ status: Status }} props */
 const Line = ({ status }) => html`<dl class="kv pad0">
-  <dt>${t("board.responses")}</dt><dd>${status.responses.toLocaleString()}</dd>
-  <dt>${t("board.noise")}</dt><dd>${status.noise.toLocaleString()}</dd>
-  <dt>${t("board.unanswered")}</dt><dd>${unanswered(status).toLocaleString()}</dd>
+  <dt>${t("board.responses")}</dt><dd>${number(status.responses)}</dd>
+  <dt>${t("board.noise")}</dt><dd>${number(status.noise)}</dd>
+  <dt>${t("board.unanswered")}</dt><dd>${number(unanswered(status))}</dd>
 </dl>`;
 
 /** @param {Status} status */

@@ -5,7 +5,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { isLive, welcome } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
+import { number, t } from "../../texts/text.js";
 
 /** Answer to one query behind test data. @typedef {{ seconds: number | null, repeats: number, noise: number }} Try */
 
@@ -85,7 +85,7 @@ function summary(tries) {
   const times = tries.flatMap(({ seconds }) => (seconds === null ? [] : [seconds * 1000])).sort((a, b) => a - b);
   const values = { answered: times.length, count: tries.length };
   if (times.length === 0) return t("line.none", values);
-  const shown = (/** @type {number} */ time) => time.toFixed(time < 10 ? 1 : 0);
+  const shown = (/** @type {number} */ time) => number(time, time < 10 ? 1 : 0);
   return t("line.summary", {
     ...values,
     median: shown(times[times.length >> 1]),

@@ -10,7 +10,7 @@ import { draft, edit, open, reading, stored } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
 import { showScreen } from "../../state/view.js";
-import { t } from "../../texts/text.js";
+import { number, t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
@@ -46,9 +46,9 @@ export function SettingsCard({ link }) {
 function memoryOf(facts) {
   if (facts === null) return "\u2013";
   if (facts.memory_free === null) return t("settings.not_measured");
-  const free = facts.memory_free.toLocaleString();
+  const free = number(facts.memory_free);
   if (facts.memory_total === null) return t("settings.free", { free });
-  return t("settings.free_of", { free, total: facts.memory_total.toLocaleString() });
+  return t("settings.free_of", { free, total: number(facts.memory_total) });
 }
 
 /** @param {Facts | null} facts */

@@ -9,7 +9,7 @@ import { backups, progress, rollBack } from "../../state/plan.js";
 import { stored } from "../../state/project.js";
 import { isLive, welcome } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
-import { language, t } from "../../texts/text.js";
+import { dateAndTime, t } from "../../texts/text.js";
 import { Difference } from "./difference.js";
 
 /** @typedef {import("../../state/plan.js").Backup} Backup */
@@ -44,7 +44,7 @@ export function Backups({ link, mayWrite }) {
       <ul class="bk">
         ${shown.map(
           (backup) => html`<li key=${backup.number}>
-          <span><b>${timeOf(backup)}</b><small class="num">${t("project.backup", { number: backup.number })}</small></span>
+          <span><b>${dateAndTime(backup.time)}</b><small class="num">${t("project.backup", { number: backup.number })}</small></span>
           <button class="btn s" onClick=${() => compare(backup)}>${t("project.roll_back_to")}</button>
         </li>`,
         )}
@@ -61,7 +61,7 @@ function Compared({ backup, changes, link, mayWrite, onClose }) {
     onClose();
     rollBack(link, backup.number);
   };
-  return html`<${Dialog} title=${t("project.back_to", { time: timeOf(backup) })} onClose=${onClose}>
+  return html`<${Dialog} title=${t("project.back_to", { time: dateAndTime(backup.time) })} onClose=${onClose}>
     <p class="mut">${changes.length === 0 ? t("project.same_as_backup") : t("project.roll_back_changes", { count: changes.length })}</p>
     <ul class="diffs">${changes.map((change) => html`<${Difference} key=${change.what} change=${change} />`)}</ul>
     <div class="row wrap actions">
@@ -86,13 +86,6 @@ const changesTo = (project) =>
         old: before ?? null,
         new: after ?? null,
       }));
-
-/** @param {Backup} backup */
-const timeOf = ({ time }) =>
-  new Date(time).toLocaleString(language.value === "zh" ? "zh-CN" : "en-GB", {
-    dateStyle: "medium",
-    timeStyle: "short",
-  });
 
 /**
  * Return an address as it is written in the names of backups (`servolink/project/transfer/backups.py`).

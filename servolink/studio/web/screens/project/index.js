@@ -19,7 +19,7 @@ import {
 } from "../../state/plan.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
-import { t } from "../../texts/text.js";
+import { number, t } from "../../texts/text.js";
 import { Backups } from "./backups.js";
 import { Difference } from "./difference.js";
 import { openFile, saveFile } from "./files.js";
@@ -113,9 +113,9 @@ function Facts({ plan: { changes, wire_bytes: bytes, estimated_seconds: time, me
   const used = size && memory ? ((size - memory.free_after_bytes) / size) * 100 : null;
   return html`<dl class="facts">
     <div><dt>${t("project.changes")}</dt><dd>${changes.length}</dd></div>
-    <div><dt>${t("project.on_the_line")}</dt><dd>${bytes.toLocaleString()} <small>${t("project.bytes")}</small></dd></div>
+    <div><dt>${t("project.on_the_line")}</dt><dd>${number(bytes)} <small>${t("project.bytes")}</small></dd></div>
     <div><dt>${t("project.takes")}</dt><dd>${Math.max(1, Math.round(time))} <small>s</small></dd></div>
-    <div><dt>${t("project.memory_then")}</dt><dd>${used === null ? "?" : used.toFixed(1)} <small>%</small></dd></div>
+    <div><dt>${t("project.memory_then")}</dt><dd>${used === null ? "?" : number(used, 1)} <small>%</small></dd></div>
   </dl>`;
 }
 
@@ -156,11 +156,11 @@ function Outcome({ link, isUnfinished }) {
   }
   if (state === "none" || (of !== null && of !== draft.value)) return null; // or edited since
   const title = t(state === "written" ? "project.written" : "project.rolled_back");
-  const number = /(\d{6,})-\d{8}T/.exec(text)?.[1];
+  const backup = /(\d{6,})-\d{8}T/.exec(text)?.[1];
   const detail =
-    number === undefined
+    backup === undefined
       ? t("project.written_detail")
-      : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(number) })}`;
+      : `${t("project.written_detail")} ${t("project.kept_as", { number: Number(backup) })}`;
   return html`<div class="pad0"><${Note} kind="ok" title=${title} detail=${detail} /></div>`;
 }
 
@@ -202,7 +202,7 @@ function MemoryCard({ memory }) {
     <header><h2>${t("project.memory")}</h2></header>
     <div class="pad0">
       <div class="mem"><i style=${{ width: share(Math.min(used, after)) }}></i><i style=${{ width: share(Math.max(0, after - used)) }}></i></div>
-      <p class="mut num">${t("project.memory_after", { after: after.toLocaleString(), size: size.toLocaleString() })}</p>
+      <p class="mut num">${t("project.memory_after", { after: number(after), size: number(size) })}</p>
     </div>
   </section>`;
 }

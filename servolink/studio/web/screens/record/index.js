@@ -22,7 +22,7 @@ import {
 import { history, isLive, servoIds, servos } from "../../state/robot.js";
 import { theme } from "../../state/settings.js";
 import { chosen } from "../../state/view.js";
-import { t } from "../../texts/text.js";
+import { number, t } from "../../texts/text.js";
 import { makeActions, saveRecording, saveTable } from "./export.js";
 
 /** @typedef {import("../../shell/app.js").Tools} Tools */
@@ -90,7 +90,7 @@ function factsOf(now) {
     t("record.marks", { count: marks.value.length }),
   ];
   if (now !== null && now.name !== "") {
-    facts.push(t("record.size", { megabytes: (now.size_bytes / 1e6).toFixed(2) }));
+    facts.push(t("record.size", { megabytes: number(now.size_bytes / 1e6, 2) }));
     facts.push(now.problem || (now.dropped ? t("record.dropped", { count: now.dropped }) : t("record.nothing_lost")));
   }
   return facts.join(" · ");

@@ -1,13 +1,12 @@
 // 简体中文。键与 `en.js` 相同。
 
-export const zh = {
+export const texts = {
   "app.title": "servolink 工作室",
   "app.skip": "跳到内容",
   "app.screens": "页面",
   "app.close": "关闭",
   "app.theme": "明暗主题",
-  "app.language": "Switch to English",
-  "app.language_short": "En",
+  "app.language": "语言",
   "app.more": "更多",
   "app.help": "帮助",
   "app.keys": "快捷键",
