@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 from importlib import import_module
+from pathlib import Path
 from pkgutil import walk_packages
 
 from servolink import cli
@@ -24,7 +25,7 @@ def entries() -> dict[str, IndexEntry]:
     for module in walk_packages(cli.__path__, "servolink.cli."):
         for command in declared(import_module(module.name)):
             found[command.name] = _entry(command, module.name.removeprefix("servolink.cli."))
-    known = list(json.loads(PATH.read_bytes())) if PATH.exists() else []
+    known = list(json.loads(Path(PATH).read_bytes())) if Path(PATH).exists() else []
     return dict(sorted(found.items(), key=lambda each: known.index(each[0]) if each[0] in known else len(known)))
 
 
@@ -53,4 +54,4 @@ def _value(action: argparse.Action) -> str:
 
 
 if __name__ == "__main__":
-    PATH.write_text(text(), encoding="ascii")
+    Path(PATH).write_text(text(), encoding="ascii")

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from types import FrameType
 
 _INTERRUPTED = 130
+_OBJECTS = 20_000
+"""New objects between two looks for garbage: loading modules makes as many, and all of those stay."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,6 +35,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: Sequence[str] | None) -> int:
+    import atexit
+    import gc
+
+    gc.set_threshold(_OBJECTS)
+    atexit.register(gc.freeze)  # all is closed by then; looking for garbage would take 7 % of a short command
     from servolink.cli.main import run
 
     return run(argv)

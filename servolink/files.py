@@ -11,8 +11,10 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
-from pathlib import Path
-from typing import IO, BinaryIO, Literal
+from typing import IO, TYPE_CHECKING, BinaryIO, Literal
+
+if TYPE_CHECKING:  # `servolink --help` uses no path, and loading the module takes 3 ms
+    from pathlib import Path
 
 MIB = 1024 * 1024
 
@@ -83,7 +85,7 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
     """
     if path.is_symlink():
-        path = Path(os.path.realpath(path))
+        path = path.parent / os.path.realpath(path)  # absolute, so the folder in front has no effect
     if path.exists():
         _refuse_irregular(path, path.stat())
         if not os.access(path, os.W_OK):  # replacing the file would ignore its write protection
@@ -178,4 +180,4 @@ def _remove_abandoned(folder: Path) -> None:
             if _TEMPORARY.fullmatch(entry.name):
                 status = entry.stat(follow_symlinks=False)
                 if stat.S_ISREG(status.st_mode) and status.st_mtime < oldest:
-                    Path(entry.path).unlink()
+                    (folder / entry.name).unlink()

@@ -6,11 +6,14 @@ import argparse
 import math
 import re
 from collections.abc import Callable
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from servolink.cli.command import Option, option
 from servolink.errors import TransportUnavailable
 from servolink.files import ALL, is_name
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 LAST_SERVO = 254  # 255 means all
 
@@ -26,6 +29,8 @@ def not_empty(text: str) -> str:
 
 def file_path(text: str) -> Path:
     """Return `text` as a path; an empty path would mean the current folder."""
+    from pathlib import Path  # late: the help uses no path
+
     return Path(not_empty(text))
 
 

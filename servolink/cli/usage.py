@@ -7,11 +7,13 @@ import os
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
-from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from servolink.cli.screen.output import print_error, print_json_error
 from servolink.script import USAGE
+
+if TYPE_CHECKING:  # `servolink --help` uses no path
+    from pathlib import Path
 
 VARIABLES = ("SERVOLINK_BOARD", "SERVOLINK_URL")
 """Environment variables that name the board."""

@@ -13,7 +13,6 @@ from servolink.client.servo_state import Servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.stats import Stats
-from servolink.control.status import ConnectionState
 from servolink.escaping import escape, html_table
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
@@ -54,6 +53,7 @@ if TYPE_CHECKING:  # imported at first use: few programs use most of these modul
     from servolink.client.servo_readings import ServoReadings, ServoWatch
     from servolink.client.servo_stream import ServoStream
     from servolink.client.stored_runs import StoredRuns
+    from servolink.control.status import ConnectionState
     from servolink.profiles.profile import ProfileInUse
     from servolink.project.model import Project
 

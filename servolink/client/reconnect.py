@@ -8,13 +8,13 @@ from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from servolink.control.status import ConnectionState
 from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout, ServolinkError
 from servolink.pauses import Pauses, Reconnecting
 from servolink.protocol.editing import QueryProjectIDRequest
 
 if TYPE_CHECKING:
     from servolink.connection.packet_connection import PacketConnection
+    from servolink.control.status import ConnectionState
 
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
 """After these errors the board is unchanged: nothing was sent, or the board says so."""

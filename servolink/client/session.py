@@ -11,7 +11,6 @@ from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnec
 from servolink.connection.explain import described, lost, same
 from servolink.connection.fences import SERVO_LIST, name_of
 from servolink.connection.stats import Stats
-from servolink.control.status import ConnectionState
 from servolink.errors import (
     ConnectionLost,
     MotionRefused,
@@ -31,6 +30,7 @@ from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSet
 
 if TYPE_CHECKING:  # most boards have no profile
     from servolink.connection.packet_connection import PacketConnection
+    from servolink.control.status import ConnectionState
     from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)

@@ -5,11 +5,9 @@ The system releases the lock with the process: a file without a lock is left ove
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import BinaryIO
 
@@ -52,7 +50,7 @@ def write(board: DeviceInfo, file: BinaryIO) -> None:
     """Announce `board` in an already locked file."""
     file.seek(0)
     file.truncate()
-    file.write(json.dumps(asdict(board)).encode())
+    file.write(msgspec.json.encode(board))
 
 
 def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:

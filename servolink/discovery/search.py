@@ -5,9 +5,10 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from importlib import import_module
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from servolink.errors import InvalidAddress, OpenError, Reason, SeveralBoards, TransportError
 from servolink.transports.address import Address

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 from urllib.parse import quote
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from servolink.errors import OpenError, Reason
 from servolink.transports.address import Address
@@ -18,8 +20,7 @@ UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule for this permi
 _NUMBER = re.compile(r"(0x)?[0-9a-f]{1,4}", re.ASCII | re.IGNORECASE)
 
 
-@dataclass(frozen=True, slots=True)
-class PortIdentity:
+class PortIdentity(Struct, frozen=True):
     """Identity of a USB device, the same on every port; None and "" mean unknown or, in a search, any."""
 
     vendor_id: int | None = None
@@ -79,8 +80,7 @@ class PortIdentity:
 ANY_DEVICE = PortIdentity()
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceInfo:
+class DeviceInfo(Struct, frozen=True):
     """Address of a possible board, with facts known without opening the device."""
 
     url: str

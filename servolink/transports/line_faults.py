@@ -6,8 +6,9 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Awaitable
-from dataclasses import dataclass, fields
 from random import Random
+
+from msgspec import Struct
 
 from servolink.errors import ConnectionLost, InvalidAddress
 from servolink.escaping import quote
@@ -17,8 +18,7 @@ from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import WrappedTransport
 
 
-@dataclass(frozen=True, slots=True)
-class Faults:
+class Faults(Struct, frozen=True):
     """Rates of faults on a line, mostly probabilities 0..1, and also the names of options in addresses and `parse`."""
 
     drop: float = 0.0
@@ -47,7 +47,7 @@ class Faults:
             faults = cls.from_address(address)
         except InvalidAddress as error:
             raise InvalidAddress(str(error).removeprefix(f"{shorten(url)}: ").removeprefix("option ")) from None
-        names = [field.name for field in fields(cls)]
+        names = cls.__struct_fields__
         for name in (*address.options, *address.connection_options):
             if name not in names:
                 raise InvalidAddress(f"{quote(shorten(name))} is not a fault; the faults are {', '.join(names)}")

@@ -5,12 +5,12 @@ from __future__ import annotations
 import errno
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from time import monotonic
 from typing import Any
 
 import usb.core  # type: ignore[import-untyped]
 import usb.util  # type: ignore[import-untyped]
+from msgspec.structs import replace
 
 from servolink.errors import OpenError
 from servolink.transports.address import Address

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
+
+from msgspec import Struct
 
 from servolink.errors import DecodeError
 from servolink.protocol.codec import Codec
@@ -136,8 +137,7 @@ class VirtualBoard(Hardware):
                     session.send(frame)
 
 
-@dataclass(slots=True)
-class StoredChange:
+class StoredChange(Struct):
     """Change of the storage by a write."""
 
     before: Contents

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse
@@ -16,8 +17,7 @@ LONG_PRESS_AFTER = 0.8
 """Shortest long press, in seconds."""
 
 
-@dataclass(slots=True)
-class _Held:
+class _Held(Struct):
     """Button while pressed."""
 
     long_at: float

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+from operator import is_not
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import astuple
 
 from servolink.escaping import quote
 from servolink.protocol.codec import PACKETS_BY_NAME
@@ -26,7 +29,6 @@ INTERVAL_UNIT = 0.01
 """Seconds per unit of `interval` in the document (3.2.5, 3.3.2)."""
 
 _REQUEST = "Request"
-_NAMES = frozenset(name.removesuffix(_REQUEST) for name in PACKETS_BY_NAME if name.endswith(_REQUEST))
 
 
 class BoardKind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -66,9 +68,10 @@ class BoardKind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     partial_writes: Annotated[bool, Meta(description="a loss of power leaves part of an unfinished write")] = False
 
     def __post_init__(self) -> None:
-        """Check the values of all options."""
-        for option in OPTIONS:
-            option.check(getattr(self, option.name))
+        """Check the values of all options, unless all are defaults."""
+        if any(map(is_not, astuple(self), self.__struct_defaults__)):
+            for option in kind_options():
+                option.check(getattr(self, option.name))
 
     @property
     def takes_time(self) -> bool:
@@ -120,9 +123,13 @@ class KindOption(NamedTuple):
             converted = msgspec.convert(value, self.hint, strict=strict)
         except msgspec.ValidationError:
             raise ValueError(f"must be {self.allowed}, not {quote(shown)}") from None
-        if isinstance(converted, tuple) and (unknown := sorted(set(converted) - _NAMES)):
+        if isinstance(converted, tuple) and (unknown := sorted(set(converted) - _request_names())):
             raise ValueError(f"must be {self.allowed}, and {quote(unknown[0])} is not one")
         return converted
+
+
+def _request_names() -> set[str]:
+    return {name.removesuffix(_REQUEST) for name in PACKETS_BY_NAME if name.endswith(_REQUEST)}
 
 
 def _option(field: msgspec.structs.FieldInfo) -> KindOption:
@@ -143,6 +150,10 @@ def _option(field: msgspec.structs.FieldInfo) -> KindOption:
     return KindOption(field.name, field.type, field.default, meaning, unit, allowed)
 
 
-OPTIONS: tuple[KindOption, ...] = tuple(map(_option, msgspec.structs.fields(BoardKind)))
-"""All options, in order of their description."""
+@cache  # and not at import: most boards are of the default kind
+def kind_options() -> tuple[KindOption, ...]:
+    """Return all options, in order of their description."""
+    return tuple(map(_option, msgspec.structs.fields(BoardKind)))
+
+
 DEFAULT_KIND = BoardKind()

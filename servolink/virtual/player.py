@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping
-from dataclasses import dataclass, field
 from typing import TypeVar
 
 from msgspec import Struct
@@ -44,13 +43,12 @@ class _Unplayable(Exception):
     """Error with the reason why a macro cannot be played."""
 
 
-@dataclass(slots=True)
-class _Snapshot:
+class _Snapshot(Struct):
     """Records needed by a macro, copied at the start: later edits do not affect a running macro."""
 
-    actions: dict[int, Action] = field(default_factory=dict)
-    macros: dict[int, Macro] = field(default_factory=dict)
-    heights: dict[int, int] = field(default_factory=dict)
+    actions: dict[int, Action] = {}
+    macros: dict[int, Macro] = {}
+    heights: dict[int, int] = {}
 
 
 class Player:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp
+
+from msgspec import Struct
 
 from servolink.protocol.servos import ServoState
 
@@ -31,8 +32,7 @@ def to_adc(degrees: float) -> int:
     return max(0, min(_ADC_HIGHEST, round(_ADC_CENTRE + degrees * _ADC_PER_DEGREE)))
 
 
-@dataclass(slots=True)
-class _Motion:
+class _Motion(Struct):
     target: float
     speed: float
     end: float

@@ -8,10 +8,12 @@ invalid text; and the memory of a record is simply its length. No translation is
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from random import Random
 from typing import Any, TypeAlias
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddServoParameterRequest
@@ -32,8 +34,7 @@ def _nothing() -> dict[AnyType, tuple[Record, ...]]:
     return dict.fromkeys(STORED_TYPES, ())
 
 
-@dataclass(frozen=True, slots=True)
-class Contents:
+class Contents(Struct, frozen=True):
     """Immutable contents of the memory at one moment; a write makes new contents."""
 
     records: Mapping[AnyType, tuple[Record, ...]] = field(default_factory=_nothing)

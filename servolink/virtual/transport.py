@@ -17,7 +17,7 @@ from servolink.transports.lifecycle import BaseTransport
 from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
-from servolink.virtual.kind import OPTIONS, BoardKind
+from servolink.virtual.kind import DEFAULT_KIND, BoardKind, kind_options
 from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
@@ -184,11 +184,13 @@ def _with_body(path: str, **options: Any) -> VirtualBoard:
 def _kind_in(address: Address) -> BoardKind:
     """Return the kind of board described by the options of `address`."""
     given = {}
-    for option in OPTIONS:
-        text = address.text(option.name, "")
+    texts = {name: address.text(name, "") for name in BoardKind.__struct_fields__}
+    if texts.keys().isdisjoint(address.options):
+        return DEFAULT_KIND
+    for option in kind_options():
         if option.name in address.options:
             try:
-                given[option.name] = option.read(text)
+                given[option.name] = option.read(texts[option.name])
             except ValueError as error:
                 raise address.refusal(f"option {option.name} {error}") from None
     return BoardKind(**given)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +13,7 @@ from tests import processes
 
 
 def test_the_index_is_made_from_the_declarations() -> None:
-    assert PATH.read_text(encoding="ascii") == text(), "run: python -m docs.command_index"
+    assert Path(PATH).read_text(encoding="ascii") == text(), "run: python -m docs.command_index"
     assert index() == entries()
 
 

@@ -106,7 +106,7 @@ class Make:
     def holds(self, contents: Contents, wanted: Contents) -> bool:
         """Return whether such a board returns `wanted`, as far as it can."""
         bits = (1 << self.project_id_bits) - 1
-        return same(contents, replace(wanted, project_id=wanted.project_id & bits))
+        return same(contents, msgspec.structs.replace(wanted, project_id=wanted.project_id & bits))
 
 
 MAKES = [

@@ -6,7 +6,6 @@ servolink.project.transfer.results, servolink.project.transfer.writing.
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from pathlib import Path
 
@@ -85,7 +84,7 @@ def test_what_is_listed_twice_is_named(caplog: pytest.LogCaptureFixture) -> None
         with caplog.at_level(logging.WARNING):
             assert await board.export_project() == OLD
 
-    on_board(work, dataclasses.replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: twice}))
+    on_board(work, replace(OLD_CONTENTS, records={**OLD_CONTENTS.records, ACTION: twice}))
     assert "virtual:// lists twice and returns once: action 1" in caplog.text
 
 

@@ -6,12 +6,12 @@ import asyncio
 import gc
 import os
 from collections.abc import Callable
-from dataclasses import fields
 from typing import Self
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import fields
 
 from servolink.errors import ConnectionLost, ServolinkError, TransportUnavailable
 from servolink.transports.address import Address

@@ -33,7 +33,7 @@ from servolink.protocol.servos import (
 from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
 from servolink.transports.address import Address
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
+from servolink.virtual.kind import BoardKind, KindOption, kind_options
 from servolink.virtual.transport import VirtualTransport, from_address
 from tests.virtual.host import START, Host
 from tests.virtual_time import run
@@ -94,11 +94,11 @@ def parsed(*args: str) -> BoardKind:
     for option in command.run.options:
         option.add_to(parser)
     values = vars(parser.parse_args(args))
-    return BoardKind(**{kind.name: values[kind.name] for kind in OPTIONS})
+    return BoardKind(**{kind.name: values[kind.name] for kind in kind_options()})
 
 
 def test_the_samples_are_of_all_options() -> None:
-    assert [option.name for option in OPTIONS] == list(RIGHT) == list(WRONG)
+    assert [option.name for option in kind_options()] == list(RIGHT) == list(WRONG)
 
 
 @pytest.mark.parametrize("name", RIGHT)
@@ -232,7 +232,7 @@ def test_captions_are_stored_in_the_encoding_of_the_address() -> None:
     assert run(main())[4:10] == b"a\0b\0\0\0"
 
 
-@pytest.mark.parametrize("option", OPTIONS, ids=lambda option: option.name)
+@pytest.mark.parametrize("option", kind_options(), ids=lambda option: option.name)
 def test_the_page_describes_every_option(option: KindOption) -> None:
     page = (Path(__file__).parents[2] / "docs/reference/virtual-board.md").read_text(encoding="utf-8")
     flag = "--" + option.name.replace("_", "-") + (f" {option.unit}" if option.unit.isupper() else "")

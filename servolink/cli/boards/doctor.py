@@ -7,6 +7,8 @@ import asyncio
 from dataclasses import asdict
 from typing import Any
 
+import msgspec
+
 from servolink.cli.arguments import SERVO_NAME, not_empty
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
@@ -89,7 +91,7 @@ def _devices(facts: SystemFacts, board: str | None) -> list[ListedUsbDevice]:
 def described(report: Report) -> dict[str, Any]:
     """Return an examination for `--json`."""
     return {
-        "boards": [asdict(candidate) for candidate in report.candidates],
+        "boards": msgspec.to_builtins(report.candidates),
         "examined": report.urls,
         "response": report.response and asdict(report.response),
         "unsupported": list(report.unsupported),

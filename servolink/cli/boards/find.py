@@ -9,6 +9,8 @@ from dataclasses import asdict
 from itertools import zip_longest
 from typing import TypeVar
 
+import msgspec
+
 from servolink.cli.arguments import timeout
 from servolink.cli.boards.board_settings import battery_text, memory_text
 from servolink.cli.command import FIRST_STEPS, STORED, Command, flag, one_of, option
@@ -67,7 +69,7 @@ async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
     responses = await asyncio.gather(*probes)
     if args.json:
-        described = [asdict(device) | {"name": names.get(device.url)} for device in devices]
+        described = [msgspec.to_builtins(device) | {"name": names.get(device.url)} for device in devices]
         for one, result in zip(described, responses, strict=False):
             one |= {"response": result.response and asdict(result.response), "problem": result.problem}
         print_json({"boards": described})

@@ -31,7 +31,7 @@ from servolink.transports.line_faults import Faults
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.board_script import HELP, Event, Keys, Push, apply, parse_script
 from servolink.virtual.hardware import MAX_SERVOS
-from servolink.virtual.kind import OPTIONS, BoardKind, KindOption
+from servolink.virtual.kind import BoardKind, KindOption, kind_options
 from servolink.virtual.odd.board import OddBoard
 from servolink.virtual.odd.kinds import KINDS
 from servolink.virtual.serve import serve
@@ -110,7 +110,7 @@ def _script(text: str) -> list[Event]:
         option("--twin", "FILE", "give the board the body of a project: servos sag, lag, stall and fall", file_path),
         option("--odd", "KIND", "an odd board, such as `late` or `big`, with servos and records of its own", _odd),
         option("--script", "FILE", "what people do to the board, such as: 1.5 press 3", _script, default=[]),
-        group("kind of board", *map(_kind, OPTIONS)),
+        group("kind of board", *map(_kind, kind_options())),
     ),
     takes_board=False,
 )
@@ -135,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
 def _board(args: argparse.Namespace) -> VirtualBoard:
     """Return the board. Raise ProjectError or TwinError for a body that is impossible here."""
     codec = Codec(args.byte_order or "little", args.caption_encoding or "utf-8")
-    kind = BoardKind(**{kind.name: getattr(args, kind.name) for kind in OPTIONS})
+    kind = BoardKind(**{kind.name: getattr(args, kind.name) for kind in kind_options()})
     if args.twin is None:
         return VirtualBoard(16 if args.servos is None else args.servos, args.seed, codec, kind)
     from servolink.twin.board import read_board
@@ -150,7 +150,7 @@ def _run_odd(args: argparse.Namespace) -> int:
         "twin": None,
         "state": None,
         "script": [],
-        **{kind.name: kind.default for kind in OPTIONS},
+        **{kind.name: kind.default for kind in kind_options()},
     }
     if given := [name for name, default in others.items() if getattr(args, name) != default]:
         usage_error(args, f"--odd and --{given[0].replace('_', '-')} exclude each other")
