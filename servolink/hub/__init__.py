@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from servolink.hub.hub import Hub as Hub
     from servolink.hub.hub import share as share
     from servolink.hub.methods.control_session import METHODS as METHODS
+    from servolink.hub.serving import hub_of_board as hub_of_board
     from servolink.hub.serving import serve_board as serve_board
 else:
     # Lazy imports: each of these modules imports other modules of the package.
@@ -20,6 +21,7 @@ else:
         "Hub": "servolink.hub.hub",
         "LocalTransport": "servolink.hub.doors.in_process",
         "METHODS": "servolink.hub.methods.control_session",
+        "hub_of_board": "servolink.hub.serving",
         "serve_board": "servolink.hub.serving",
         "share": "servolink.hub.hub",
     }

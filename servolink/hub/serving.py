@@ -24,6 +24,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.frame import ByteOrder
 
 _LONGEST_NAME = 32
+_SHARED = "share://"
 
 
 @asynccontextmanager
@@ -81,3 +82,17 @@ def default_name(url: str) -> str:
     scheme, _, rest = place.rpartition("://")
     last = re.sub(r"[^A-Za-z0-9_-]+", "-", rest.rpartition("/")[2]).strip("-")[:_LONGEST_NAME]
     return last if is_name(last) else scheme or "board"
+
+
+@asynccontextmanager
+async def hub_of_board(url: str | None = None, **options: Any) -> AsyncIterator[str]:
+    """Yield the name of the hub that shares a board; without such a hub, share the board in this context.
+
+    `url` and `options` are those of `connect`; the options do not count for a hub that runs.
+    """
+    address = (await resolve_board(url)).url
+    if address.startswith(_SHARED):
+        yield address.removeprefix(_SHARED).partition("?")[0]
+        return
+    async with serve_board(url, **options) as (hub, _):
+        yield hub.name

@@ -49,10 +49,11 @@ def project_table(project: Any) -> str:
 def plan_table(plan: Any) -> str:
     """Return an HTML table of a `Plan`, with a row for each change."""
     title = f"{len(plan.changes) + len(plan.inconsistencies)} differences, about {max(1, round(plan.seconds))} s"
-    return html_table(("record", "on the board", "afterwards"), _plan_rows(plan), title)
+    return html_table(("record", "on the board", "afterwards"), plan_rows(plan), title)
 
 
-def _plan_rows(plan: Any) -> Iterator[tuple[str, str, str]]:
+def plan_rows(plan: Any) -> Iterator[tuple[str, str, str]]:
+    """Yield each change of a `Plan`: the name of the record, what the board holds, and what it holds afterwards."""
     for change in plan.changes:
         yield change.what, _state(change.old), _state(change.new)
     for inconsistency in plan.inconsistencies:

@@ -1,0 +1,280 @@
+"""Supervisor: motions asked for by a model or by another program, which a person allows one by one.
+
+Role, limits, lease and dead man's switch are those of the hub. On top of these, a permission is for one motion, lasts
+10 s and ends with a stop, and no motion lasts longer than 10 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import Any, Final, NamedTuple
+
+import msgspec
+from msgspec import Raw
+
+from servolink.client.board import Board
+from servolink.client.captions import find_servos
+from servolink.client.collect import collect
+from servolink.client.connect import connect
+from servolink.control.channel import RpcChannel, open_channel
+from servolink.control.greeting import Greeting
+from servolink.control.messages import Tighten
+from servolink.control.notifications import StoppedNotice
+from servolink.control.roles import RoleName
+from servolink.control.share_address import this_program
+from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError
+from servolink.escaping import escape
+from servolink.motion.movement import INTERVAL_UNIT
+from servolink.motion.ticket import StopCounter, Ticket
+from servolink.project.record_lookup import name_of
+from servolink.project.speed import RecordRun
+from servolink.protocol.record_types import ACTION, RecordType
+from servolink.protocol.servos import ALL_SERVOS
+
+LONGEST: Final = 10.0
+"""Longest motion in seconds, with the time for sending."""
+PERMITTED: Final = 10.0
+"""Seconds from a permission until the motion must have begun."""
+OPEN: Final = 60.0
+"""Seconds in which a question must be answered."""
+
+_FOR_THE_LINE = 0.5  # seconds of `LONGEST` that a motion leaves for sending
+_DEAD_MAN = 3.0  # seconds
+_BEAT = 0.5  # seconds between two beats of the dead man's switch
+_LIMIT = 5.0  # seconds for immediate answers of the hub
+
+
+class SupervisedMotion(NamedTuple):
+    """Checked motion: a method of the control interface, with its params."""
+
+    method: str
+    params: dict[str, Any]
+    text: str
+    """Motion as a person reads it, such as "move servo 1 to 30 degrees in 2 s"."""
+    seconds: float
+    """Planned duration of the motion, as the dry run has found it."""
+
+
+class Permission(NamedTuple):
+    """Permission of a person for one motion."""
+
+    motion: SupervisedMotion
+    ticket: Ticket
+    """Ticket from the moment of the question: a later stop voids the permission."""
+
+
+class Question(NamedTuple):
+    """Question to a person whether a motion may begin."""
+
+    motion: SupervisedMotion
+    ticket: Ticket
+    """Ticket from the moment of the question: a later stop voids the question."""
+    number: int
+
+    @property
+    def text(self) -> str:
+        """Question as a person reads it."""
+        return f"May the robot {self.motion.text}? The motion lasts {self.motion.seconds:.1f} s."
+
+
+class Supervisor:
+    """Program of a hub that checks motions, and carries out those that are allowed."""
+
+    def __init__(
+        self, hub: str, board: Board, channel: RpcChannel, *, may_move: bool, log: Callable[[str], None]
+    ) -> None:
+        """Use `supervised`."""
+        self.hub = hub
+        """Name of the hub that shares the board."""
+        self.board = board
+        """Board to read and to check motions; the hub refuses all changes by this board."""
+        self.may_move = may_move
+        self._channel = channel
+        self._log = log
+        self._now = asyncio.get_running_loop().time
+        self._stops = StopCounter()
+        self._stopped = asyncio.Event()
+        self._question: Question | None = None
+        self._questions = 0
+        self._is_moving = False
+        channel.on_notification = self._hear
+        channel.on_end = lambda: self._stop("the hub has ended")
+
+    async def check_move(
+        self, targets: Mapping[str, float], duration: float | None, speed: float | None
+    ) -> SupervisedMotion:
+        """Return a movement to angles in degrees. Raise MotionRefused for one beyond the limits, or without effect."""
+        seconds = await self.board.move(dict(targets), duration=duration, speed=speed, dry_run=True)
+        servo_ids, _ = await find_servos(self.board, list(targets))
+        await self._refuse_idle(servo_ids)
+        angles = ", ".join(f"{escape(servo)} to {angle:g} degrees" for servo, angle in targets.items())
+        by_id = {str(servo_id): angle for servo_id, angle in zip(servo_ids, targets.values(), strict=True)}
+        params = {"targets": by_id, "duration": seconds}
+        return _checked(SupervisedMotion("move", params, f"move servo {angles}", seconds))
+
+    async def check_run(self, kind: RecordType[Any], name: int | str) -> SupervisedMotion:
+        """Return the run of a stored action or macro. Raise MotionRefused as `check_move` does."""
+        board = self.board
+        record = await (board.action(name) if kind is ACTION else board.macro(name))
+        record_id = kind.id_of(record)
+        await (
+            board.run_action(record_id, dry_run=True) if kind is ACTION else board.run_macro(record_id, dry_run=True)
+        )
+
+        async def get(kind: RecordType[Any], record_id: int) -> Any:
+            return await (board.action(record_id) if kind is ACTION else board.macro(record_id))
+
+        interval = board.profile and board.profile.settings.interval_unit
+        run = RecordRun(await collect(get, kind, record_id), record, interval or INTERVAL_UNIT)
+        await self._refuse_idle(run.first_pose())
+        params = {"type": "action" if kind is ACTION else "macro", "id": record_id}
+        return _checked(SupervisedMotion("run", params, f"run {name_of(record)}", run.seconds()))
+
+    async def check_start(self) -> SupervisedMotion:
+        """Return the start of all servos after a stop: each holds its angle, and obeys the next movement."""
+        params = {"servo": "all", "start": True, "hold": True}
+        return SupervisedMotion("servo.set", params, "hold and start all servos", 0.0)
+
+    def ask(self, motion: SupervisedMotion) -> Question:
+        """Return a question for a person, in place of any earlier one. Raise RequestRefused if motions are off."""
+        if not self.may_move:
+            raise RequestRefused(f"not moved: {motion.text}; motions are off here, --allow-motion turns them on")
+        self._questions += 1
+        self._question = Question(motion, self._stops.ticket(until=self._now() + OPEN), self._questions)
+        return self._question
+
+    def answer(self, number: int, *, is_yes: bool) -> Permission:
+        """Return the permission for the motion of a question; each question is answered once.
+
+        Raise MotionRefused for a no, and for the answer to another question than the latest.
+        """
+        question, self._question = self._question, None
+        if question is None or question.number != number:
+            raise MotionRefused("not moved: this question is not open any more; ask again")
+        if not is_yes:
+            raise self._refused(question.motion, "the person said no")
+        self._check(question)
+        return Permission(question.motion, msgspec.structs.replace(question.ticket, until=self._now() + PERMITTED))
+
+    def permit_unasked(self, motion: SupervisedMotion) -> Permission:
+        """Return a permission without a question, for `--no-ask`."""
+        return self.answer(self.ask(motion).number, is_yes=True)
+
+    def is_valid(self, permission: Permission) -> bool:
+        """Return whether the motion of a permission could begin now."""
+        return self._stops.holds(permission.ticket) and self._now() <= permission.ticket.until
+
+    async def perform(self, permission: Permission) -> None:
+        """Carry out a motion that is permitted, and return at its end.
+
+        A cancellation, the end of this program or of the connection with the hub, and 10 s stop all servos.
+
+        Raises:
+            MotionRefused: The permission is void, another program moves the board, or a stop ended the motion.
+        """
+        motion, ticket = permission
+        if self._is_moving:
+            raise self._refused(motion, "another motion is under way; wait for its end")
+        self._check(permission)
+        self._is_moving = True
+        beats: asyncio.Task[None] | None = None
+        try:
+            async with asyncio.timeout(LONGEST):
+                await self._channel.call("lease.take", dead_man=_DEAD_MAN)
+                beats = asyncio.create_task(self._beat())
+                self._check(permission)
+                self._stopped.clear()
+                await self._channel.call(motion.method, until=ticket.until, **motion.params)
+                await self._last(motion)
+        except ServolinkError as error:  # first: some of them are TimeoutErrors too
+            self._log(f"{motion.text}: {error}")
+            raise
+        except TimeoutError:
+            self._channel.tell("stop")
+            raise self._refused(motion, f"it took longer than {LONGEST:g} s, and was stopped") from None
+        except BaseException:  # the client that called has left, or this program ends
+            self._channel.tell("stop")
+            self._log(f"{motion.text}: stopped, as the program that asked for it has gone")
+            raise
+        finally:
+            self._is_moving = False
+            if beats is not None:
+                beats.cancel()
+            self._channel.tell("lease.give")
+        self._log(f"{motion.text}: done")
+
+    async def stop(self) -> None:
+        """Stop all servos, whichever program moves them. Raise OutcomeUnknown if they do not report it."""
+        self._stop("a stop came first")
+        self._log("stop of all servos")
+        await self._channel.call("stop")
+
+    async def _refuse_idle(self, servo_ids: Collection[int]) -> None:
+        """Raise MotionRefused if one of the servos ignores movements."""
+        for servo in await self.board.servos():
+            if servo.state != "ready" and (servo.servo_id in servo_ids or ALL_SERVOS in servo_ids):
+                text = f"servo {servo.servo_id} is {servo.state}, and ignores movements until it is started"
+                raise MotionRefused(text, reason=Reason.SERVO_STATE)
+
+    async def _last(self, motion: SupervisedMotion) -> None:
+        """Return after the planned duration. Raise MotionRefused after a stop."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(motion.seconds):
+                await self._stopped.wait()
+                raise MotionRefused(f"{motion.text}: {self._stops.reason}", reason=Reason.STOP)
+
+    async def _beat(self) -> None:
+        while True:
+            self._channel.tell("lease.beat")
+            await asyncio.sleep(_BEAT)
+
+    def _check(self, asked: Permission | Question) -> None:
+        """Raise MotionRefused if a stop came since, or if the time is over."""
+        motion, ticket = asked.motion, asked.ticket
+        if not self._stops.holds(ticket):
+            raise self._refused(motion, self._stops.reason, Reason.STOP)
+        if self._now() > ticket.until:
+            raise self._refused(motion, "the permission is too old; ask again")
+
+    def _refused(self, motion: SupervisedMotion, why: str, reason: Reason = Reason.OTHER) -> MotionRefused:
+        self._log(f"{motion.text}: {why}")
+        return MotionRefused(f"{motion.text}: {why}", reason=reason)
+
+    def _stop(self, reason: str) -> None:
+        self._stops.stop(reason)
+        self._stopped.set()
+
+    def _hear(self, method: str, params: Raw) -> None:
+        """Take a notification of the hub: the stop of another program voids questions and permissions."""
+        if method == "stopped":
+            by = msgspec.json.decode(params, type=StoppedNotice).by
+            self._stop(f"{escape(by or 'the hub')} has stopped all servos")
+
+
+def _checked(motion: SupervisedMotion) -> SupervisedMotion:
+    """Return the motion. Raise MotionRefused if it lasts too long."""
+    most = LONGEST - _FOR_THE_LINE
+    if not motion.seconds <= most:
+        raise MotionRefused(f"{motion.text}: {motion.seconds:.1f} s are too long; at most {most:g} s are allowed")
+    return motion
+
+
+@asynccontextmanager
+async def supervised(
+    hub: str, *, may_move: bool, speed_cap: float, log: Callable[[str], None]
+) -> AsyncIterator[Supervisor]:
+    """Join the hub named `hub` in this context; all motions are slower than `speed_cap` degrees per second.
+
+    Raise OpenError without such a hub.
+    """
+    role: RoleName = "move" if may_move else "watch"
+    channel, _ = await open_channel(hub, Greeting(wants="rpc", who=this_program(), role=role, dead_man=_DEAD_MAN))
+    try:
+        tighten = Tighten(speed_cap=speed_cap, source="--speed-cap")
+        await channel.call("limits.tighten", timeout=_LIMIT, **msgspec.to_builtins(tighten))
+        async with connect(f"share://{hub}?role=watch", speed_cap=speed_cap, reconnect=True) as board:
+            yield Supervisor(hub, board, channel, may_move=may_move, log=log)
+    finally:
+        await channel.close()

@@ -1,0 +1,305 @@
+"""Tools for language models, called with the client of the SDK: what they say, who is asked, and what moves.
+
+Modules: servolink.gateways.figure_picture, servolink.gateways.model_serving, servolink.cli.together.language_models.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import random
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servolink.project.project_file import read_project_file
+from tests.cli.programs import call, environment, finished, started
+from tests.gateways.robots import GUARD, RobotSeen, shared_robot, supervised_robot
+from tests.twin.figures import DEMO
+
+pytest.importorskip("mcp", reason="in the extra mcp")
+pytest.importorskip("PIL", reason="in the extra mcp")
+
+import httpx2
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
+from mcp.client.streamable_http import streamable_http_client
+from mcp.shared.exceptions import MCPError
+from mcp_types import ElicitResult
+
+from servolink.gateways.model_tools import ModelTools
+
+LOOKING = {"servos", "info", "records", "record", "check_move", "check_run", "plan", "stop"}
+MOVING = {"move", "run", "start"}
+CALLS = 1000
+"""Fuzzed calls."""
+
+
+class PersonAsked:
+    """Person who answers questions with yes, or as told."""
+
+    def __init__(self, answer: str = "accept") -> None:
+        self.answer = answer
+        self.questions: list[str] = []
+
+    async def __call__(self, context: Any, params: Any) -> Any:
+        self.questions.append(params.message)
+        return ElicitResult.model_validate({"action": self.answer})
+
+
+@asynccontextmanager
+async def model(
+    person: PersonAsked | None = None,
+    *,
+    mode: str = "auto",
+    asks: bool = True,
+    project: Path | None = None,
+    **options: Any,
+) -> AsyncIterator[tuple[RobotSeen, Any]]:
+    """Offer the tools of a robot to a client; yield the robot and the client."""
+    file = None if project is None else read_project_file(project)
+    async with asyncio.timeout(GUARD), supervised_robot(**options) as (robot, supervisor):
+        robot.motions.clear()
+        server = ModelTools(supervisor, file, asks=asks).server()
+        async with Client(server, elicitation_callback=person, mode=mode) as client:
+            yield robot, client
+
+
+async def said(client: Any, tool: str, **arguments: Any) -> tuple[bool, str]:
+    """Return whether a call failed, and the text of its result."""
+    result = await client.call_tool(tool, arguments)
+    return bool(result.is_error), result.content[0].text
+
+
+def test_a_model_looks_and_plans() -> None:
+    async def main() -> None:
+        async with model(may_move=False, project=DEMO) as (robot, client):
+            tools = {tool.name for tool in (await client.list_tools()).tools}
+            assert tools - {"forecast"} == LOOKING | {"picture"}
+            failed, text = await said(client, "servos")
+            assert not failed
+            servo = json.loads(text)["servos"][1]
+            assert (servo["servo"], servo["angle"], servo["state"]) == (2, 0, "ready")
+            assert servo["caption"] == "left knee"
+            assert (servo["angle_limits"], servo["speed_cap"]) == (None, 200.0)
+            assert json.loads((await said(client, "info"))[1])["motions"] == "off"
+            assert json.loads((await said(client, "records"))[1])["actions"][0]["action_caption"] == "Nod"
+            assert json.loads((await said(client, "record", kind="action", name="Nod"))[1])["action_id"] == 1
+            picture = (await client.call_tool("picture", {})).content[0]
+            assert picture.mime_type == "image/png"
+            assert len(picture.data) > 4000
+            changes = json.loads((await said(client, "plan"))[1])["changes"]
+            assert {"record": "project id", "on_the_board": "-", "afterwards": "2026"} in changes
+            assert json.loads((await said(client, "check_run", kind="macro", name="again"))[1])["seconds"] == 0.4
+            assert await said(client, "stop") == (False, "all servos report that they are stopped and held")
+            assert robot.motions == []
+
+    asyncio.run(main())
+
+
+def test_errors_reach_the_model_with_their_text() -> None:
+    async def main() -> None:
+        async with model(may_move=False) as (_, client):
+            failed, text = await said(client, "check_move", targets={"1": 90}, duration=0.1)
+            assert failed
+            assert "its cap is 200" in text
+            assert "no servo 99" in (await said(client, "check_move", targets={"99": 1}, duration=1))[1]
+            assert "--project FILE" in (await said(client, "plan"))[1]
+            assert "action" in (await said(client, "plan", project='{"actions": 3}'))[1]
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("mode", ["legacy", "auto"])  # questions during a call, and calls that are repeated
+def test_each_motion_waits_for_the_yes_of_a_person(mode: str) -> None:
+    async def main() -> None:
+        person = PersonAsked()
+        async with model(person, mode=mode) as (robot, client):
+            assert await said(client, "move", targets={"1": 5}, duration=0.05) == (
+                False,
+                "move servo 1 to 5 degrees: done",
+            )
+            assert await said(client, "run", kind="macro", name=1) == (False, "run macro 1 'Again': done")
+            assert person.questions == [
+                "May the robot move servo 1 to 5 degrees? The motion lasts 0.1 s.",
+                "May the robot run macro 1 'Again'? The motion lasts 0.4 s.",
+            ]
+            await robot.until(lambda: len(robot.motions) == 2)
+            person.answer = "decline"
+            failed, text = await said(client, "move", targets={"1": 0}, duration=0.05)
+            assert failed
+            assert "the person said no" in text
+            assert len(robot.motions) == 2
+            assert [line.rpartition(": ")[2] for line in robot.log] == ["done", "done", "the person said no"]
+
+    asyncio.run(main())
+
+
+def test_a_client_that_cannot_ask_is_told_so_and_without_asking_it_moves() -> None:
+    async def main() -> None:
+        async with model() as (robot, client):
+            failed, text = await said(client, "start")
+            assert failed
+            assert "--no-ask" in text
+            assert robot.motions == []
+        async with model(asks=False) as (robot, client):
+            assert not (await said(client, "move", targets={"1": 5}, duration=0.05))[0]
+            await robot.until(lambda: len(robot.motions) == 1)
+
+    asyncio.run(main())
+
+
+def drawn(random: random.Random) -> tuple[str, dict[str, Any]]:
+    """Return a call with values as a confused or hostile model may give them."""
+    odd: list[Any] = [
+        None,
+        True,
+        -1,
+        0,
+        1,
+        2.5,
+        1e308,
+        "",
+        "1",
+        "all",
+        "Nod",
+        "\x1b[2J",
+        [],
+        {},
+        {"1": 5},
+        {"1": "x"},
+        {"1": 1e9},
+    ]
+    names = ["targets", "duration", "speed", "kind", "name", "project", "number", "ticket"]
+    call = {name: random.choice(odd) for name in random.sample(names, random.randrange(5))}
+    if random.random() < 0.5:
+        targets = {random.choice(["1", "2", "99", "all"]): random.choice([-40, 0, 5, 400]) for _ in range(2)}
+        call |= {
+            "targets": targets,
+            "duration": random.choice([0.01, 0.05, 20]),
+            "kind": random.choice(["action", "x"]),
+        }
+        call = {name: value for name, value in call.items() if random.random() < 0.9}
+    return random.choice([*sorted(LOOKING | MOVING), "release", "apply", "__init__"]), call
+
+
+@pytest.mark.parametrize("case", ["off", "no", "yes"])
+def test_nothing_moves_that_is_not_allowed_in_many_calls(case: str) -> None:
+    async def main() -> None:
+        numbers = random.Random(37)
+        person = PersonAsked("accept" if case == "yes" else "decline")
+        async with model(person, may_move=case != "off", speed_cap=2000.0) as (robot, client):
+            for _ in range(CALLS // 3 + 1):
+                tool, arguments = drawn(numbers)
+                before, asked = len(robot.motions), len(person.questions)
+                with suppress(MCPError):  # a tool that is not offered
+                    await client.call_tool(tool, arguments)
+                allowed = len(person.questions) - asked if case == "yes" else 0
+                assert len(robot.motions) - before <= allowed, (tool, arguments)
+            assert bool(person.questions) == (case != "off")
+            assert bool(robot.motions) == (case == "yes")
+            if case == "yes":
+                for servo in await robot.board.servos():
+                    assert -40 <= servo.angle <= 10
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("end", ["call", "client"])
+def test_the_end_of_a_call_or_of_the_client_stops_what_it_moved(end: str) -> None:
+    async def main() -> None:
+        async with asyncio.timeout(GUARD), shared_robot() as robot:
+            robot.motions.clear()
+            words = ["-m", "servolink", "mcp", "--board", "share://rex", "--allow-motion", "--no-ask"]
+            server = StdioServerParameters(command=sys.executable, args=words, env=environment())
+            async with Client(stdio_client(server)) as client:
+                moving = asyncio.create_task(client.call_tool("move", {"targets": {"1": 90}, "duration": 9}))
+                await robot.until(lambda: bool(robot.motions))
+                if end == "call":
+                    moving.cancel()
+                    await robot.until(lambda: bool(robot.stops))
+            await robot.until(lambda: bool(robot.stops))
+            await asyncio.wait((moving,))
+            assert (await robot.board.servo(1)).angle < 60
+
+    asyncio.run(main())
+
+
+@asynccontextmanager
+async def served_on_http(*options: str) -> AsyncIterator[tuple[RobotSeen, Any, dict[str, str]]]:
+    """Serve the robot on HTTP; yield the robot, the process, and what it has announced."""
+    async with asyncio.timeout(GUARD), shared_robot() as robot:
+        robot.motions.clear()
+        serving = started("mcp", "--board", "share://rex", "--http", "0", "--json", *options)
+        assert serving.stdout is not None
+        try:
+            yield robot, serving, json.loads(await asyncio.to_thread(serving.stdout.readline))
+        finally:
+            await asyncio.to_thread(finished, serving, signal.SIGTERM)
+
+
+@asynccontextmanager
+async def http_client(served: dict[str, str]) -> AsyncIterator[Any]:
+    """Connect to a server on HTTP."""
+    async with (
+        httpx2.AsyncClient(headers={"Authorization": f"Bearer {served['token']}"}) as http,
+        Client(streamable_http_client(served["mcp"], http_client=http)) as client,
+    ):
+        yield client
+
+
+def test_http_needs_the_token_and_a_host_of_this_machine() -> None:
+    async def main() -> None:
+        async with served_on_http() as (_, _, served):
+            async with http_client(served) as client:
+                assert json.loads((await said(client, "servos"))[1])["servos"][0]["servo"] == 1
+            good = {"Authorization": f"Bearer {served['token']}", "Content-Type": "application/json"}
+            async with httpx2.AsyncClient() as http:
+                codes = [
+                    (await http.post(served["mcp"], headers=headers, content="{}")).status_code
+                    for headers in (
+                        {},
+                        {**good, "Authorization": "Bearer x"},
+                        {**good, "Host": "evil.example"},
+                        {**good, "Origin": "http://evil.example"},
+                    )
+                ]
+            assert codes == [401, 401, 421, 403]
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("end", ["client", "server"])
+def test_on_http_too_an_end_stops_what_was_moved(end: str) -> None:
+    async def move(served: dict[str, str]) -> None:
+        async with http_client(served) as client:
+            await client.call_tool("move", {"targets": {"1": 90}, "duration": 9})
+
+    async def main() -> None:
+        async with served_on_http("--allow-motion", "--no-ask") as (robot, serving, served):
+            moving = asyncio.create_task(move(served))
+            await robot.until(lambda: bool(robot.motions))
+            if end == "server":
+                serving.kill()  # the hub stops the board
+            else:
+                moving.cancel()
+            await asyncio.wait((moving,))
+            await robot.until(lambda: bool(robot.stops))
+            assert (await robot.board.servo(1)).angle < 60
+
+    asyncio.run(main())
+
+
+def test_without_the_extra_the_command_says_how_to_install_it(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "servolink.gateways.model_serving", None)
+        patch.setitem(sys.modules, "servolink.gateways.model_tools", None)
+        found = call(capsys, "mcp", "--board", "virtual://")
+    assert found.code == 3
+    assert "pip install '.[mcp]'" in found.err
+    assert call(capsys, "mcp", "--no-ask").code == 2
