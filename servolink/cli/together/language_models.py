@@ -43,7 +43,7 @@ def log_line(text: str) -> None:
 @Command(
     "mcp",
     TOGETHER,
-    help="let a language model see the robot, plan, and ask before it moves",
+    help="let a language model see the robot, plan, ask, and move",
     details="A server of the Model Context Protocol. Without --http it speaks on standard input and output, and is "
     "started by the client. It can always stop the robot, and never writes to the board.",
     examples=("mcp", "mcp --project robot.servolink.json --allow-motion", "mcp --http 0"),
