@@ -70,7 +70,7 @@ def take_live(page: Page) -> None:
         for action in ("Stand", "Arm up", "Wave out", "Wave in", "Wave out", "Wave in"):
             board.run_action(action, wait=True)
     page.get_by_text("has control").first.wait_for(state="detached")
-    _take(page, "live")
+    take(page, "live")
 
 
 def build_poses(page: Page) -> None:
@@ -81,7 +81,7 @@ def build_poses(page: Page) -> None:
         _fill(page.get_by_label("Name", exact=True), name)
         for servo, degrees in targets.items():
             _fill(page.get_by_label(f"Target of {servo}", exact=True), str(degrees))
-    _take(page, "actions")
+    take(page, "actions")
 
 
 def build_macro(page: Page) -> None:
@@ -92,7 +92,7 @@ def build_macro(page: Page) -> None:
     for name in ("Arm out", "Up", "Over", "Up", "Over", "Stand"):
         page.get_by_role("button", name="Add an action").click()
         page.get_by_role("dialog").get_by_role("button", name=name, exact=True).click()
-    _take(page, "macros")
+    take(page, "macros")
 
 
 def put_on_button(page: Page) -> None:
@@ -101,14 +101,14 @@ def put_on_button(page: Page) -> None:
     page.get_by_role("button", name="Button 7").click()
     press = page.get_by_label("Press", exact=True)
     press.select_option(value=press.locator("option").filter(has_text="Greet").get_attribute("value"))
-    _take(page, "buttons")
+    take(page, "buttons")
 
 
 def plan(page: Page) -> None:
     """See what writing would change."""
     _show(page, "Project")
     page.get_by_role("button", name="Write to the board").click(trial=True)
-    _take(page, "plan")
+    take(page, "plan")
 
 
 def _show(page: Page, screen: str) -> None:
@@ -120,7 +120,7 @@ def _fill(field: Locator, text: str) -> None:
     field.press("Enter")
 
 
-def _take(page: Page, name: str) -> None:
+def take(page: Page, name: str) -> None:
     """Take a picture, in as many colours as a page like this needs."""
     page.mouse.move(0, 0)
     page.wait_for_timeout(_SETTLED)

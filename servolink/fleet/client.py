@@ -92,13 +92,7 @@ class Fleet:
         All prepare first. If one cannot, nobody starts, unless `anyway`: then the others do.
         """
         await self.controller.settle()
-        runs, failed = {}, dict[str, ServolinkError]()
-        for board in self.boards(on):
-            try:
-                runs[board] = together.run_for(self.controller.roster, board, name, kind)
-            except ServolinkError as error:
-                failed[board] = error
-        return await together.run_together(self.controller, runs, anyway=anyway, failed=failed)
+        return await together.run_by_name(self.controller, self.boards(on), name, kind, anyway=anyway)
 
     async def stop(self, on: On = ALL, *, patience: float = stop_boards.PATIENCE) -> Stopped:
         """Stop all servos of all boards, or of those of `on`: names of groups, and of boards whether known or not.

@@ -13,6 +13,9 @@ from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, UNREADABLE, Boar
 MOST_BOARDS = 5000
 """Most boards kept; any writer at the broker could invent boards without limit."""
 
+LOW_BATTERY = 20.0
+"""Percent below which a board needs help."""
+
 _LONGEST_PULSE = 64
 _STATE = msgspec.json.Decoder(BoardNow)
 _SERVOS = msgspec.json.Decoder(ServosNow)
@@ -47,6 +50,16 @@ class BoardSeen:
             return _SERVOS.decode(self._servos) if self._servos else None
         except UNREADABLE:
             return None
+
+    @property
+    def urgency(self) -> int:
+        """Urgency of help: 0 for a lost or unreadable board, 1 for a problem, 2 for none, 3 for an absent board."""
+        if not self.is_online:
+            return 3
+        if self.now is None or self.problem or self.now.connection != "connected":
+            return 0
+        low = self.now.battery_percent is not None and self.now.battery_percent < LOW_BATTERY
+        return 1 if low or self.now.problems else 2
 
     def take(self, kind: str, payload: bytes, now: float) -> bool:
         """Take a message of this board. Return whether anything but the servo state changed."""

@@ -69,6 +69,22 @@ def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> R
     return Runnable(kinds[0], name)
 
 
+async def run_by_name(
+    controller: Controller, boards: Iterable[str], name: int | str, kind: Kind | None, *, anyway: bool = False
+) -> RanTogether:
+    """Run the action or macro `name` of each board, by caption or id, at the same moment.
+
+    All prepare first. If one cannot, nobody starts, unless `anyway`: then the others do.
+    """
+    runs, failed = dict[str, Runnable](), dict[str, ServolinkError]()
+    for board in boards:
+        try:
+            runs[board] = run_for(controller.roster, board, name, kind)
+        except ServolinkError as error:
+            failed[board] = error
+    return await run_together(controller, runs, anyway=anyway, failed=failed)
+
+
 def _has(stored: Iterable[Stored], name: int | str) -> bool:
     return any(name in {one.id, one.caption} for one in stored)
 

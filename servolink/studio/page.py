@@ -22,6 +22,7 @@ from servolink.studio import (  # modules that add their methods on import
     board_methods,
     draft_methods,
     figure_methods,
+    fleet_methods,
     limit_methods,
     project_methods,
     recording_methods,
@@ -36,6 +37,7 @@ __all__ = [
     "board_methods",
     "draft_methods",
     "figure_methods",
+    "fleet_methods",
     "limit_methods",
     "project_methods",
     "recording_methods",
@@ -80,7 +82,8 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
         if hello.leaves and role == "edit" and not studio.is_link(hello.token):
             await studio.use("", hello.who)
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
-            await messages.send_str(msgspec.json.encode(await studio.welcome(welcome)).decode())
+            first = await studio.welcome(welcome, is_link=studio.is_link(hello.token))
+            await messages.send_str(msgspec.json.encode(first).decode())
             await _Page(studio, role, hello, welcome, messages, reader, writer).talk()
     except OpenError as error:
         await messages.close(code=_NO_HUB, message=str(error).encode()[:120])

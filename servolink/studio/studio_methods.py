@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from importlib.metadata import version
-from typing import Annotated, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
 
 import msgspec
 from msgspec import Meta, Struct
@@ -21,6 +21,9 @@ from servolink.studio.drafts import Drafts
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
 from servolink.studio.robots import Robots, stop_before_leaving
+
+if TYPE_CHECKING:
+    from servolink.studio.fleet_view import FleetView
 
 MOST_NAME = 60
 """Characters of the name of a page."""
@@ -69,6 +72,8 @@ class Studio:
         self.pages: set[OpenPage] = set()
         self.links: Links | None = None
         """Links of the studio; None if only this machine reaches the studio."""
+        self.fleet: FleetView | None = None
+        """Boards at a broker; None without a broker."""
         self._turn = asyncio.Lock()
         self.begin(hub)
 
@@ -106,14 +111,23 @@ class Studio:
                 page.notify("studio.moving", notice)
                 page.leave()
 
-    async def welcome(self, welcome: Welcome) -> Welcomed:
-        """Return the first message for a page, after the hub has admitted the page.
+    async def welcome(self, welcome: Welcome, *, is_link: bool) -> Welcomed:
+        """Return the first message for a page, opened through a link or not, after the hub has admitted the page.
 
         Whether the board is virtual is found out each time: another hub of this name may share another board by now.
         """
         is_virtual = await asyncio.to_thread(_is_virtual, welcome.url)
         profile = msgspec.Raw(welcome.profile)
-        return Welcomed(welcome.session, welcome.role, welcome.name, welcome.url, is_virtual, profile)
+        return Welcomed(
+            welcome.session,
+            welcome.role,
+            welcome.name,
+            welcome.url,
+            is_virtual,
+            profile,
+            is_link=is_link,
+            has_fleet=self.fleet is not None,
+        )
 
 
 def _is_virtual(address: str) -> bool:
@@ -133,6 +147,10 @@ class Welcomed(Struct, frozen=True):
     is_virtual: bool
     """Whether the board is virtual, so that nothing real moves."""
     profile: msgspec.Raw
+    is_link: bool
+    """Whether the page was opened through a link, so that it chooses no robot and runs nothing on a fleet."""
+    has_fleet: bool
+    """Whether the studio sees a fleet."""
 
 
 class About(Struct, frozen=True):

@@ -25,7 +25,8 @@ ROLES: dict[RoleName, str] = {
         battery board.facts board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give
         limits.tighten project.export recorder.list recorder.status records.get records.list rename servos.ack
         servos.list servos.parameters servos.unwatch servos.watch status stop studio.about studio.check studio.draft.get
-        studio.figure.get studio.file.read studio.file.write studio.rename tap.start tap.stop
+        studio.figure.get studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop
+        studio.rename tap.start tap.stop
     """,
     "run": """
         lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
@@ -34,7 +35,8 @@ ROLES: dict[RoleName, str] = {
     "edit": """
         board.hold board.mode board.release line.test project.apply project.backups project.plan project.rollback
         records.delete records.put studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save
-        studio.give_back studio.limits.save studio.links studio.links.change studio.share studio.use
+        studio.fleet.run studio.fleet.runnable studio.give_back studio.limits.save studio.links studio.links.change
+        studio.share studio.use
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""

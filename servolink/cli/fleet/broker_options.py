@@ -59,9 +59,11 @@ def access_of(args: argparse.Namespace, url: str) -> BrokerAccess:
     )
 
 
+GROUPS_FILE = option("--groups", "FILE", "where groups are named (fleet.toml in the user's config folder)", file_path)
+
 GROUPS = (
     option("--on", "BOARDS", "names of boards and groups, with commas between them (all)", not_empty, action="append"),
-    option("--groups", "FILE", "where groups are named (fleet.toml in the user's config folder)", file_path),
+    GROUPS_FILE,
 )
 
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 _EVERY = 0.5  # seconds
 _MOST_PROBLEMS = 5
-_LOW = 20.0  # percent
 
 
 @Command(
@@ -93,7 +92,7 @@ def _line(seen: BoardSeen) -> str:
 
 def picture(boards: Sequence[BoardSeen], width: int, height: int) -> list[Line]:
     """Return at most `height` lines of at most `width` columns."""
-    ordered = sorted(boards, key=lambda seen: (_rank(seen), seen.name))
+    ordered = sorted(boards, key=lambda seen: (seen.urgency, seen.name))
     problems = problems_of(ordered)
     foot: list[Line] = [(text, "yellow") for text in problems[:_MOST_PROBLEMS]]
     if len(problems) > _MOST_PROBLEMS:
@@ -107,22 +106,12 @@ def picture(boards: Sequence[BoardSeen], width: int, height: int) -> list[Line]:
         foot.insert(0, (f"{len(ordered) - room} more boards: enlarge the terminal", "dim"))
     shown = ordered[:room]
     names, *rows = plain_lines(_table(shown)) if shown else [""]
-    styles = [_STYLES[_rank(seen)] for seen in shown]
+    styles = [_STYLES[seen.urgency] for seen in shown]
     lines = [*head, (names, "bold"), *zip(rows, styles, strict=True), ("", ""), *foot]
     return [(cut(escape(text), width), style) for text, style in lines[:height]]
 
 
 _STYLES = ("bold red", "yellow", "", "dim")
-
-
-def _rank(seen: BoardSeen) -> int:
-    """Return the urgency of a board: 0 for the most urgent, 3 for an absent board."""
-    if not seen.is_online:
-        return 3
-    if seen.now is None or seen.problem or seen.now.connection != "connected":
-        return 0
-    low = seen.now.battery_percent is not None and seen.now.battery_percent < _LOW
-    return 1 if low or seen.now.problems else 2
 
 
 def _table(boards: Sequence[BoardSeen]) -> Table:

@@ -11,6 +11,7 @@ from ipaddress import ip_address
 
 from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
+from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, GROUPS_FILE, fleet_of
 from servolink.cli.screen.output import print_error, print_result
 from servolink.cli.usage import refuse_board, usage_error
 from servolink.errors import TransportUnavailable, install_extra
@@ -59,7 +60,7 @@ def _host(text: str) -> str:
     "studio",
     FIRST_STEPS,
     help="see and move the robot in the browser",
-    examples=("studio", "studio --demo", "studio --no-browser --port 8765"),
+    examples=("studio", "studio --demo", "studio --fleet mqtt://teacher.local"),
     options=(
         flag("--demo", "use a new virtual board, whatever is plugged in"),
         option("--port", "N", "port of the page; 0: as last time (0)", _port, default=0),
@@ -77,6 +78,19 @@ def _host(text: str) -> str:
                 default=[],
             ),
         ),
+        group(
+            "a fleet",
+            option(
+                "--fleet",
+                "URL",
+                f"show the boards of this broker too, such as mqtt://teacher.local ({BROKER_VARIABLE}; mqtt://localhost)",
+                dest="broker",
+                nargs="?",
+                const="",
+            ),
+            GROUPS_FILE,
+        ),
+        *ACCESS,
     ),
 )
 def run(args: argparse.Namespace) -> int:
@@ -104,6 +118,10 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
     async with AsyncExitStack() as stack:
         studio = await stack.enter_async_context(studio_for(args.url, demo=args.demo, **options))
+        if args.broker is not None:
+            from servolink.studio.fleet_view import FleetView
+
+            studio.fleet = FleetView(await stack.enter_async_context(fleet_of(args)))
         gate, port = await stack.enter_async_context(serve_studio(studio, args.host, args.port, args.allow_host))
         interruption.state, interruption.code = "the board was left unchanged", OK
         address = f"{gate.address}/#token={gate.new_token('edit')}"

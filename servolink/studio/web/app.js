@@ -9,6 +9,7 @@ import { listenToKeys } from "./shell/keys.js";
 import { followAddress } from "./shell/rail.js";
 import { loadAll } from "./shell/screens.js";
 import { followFigure, loadTemplates } from "./state/figure.js";
+import { followFleet } from "./state/fleet.js";
 import { Motion } from "./state/motion.js";
 import { followMoves } from "./state/moving.js";
 import { keepCurrent } from "./state/project.js";
@@ -38,6 +39,7 @@ addEventListener("hashchange", () => location.hash.startsWith("#token=") && loca
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);
+followFleet(link);
 followMoves(link);
 keepCurrent(link);
 listenToKeys({ link, motion });

@@ -2,7 +2,7 @@
 
 /** @typedef {"connecting" | "open" | "refused" | "lost" | "unshared"} LinkState */
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
-/** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any }} Welcome */
+/** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean }} Welcome */
 
 const FIRST_PAUSE = 250,
   LONGEST_PAUSE = 4000; // milliseconds

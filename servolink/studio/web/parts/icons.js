@@ -140,6 +140,15 @@ export const ICONS = {
     ["rect", { x: "5", y: "15", width: "14", height: "5", rx: "2" }],
   ],
   feather: [["path", { d: "M4 20 14 10M20 4c-7 0-13 4-13 11v2h2c7 0 11-6 11-13Z" }]],
+  fleet: [
+    ["circle", { cx: "6", cy: "7", r: "2.5" }],
+    ["circle", { cx: "18", cy: "7", r: "2.5" }],
+    ["circle", { cx: "12", cy: "5.5", r: "2.5" }],
+    [
+      "path",
+      { d: "M2.5 17v-1.5a3.5 3.5 0 0 1 7 0V17M14.5 17v-1.5a3.5 3.5 0 0 1 7 0V17M8.5 19.5V15a3.5 3.5 0 0 1 7 0v4.5" },
+    ],
+  ],
   grid: [
     ["rect", { x: "4", y: "4", width: "7", height: "7", rx: "1.5" }],
     ["rect", { x: "13", y: "4", width: "7", height: "7", rx: "1.5" }],

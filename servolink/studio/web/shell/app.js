@@ -2,9 +2,10 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
-import { hasBoard, welcome } from "../state/robot.js";
+import { shownScreen } from "../state/fleet.js";
+import { hasBoard, hasFleet, welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
-import { screen, showsKeys } from "../state/view.js";
+import { showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { Header, StopButton } from "./header.js";
 import { KeyList } from "./keys.js";
@@ -18,18 +19,19 @@ import { useScreen } from "./screens.js";
 
 /** @param {Tools} tools */
 export function App(tools) {
-  const name = hasBoard.value ? screen.value : "start",
-    Screen = useScreen(name);
+  const name = shownScreen.value,
+    Screen = useScreen(name),
+    hasScreens = hasBoard.value || hasFleet.value;
   return html`
     <a class="skip" href="#main">${t("app.skip")}</a>
     <${Banner} />
     <${Header} ...${tools} />
-    ${hasBoard.value && html`<${Rail} />`}
+    ${hasScreens && html`<${Rail} />`}
     <main id="main" tabindex="-1">
       <${Notices} ...${tools} />
       <div class="screen">${Screen && html`<${Screen} key=${name} ...${tools} />`}</div>
     </main>
-    ${hasBoard.value && html`<${Dock}><${StopButton} ...${tools} /></${Dock}>`}
+    ${hasScreens && html`<${Dock}><${StopButton} ...${tools} /></${Dock}>`}
     <${Toasts} />
     ${showsKeys.value && html`<${KeyList} />`}
   `;

@@ -7,8 +7,8 @@ import { isFresh, isMine, isStill, lease } from "../state/robot.js";
 import { mode, screen, showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { redoEdit, undoEdit } from "./edits.js";
-import { stop } from "./header.js";
-import { ENTRIES } from "./rail.js";
+import { stop, stopsFleet } from "./header.js";
+import { ENTRIES, entries } from "./rail.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
 /** @typedef {import("../texts/text.js").Key} Key */
@@ -101,19 +101,19 @@ export function KeyList() {
 const isOpen = () => document.querySelector("dialog[open], [role=menu]") !== null;
 
 /** Return whether nothing moves, and this page moves nothing: Preview, no lease, and servos that were read and rest. */
-const isAtRest = () => mode.value === "preview" && lease.value === null && isFresh.value && isStill();
+const isAtRest = () => !stopsFleet() && mode.value === "preview" && lease.value === null && isFresh.value && isStill();
 
 /**
  * Listen to the keys of every screen. STOP works in text fields and dialogs too; Escape only closes what is open, if
  * nothing moves.
  * @param {Tools} tools
  */
-export function listenToKeys({ motion }) {
+export function listenToKeys(tools) {
   // In the first phase, before anything else can take the key.
   addEventListener(
     "keydown",
     (event) => {
-      if (event.key === "Escape" && !event.repeat && !(isOpen() && isAtRest())) stop(motion);
+      if (event.key === "Escape" && !event.repeat && !(isOpen() && isAtRest())) stop(tools);
     },
     { capture: true },
   );
@@ -126,9 +126,9 @@ export function listenToKeys({ motion }) {
   });
   addEventListener("keydown", (event) => {
     if (isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
-    const entry = ENTRIES[Number(event.key) - 1];
+    const entry = entries()[Number(event.key) - 1];
     if (event.key === "?") showKeys(true);
-    else if (event.key.toLowerCase() === "l" && isMine.value) motion.leave();
+    else if (event.key.toLowerCase() === "l" && isMine.value) tools.motion.leave();
     else if (entry !== undefined) location.hash = entry.name;
   });
 }

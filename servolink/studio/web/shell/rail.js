@@ -2,7 +2,9 @@
 
 import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
+import { needing, shownScreen } from "../state/fleet.js";
 import { differences } from "../state/project.js";
+import { hasBoard, hasFleet } from "../state/robot.js";
 import { screen, showKeys, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { LanguageChoice } from "./language-choice.js";
@@ -20,26 +22,31 @@ export const ENTRIES = [
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },
   { name: "servos", icon: "grid", title: "screen.servos", isBelow: true },
+  { name: "fleet", icon: "fleet", title: "screen.fleet", isBelow: true },
 ];
+
+/** Return the screens that this page has: without a board there are its choice and the fleet. */
+export const entries = () =>
+  ENTRIES.filter(({ name }) => (name === "fleet" ? hasFleet.value : hasBoard.value || name === "board"));
 
 /** Links to all screens, at the side or below. */
 export function Rail() {
-  return html`<nav class="rail" aria-label=${t("app.screens")}>${ENTRIES.map(link)}</nav>`;
+  return html`<nav class="rail" aria-label=${t("app.screens")}>${entries().map(link)}</nav>`;
 }
 
 const MOST = 4; // screens in the bar of a phone, beside STOP; a list has the others
 
 /** @param {{ children?: any }} props */
 export function Dock({ children }) {
-  return html`<nav class="dock" aria-label=${t("app.screens")}>${ENTRIES.slice(0, MOST).map(link)}<${Others} />${children}</nav>`;
+  return html`<nav class="dock" aria-label=${t("app.screens")}>${entries().slice(0, MOST).map(link)}<${Others} />${children}</nav>`;
 }
 
 /** Button for the other screens, marked and named as the present one if that is among them; also language and help. */
 function Others() {
   const [isOpen, setOpen] = useState(false);
   const box = useRef(/** @type {HTMLElement | null} */ (null));
-  const others = ENTRIES.slice(MOST);
-  const present = others.find((entry) => entry.name === screen.value);
+  const others = entries().slice(MOST);
+  const present = others.find(isShown);
   const label = present ? `${t(present.title)}, ${t("app.more")}` : t("app.more");
   const close = () => setOpen(false);
   useEffect(() => {
@@ -74,10 +81,14 @@ function Others() {
 }
 
 /** @param {Entry} entry */
+const isShown = ({ name }) => name === (shownScreen.value === "start" ? "board" : shownScreen.value);
+
+/** @param {Entry} entry */
 const link = (
   entry,
-) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${entry.name === screen.value ? "page" : undefined}>
+) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${isShown(entry) ? "page" : undefined}>
   <${Icon} name=${entry.icon} /><span>${t(entry.title)}</span>
+  ${entry.name === "fleet" && needing.value > 0 && html`<span class="badge warn num" title=${t("fleet.need_help", { count: needing.value })}>${needing.value}</span>`}
   ${entry.name === "project" && differences.value.length > 0 && html`<span class="badge num" title=${t("edit.not_written", { count: differences.value.length })}>${differences.value.length}</span>`}
 </a>`;
 

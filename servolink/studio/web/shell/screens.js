@@ -16,6 +16,7 @@ const LOADERS = {
   project: async () => (await import("../screens/project/index.js")).ProjectScreen,
   servos: async () => (await import("../screens/servos/index.js")).ServosScreen,
   board: async () => (await import("../screens/board/index.js")).BoardScreen,
+  fleet: async () => (await import("../screens/fleet/index.js")).FleetScreen,
   start: async () => (await import("../screens/board/start.js")).StartScreen,
 };
 

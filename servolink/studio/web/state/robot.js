@@ -54,6 +54,10 @@ export const isMine = computed(() => lease.value !== null && lease.value.session
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
 /** Whether the studio uses a board. */
 export const hasBoard = computed(() => welcome.value?.name !== "");
+/** Whether the studio sees a fleet. */
+export const hasFleet = computed(() => welcome.value?.has_fleet === true);
+/** Whether this page may choose robots: it may edit, and was not opened through a link. */
+export const isLocalEditor = computed(() => welcome.value?.role === "edit" && !welcome.value.is_link);
 /** Whether readings of the robot arrive at present. */
 export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected" && hasBoard.value);
 /** Whether the latest reading says how the robot is now. */
