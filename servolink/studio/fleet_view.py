@@ -102,8 +102,8 @@ class FleetView:
             seen = roster.get(name)
             if seen is None or seen.now is None or not _may_run(seen):
                 continue
-            found.update({("action", one.caption or one.id) for one in seen.now.actions})
-            found.update({("macro", one.caption or one.id) for one in seen.now.macros})
+            found.update(dict.fromkeys(("action", one.caption or one.id) for one in seen.now.actions).keys())
+            found.update(dict.fromkeys(("macro", one.caption or one.id) for one in seen.now.macros).keys())
         most = found.most_common(MOST_RUNNABLE)
         return tuple(RunnableName(kind, name, count) for (kind, name), count in most)
 
