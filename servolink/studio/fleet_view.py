@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from servolink.escaping import escape
 from servolink.fleet.roster import BoardSeen
+from servolink.fleet.topics import Stored
 
 if TYPE_CHECKING:
     from servolink.fleet.client import Fleet
@@ -21,6 +22,7 @@ _TOGETHER = 0.2  # seconds for which changes are collected
 _LONGEST = 200  # characters of a text of a board
 _MOST_PROBLEMS = 3
 
+Kind: TypeAlias = Literal["action", "macro"]
 TileState: TypeAlias = Literal["ready", "lost", "closed", "unknown", "offline"]
 
 
@@ -61,7 +63,7 @@ class FleetTiles(Struct, frozen=True):
 class RunnableName(Struct, frozen=True, order=True):
     """Action or macro of several boards."""
 
-    type: Literal["action", "macro"]
+    type: Kind
     id: int | str
     """Caption, or the id of a record without a caption."""
     boards: int
@@ -97,13 +99,15 @@ class FleetView:
 
     def runnable(self, boards: Iterable[str]) -> tuple[RunnableName, ...]:
         """Return the actions and macros of the boards that can run one, those of most boards first."""
-        roster, found = self.fleet.controller.roster, Counter[tuple[Literal["action", "macro"], int | str]]()
+        roster, found = self.fleet.controller.roster, Counter[tuple[Kind, int | str]]()
         for name in dict.fromkeys(boards):
             seen = roster.get(name)
             if seen is None or seen.now is None or not _may_run(seen):
                 continue
-            found.update(dict.fromkeys(("action", one.caption or one.id) for one in seen.now.actions).keys())
-            found.update(dict.fromkeys(("macro", one.caption or one.id) for one in seen.now.macros).keys())
+            records: dict[Kind, Sequence[Stored]] = {"action": seen.now.actions, "macro": seen.now.macros}
+            for kind, stored in records.items():
+                for record in dict.fromkeys(one.caption or one.id for one in stored):
+                    found[kind, record] += 1
         most = found.most_common(MOST_RUNNABLE)
         return tuple(RunnableName(kind, name, count) for (kind, name), count in most)
 

@@ -27,9 +27,8 @@ class Crowd:
             self.on_change(changed)
 
     def state(self, board: str, **known: Any) -> None:
-        now = BoardNow(
-            board=board, **{"host": "here", "version": "1", "connection": "connected", "allow": "run"} | known
-        )
+        usual: dict[str, Any] = {"host": "here", "version": "1", "connection": "connected", "allow": "run"}
+        now = BoardNow(board=board, **usual | known)
         self.hear(board, "state", msgspec.json.encode(now))
         self.hear(board, "available", ONLINE.encode())
 
