@@ -1,4 +1,7 @@
-"""Tiles of a fleet for the page: each change is sent once, and what a board says is cut and made safe."""
+"""Tiles of a fleet for the page: each change is sent once, and what a board says is cut and made safe.
+
+Modules: servolink.studio.fleet_view, servolink.studio.fleet_methods.
+"""
 
 from __future__ import annotations
 

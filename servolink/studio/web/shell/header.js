@@ -16,7 +16,7 @@ import { LanguageChoice } from "./language-choice.js";
 /** @typedef {import("./app.js").Tools} Tools */
 
 const LOW = 20; // percent
-const DANGER_LASTS = 30_000; // milliseconds
+const DANGER_LASTS = 30_000; // milliseconds of a message about robots that may move
 
 /** @param {Tools} tools */
 export function Header(tools) {

@@ -89,7 +89,7 @@ export function shownTiles(all, { text, onlyNeeding }) {
 }
 
 /**
- * Read the groups again.
+ * Read the groups of boards again.
  * @param {Link} link
  */
 export async function readGroups(link) {
@@ -115,7 +115,7 @@ export function pick(names) {
   picked.value = next;
 }
 
-/** Choose no board. */
+/** Choose no board for a run. */
 export function pickNone() {
   picked.value = new Set();
 }

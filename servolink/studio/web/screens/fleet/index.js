@@ -12,7 +12,7 @@ import { RunCard } from "./run.js";
 /** @typedef {import("../../state/fleet.js").Tile} Tile */
 
 const MOST = 400; // tiles on the page at once
-const LOW = 20; // percent
+const LOW = 20; // percent of the charge of a battery
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
 export function FleetScreen({ link }) {

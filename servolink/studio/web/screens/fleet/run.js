@@ -14,7 +14,7 @@ import { t } from "../../texts/text.js";
 /** @typedef {{ run: Run, boards: string[] }} Asked */
 /** What was asked for, with the outcome or the error. @typedef {Asked & { ran: Ran | null, error: string }} Outcome */
 
-const MOST_NAMED = 12; // boards in one sentence
+const MOST_NAMED = 12; // boards named in one sentence
 
 /** @param {{ link: Link, shown: import("../../state/fleet.js").Tile[] }} props */
 export function RunCard({ link, shown }) {
