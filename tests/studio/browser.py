@@ -95,10 +95,10 @@ class Studio(NamedTuple):
         return int(self.board.servo(servo_id).angle)
 
 
-def new_profile(browser: Any, size: str = "desktop", theme: str = "light") -> Any:
+def new_profile(browser: Any, size: str = "desktop", theme: str = "light", locale: str = "en-GB") -> Any:
     """Return a user of the browser, who has used it for nothing yet."""
     width, height = ZOOMED if size == "zoomed" else SIZES[size]
-    return browser.new_context(viewport={"width": width, "height": height}, locale="en-GB", color_scheme=theme)
+    return browser.new_context(viewport={"width": width, "height": height}, locale=locale, color_scheme=theme)
 
 
 @contextmanager
@@ -153,9 +153,12 @@ def go(page: Any, screen: str) -> None:
     entry.click()
 
 
-def show(page: Any, screen: str) -> None:
-    """Go to a screen, and wait until it shows what the board holds."""
-    go(page, screen)
+def show(page: Any, screen: str, *, by_address: bool = False) -> None:
+    """Go to a screen, and wait until it shows what the board holds. Its address is the same in each language."""
+    if by_address:
+        page.evaluate("name => location.hash = name", screen.lower())
+    else:
+        go(page, screen)
     page.locator(_FILLED[screen]).first.wait_for()
 
 
