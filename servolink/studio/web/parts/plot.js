@@ -20,7 +20,7 @@ const LABEL_SPACE = 26; // pixels from one label of the scale to the next, at le
 /** @param {Props} props */
 export function Plot(props) {
   const parent = useRef(/** @type {HTMLElement | null} */ (null));
-  const { ids, quantity, chosen, look } = props;
+  const { ids, quantity, chosen, nowLabel, look } = props;
   useEffect(() => {
     const element = /** @type {HTMLElement} */ (parent.current);
     const plot = new uPlot(options(element, props), [[], ...ids.map(() => [])], element);
@@ -34,7 +34,7 @@ export function Plot(props) {
       sizes.disconnect();
       plot.destroy();
     };
-  }, [ids.join(), quantity, chosen, look, props.history]);
+  }, [ids.join(), quantity, chosen, nowLabel, look, props.history]);
   return html`<div class="plot" ref=${parent} role="img" aria-label=${props.label}></div>`;
 }
 

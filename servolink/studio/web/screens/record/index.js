@@ -58,7 +58,7 @@ export function RecordScreen({ link }) {
         ({ quantity, title, unit }) => html`<div class="p" key=${quantity}>
         <h2>${t(title)}</h2>
         <${Plot} history=${shown} ids=${plotted.value} quantity=${quantity} seconds=${SECONDS} chosen=${plotted.value.includes(chosen.value ?? -1) ? chosen.value : null}
-          limbOf=${limbOf} unit=${unit} label=${t(title)} nowLabel=${frozen.value ? "0 s" : t("live.now")} look=${`${theme.value} ${frozen.value !== null}`} marks=${marks} />
+          limbOf=${limbOf} unit=${unit} label=${t(title)} nowLabel=${frozen.value ? "0 s" : t("live.now")} look=${theme.value} marks=${marks} />
       </div>`,
       )}
     </section>
