@@ -1,6 +1,7 @@
 """The pictures of the studio in these pages: `python -m docs.studio_pictures` takes them anew.
 
-Needs Chromium and the extras `studio`, `browser` and `docs`. It does what the tutorial says, so that they show that.
+Needs Chromium, a font with Chinese characters and the extras `studio`, `browser` and `docs`. It does what the tutorial
+says, so that they show that.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ def main() -> None:
         page.set_default_timeout(20_000)
         page.goto(url)
         take_live(page)
+        take_live_in_chinese(page)
         build_poses(page)
         build_macro(page)
         put_on_button(page)
@@ -71,6 +73,15 @@ def take_live(page: Page) -> None:
             board.run_action(action, wait=True)
     page.get_by_text("has control").first.wait_for(state="detached")
     take(page, "live")
+
+
+def take_live_in_chinese(page: Page) -> None:
+    """Show the same in the other languages, and return to English."""
+    choice = page.locator("header .lang")
+    for language in ("zh-Hans", "zh-Hant"):
+        choice.select_option(language)
+        _take(page, f"live-{language}")
+    choice.select_option("en")
 
 
 def build_poses(page: Page) -> None:
