@@ -80,7 +80,7 @@ def take_live_in_chinese(page: Page) -> None:
     choice = page.locator("header .lang")
     for language in ("zh-Hans", "zh-Hant"):
         choice.select_option(language)
-        _take(page, f"live-{language}")
+        take(page, f"live-{language}")
     choice.select_option("en")
 
 
