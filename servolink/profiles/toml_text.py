@@ -111,7 +111,7 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
     from tomlkit import value as parse_value
     from tomlkit.items import InlineTable
 
-    for name in [name for name in table if name not in values]:
+    for name in [name for name in table if name not in values or _becomes_table(table[name], values[name])]:
         _remove(table, name)
     for name, value in values.items():
         if isinstance(value, Mapping):
@@ -132,6 +132,10 @@ def _change(table: Any, values: Mapping[str, object]) -> None:
                 table[name] = item
             else:
                 _add(table, name, item)
+
+
+def _becomes_table(item: Any, value: object) -> bool:
+    return isinstance(value, Mapping) and not isinstance(item, Mapping)
 
 
 def _is_same(item: Any, value: object) -> bool:

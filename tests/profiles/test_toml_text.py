@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from servolink.discovery.names import Alias, aliases_path, load_aliases, remove_alias, save_alias
@@ -163,6 +163,8 @@ def without_empty(tables: dict[str, Any]) -> dict[str, Any]:
 
 
 @given(TABLES, TABLES)
+@example({"a": {}, "b": "0"}, {"b": {}})
+@example({"a": "", "b": {}}, {"a": {}})
 def test_any_tables_become_any_others(before: dict[str, Any], after: dict[str, Any]) -> None:
     text = changed_toml("", before)
     assert without_empty(tomllib.loads(text)) == without_empty(before)
