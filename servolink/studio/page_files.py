@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -37,6 +38,7 @@ class PageFile(Struct, frozen=True):
     """Tag that changes with the content."""
 
 
+@cache
 def page_files() -> dict[str, PageFile]:
     """Return the files of the page by path, such as `/figure/stage.js`; `/` is the page."""
     found = dict(_files(files("servolink.studio") / "web", ""))
