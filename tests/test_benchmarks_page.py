@@ -14,7 +14,6 @@ from benchmarks import BENCHMARKS, report
 from benchmarks.charts import Chart, charts, number
 from benchmarks.goals import at_least, at_most
 from benchmarks.measuring import table
-from tests.sampling import sampled
 
 MACHINE = {"python": "CPython 3.11.7", "processor": "Fast", "cores": 2, "system": "Linux 6.1", "date": "2026-01-02"}
 
@@ -44,7 +43,8 @@ def test_a_picture_shows_the_figures_of_its_chart(chart: Chart) -> None:
     assert not missing, "run `python -m benchmarks --report`"
 
 
-@pytest.mark.parametrize("chart", sampled(report.all_charts(report.FIGURES), 3), ids=lambda chart: chart.name)
+@pytest.mark.slow
+@pytest.mark.parametrize("chart", report.all_charts(report.FIGURES), ids=lambda chart: chart.name)
 def test_a_picture_is_what_is_drawn_of_its_chart(chart: Chart) -> None:
     pytest.importorskip("matplotlib", reason="in the extra docs")
     from benchmarks import plots

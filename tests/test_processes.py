@@ -71,6 +71,7 @@ def test_programs_can_be_interrupted() -> None:
     assert program.returncode == -signal.SIGINT
 
 
+@pytest.mark.slow
 def test_programs_can_be_interrupted_where_the_tests_cannot() -> None:
     one = f"{__file__}::{test_programs_can_be_interrupted.__name__}"
     quiet = ("-p", "no:cacheprovider", "-o", "filterwarnings=default")  # pytest may leave something open itself

@@ -21,6 +21,7 @@ from tests import processes
 from tests.cli.conftest import Addresses
 from tests.cli.programs import environment, finished, in_terminal, patient
 from tests.cli.robot import Robot
+from tests.sampling import sampled
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of Unix")
 
@@ -42,8 +43,7 @@ def test_a_move_that_another_program_stops_has_failed(robot: Robot) -> None:
     assert "not at -90, 1 s after it should have arrived: it may be stopped" in said.err
 
 
-@pytest.mark.parametrize("by", ["\x03", signal.SIGTERM])
-@pytest.mark.parametrize("command", [("release",), ("teach", "Wave", "1")])
+@pytest.mark.parametrize(("command", "by"), [(("release",), "\x03"), (("teach", "Wave", "1"), signal.SIGTERM)])
 def test_a_question_is_not_answered(command: tuple[str, ...], by: str | signal.Signals) -> None:
     said = in_terminal("-b", "virtual://", *command, later=("[y/N]", by))
     assert said.code == 130
@@ -98,7 +98,7 @@ def test_a_board_that_does_not_answer_is_left_at_once(robot: Robot) -> None:
     assert (said.code, said.out, said.err) == (130, "", "interrupted: no servo was moved\n")
 
 
-@pytest.mark.parametrize("by", ["\x03", *ENDING])
+@pytest.mark.parametrize("by", ["\x03", *sampled(ENDING, 1)])
 def test_the_cursor_is_shown_again(by: str | signal.Signals) -> None:
     said = in_terminal("-b", "virtual://", "move", "1=90", "--duration", "300", later=("servo 1", by))
     assert said.code == 130

@@ -119,7 +119,7 @@ def test_cancelled_at_any_moment_while_a_fence_is_needed_and_answered_late(name:
             await assert_in_order(connection, board)
             return running
 
-    moments = [(quarters / 4, turns) for quarters in range(17) for turns in (0, 2, 5, 9)]
+    moments = [(halves / 2, turns) for halves in range(9) for turns in (0, 2, 5, 9)]
     assert {run(main(moment)) for moment in moments} == ({False} if name == "stop" else {True, False})
 
 

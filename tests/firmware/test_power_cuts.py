@@ -138,7 +138,7 @@ async def _cut(imported: _Import, draw: random.Random, folder: Path) -> bool:
     return line.was_busy
 
 
-@every(10)
+@every(25)
 def test_no_confirmed_change_is_lost_and_apply_again_ends_it(functions: Any, tmp_path: Path, step: int) -> None:
     draw = random.Random(9)
     imports = run(_imports(functions, tmp_path / "whole"))

@@ -117,7 +117,7 @@ def _compare_angles(board: HostBoard, virtual: Answers, firmware: Answers) -> No
 @pytest.mark.parametrize(
     ("first", "count"),
     [
-        *((seed, 20) for seed in range(0, 100, 20)),
+        *((seed, 8) for seed in range(0, 100, 20)),
         *(pytest.param(at, 99, marks=pytest.mark.slow) for at in range(100, 10_000, 99)),
     ],
 )

@@ -79,7 +79,7 @@ def serve(program: Path, tmp_path: Path) -> Serve:
     return started
 
 
-@pytest.mark.parametrize("kind", ["tcp", "pty"])
+@pytest.mark.parametrize("kind", ["tcp", pytest.param("pty", marks=pytest.mark.slow)])
 def test_a_project_outlives_a_killed_process(
     serve: Serve,
     tmp_path: Path,

@@ -16,6 +16,8 @@ _NO_CONTROLS = "".join(character for character in _ALL if character >= " " and c
 _SHORT = "x\x1b[2J\x9b1m\u202e\udcff"
 TEXTS = {"everything": _ALL, "no C0 controls": _NO_CONTROLS, "short": _SHORT}
 """What is refused at once, what gets further, and what could be the name of a file."""
+_SELDOM = 9
+"""Every so many cases of the other texts run in the default suite."""
 
 TYPED = (
     "{}",
@@ -198,7 +200,7 @@ def test_every_command_is_typed_to() -> None:
 @pytest.mark.parametrize(
     ("pattern", "kind"),
     [
-        pytest.param(pattern, kind, marks=() if (at + nth) % len(TEXTS) == 0 or kind == "short" else pytest.mark.slow)
+        pytest.param(pattern, kind, marks=() if kind == "short" or (at + nth) % _SELDOM == 0 else pytest.mark.slow)
         for at, pattern in enumerate(TYPED)
         for nth, kind in enumerate(TEXTS)
     ],

@@ -161,6 +161,7 @@ def test_the_demo_works(world: Path) -> None:
     assert "All of it worked" in said.out
 
 
+@pytest.mark.slow
 @pytest.mark.broker
 @pytest.mark.skipif(mosquitto.FOUND is None, reason="mosquitto is not installed")
 def test_a_fleet_is_seen_and_stopped(board: str, world: Path) -> None:

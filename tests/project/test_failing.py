@@ -102,7 +102,7 @@ def test_a_sending_that_fails_leaves_both_projects(how: str, step: int, tmp_path
     assert next(at for at in some(0, 1000, step) if not run(failing(at, tmp_path / str(at)))) > 30
 
 
-@pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
+@pytest.mark.parametrize("whole", [pytest.param(False, marks=pytest.mark.slow), True], ids=["differences", "replace"])
 def test_a_disk_that_fails_leaves_both_projects(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, whole: bool
 ) -> None:

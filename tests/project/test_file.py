@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from servolink.errors import ProjectError
 from servolink.escaping import escape
 from servolink.json_text import MAX_SIZE
+from servolink.project import project_file
 from servolink.project.model import Project
 from servolink.project.project_file import format_project, load_project, parse_project, read_project_file, save_project
 from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
@@ -373,10 +374,10 @@ def test_what_cannot_be_written_is_said_and_leaves_nothing(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == [tmp_path / "folder"]
 
 
-def test_no_file_is_written_that_could_not_be_read_again(tmp_path: Path) -> None:
-    steps = (Step(1, -30000, 30000),) * 13_000
-    large = Project(actions=tuple(Action(number, "", steps) for number in range(1, 24)))
-    with pytest.raises(ProjectError, match=r"x.json: would be larger than 16 MiB, the limit for reading$"):
+def test_no_file_is_written_that_could_not_be_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(project_file, "MAX_SIZE", 1 << 20)
+    large = Project(actions=(Action(1, "", (Step(1, -30000, 30000),) * 20_000),))
+    with pytest.raises(ProjectError, match=r"x.json: would be larger than 1 MiB, the limit for reading$"):
         save_project(tmp_path / "x.json", large)
     assert not list(tmp_path.iterdir())
 

@@ -45,7 +45,7 @@ async def hosts() -> AsyncIterator[Callable[..., Awaitable[int]]]:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
 @pytest.mark.parametrize("how", ["differences", "replace"])
-@every(7)
+@every(13)
 def test_a_host_that_is_killed_at_any_file_step_loses_nothing(how: str, step: int, tmp_path: Path) -> None:
     async def main() -> int:
         make = Make()

@@ -32,7 +32,7 @@ MAKE_IDS = [
 
 
 @pytest.mark.parametrize("whole", [False, True], ids=["differences", "replace"])
-@pytest.mark.parametrize("make", MAKES, ids=MAKE_IDS)
+@pytest.mark.parametrize("make", sampled(MAKES, 9), ids=MAKE_IDS)
 def test_nothing_is_lost_wherever_the_cable_is_pulled(make: Make, tmp_path: Path, *, whole: bool) -> None:
     size = run(bytes_of_import(make, whole=whole, folder=tmp_path / "size"))
     random = Random(f"{make} {whole}")

@@ -79,7 +79,8 @@ def test_no_byte_before_the_terminator_is_lost(raw: bytes, encoding: str) -> Non
 
 @given(
     st.lists(
-        st.binary(min_size=32, max_size=32) | st.text(max_size=8).map(lambda text: text.encode().ljust(32, b"\0"))
+        st.binary(min_size=32, max_size=32) | st.text(max_size=8).map(lambda text: text.encode().ljust(32, b"\0")),
+        max_size=8,
     ),
     st.sampled_from(ENCODINGS),
 )

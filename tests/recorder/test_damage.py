@@ -71,7 +71,7 @@ def read_by_others(path: Path) -> list[int]:
     return by_index
 
 
-@every(31)
+@every(79)
 @pytest.mark.parametrize("bit", range(8))
 def test_others_read_all_that_repair_calls_whole_or_writes(bit: int, step: int, tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"

@@ -181,7 +181,7 @@ def operations(command: Command) -> tuple[int, int]:
     return run(main())
 
 
-@pytest.mark.parametrize(("name", "fault"), sampled(product(COMMANDS, FAULTS), 2 * len(COMMANDS)))
+@pytest.mark.parametrize(("name", "fault"), sampled(product(COMMANDS, FAULTS), len(COMMANDS)))
 def test_a_fault_at_any_operation_ends_in_a_result_or_a_typed_error(name: str, fault: Fault) -> None:
     async def main(at: int) -> None:
         virtual = stocked_board()

@@ -98,7 +98,7 @@ async def assert_nothing_is_lost(name: str, virtual: VirtualBoard, folder: Path,
         assert await board.export_project() == OLD
 
 
-@every(17)
+@every(29)
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", CALLS)
 def test_a_fault_at_any_operation_loses_no_project(name: str, fault: Fault, step: int, tmp_path: Path) -> None:

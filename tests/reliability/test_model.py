@@ -29,7 +29,13 @@ def smaller(case: Case) -> list[Case]:
 LARGE = [case for case in SHORT if case.repeats + case.cancels + case.fences >= 3 or W in case.requests]
 """Cases with thousands of states."""
 CASES = [case for case in SHORT if case not in LARGE] + [case for large in LARGE for case in smaller(large)]
-COSTLY = {"one servo, fenced by all of them", "keyed queries, two of them equal"}
+COSTLY = {
+    "one servo, fenced by all of them",
+    "keyed queries, two of them equal",
+    "keyed queries, fewer cancellations",
+    "equal queries, fewer cancellations",
+    "commands without read-back, fewer cancellations",
+}
 """Other cases whose states take as long as those of all the rest together."""
 
 

@@ -18,7 +18,7 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.transports import lifecycle, stream, threaded
 from servolink.transports.base import Transport
 from servolink.transports.registry import create
-from tests.transports.wires import FLOOD, LIMIT, WIRES, Ear, Wire, on_loop
+from tests.transports.wires import LIMIT, WIRES, Ear, Wire, on_loop
 
 FRAME = bytes.fromhex("134c051d2f2700009e")
 CONNECTIONS = 25  # enough to see a leak
@@ -71,8 +71,8 @@ async def test_chunks_arrive_in_order_and_whole(make: Callable[[], Wire]) -> Non
 
 @on_loop
 async def test_a_large_send_waits_for_a_slow_reader_and_arrives_whole(make: Callable[[], Wire]) -> None:
-    large = os.urandom(FLOOD)
     async with make() as wire:
+        large = os.urandom(wire.flood)
         await wire.open()
         wire.deafen()
         sending = asyncio.ensure_future(wire.transport.send(large))
@@ -80,7 +80,7 @@ async def test_a_large_send_waits_for_a_slow_reader_and_arrives_whole(make: Call
         assert bool(done) is not wire.presses_back
         wire.listen()
         await sending
-        assert await wire.far.hear(FLOOD) == large
+        assert await wire.far.hear(wire.flood) == large
 
 
 @on_loop
@@ -94,8 +94,8 @@ async def test_concurrent_sends_keep_their_order_and_their_frames_whole(make: Ca
 
 @on_loop
 async def test_a_cancelled_send_still_goes_out_whole(make: Callable[[], Wire]) -> None:
-    large = os.urandom(FLOOD)
     async with make() as wire:
+        large = os.urandom(wire.flood)
         await wire.open()
         wire.deafen()
         sending = asyncio.ensure_future(wire.transport.send(large))
@@ -104,7 +104,7 @@ async def test_a_cancelled_send_still_goes_out_whole(make: Callable[[], Wire]) -
         await asyncio.wait([sending])
         wire.listen()
         await wire.transport.send(FRAME)
-        assert await wire.far.hear(FLOOD + len(FRAME)) == large + FRAME
+        assert await wire.far.hear(wire.flood + len(FRAME)) == large + FRAME
 
 
 @on_loop
@@ -112,7 +112,7 @@ async def test_an_empty_send_waits_until_what_was_sent_before_has_left(make: Cal
     async with make() as wire:
         await wire.open()
         wire.deafen()
-        cancelled = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        cancelled = asyncio.ensure_future(wire.transport.send(bytes(wire.flood)))
         await asyncio.sleep(0)
         cancelled.cancel()
         left = asyncio.ensure_future(wire.transport.send(b""))
@@ -121,7 +121,7 @@ async def test_an_empty_send_waits_until_what_was_sent_before_has_left(make: Cal
         wire.listen()
         await left
         await wire.transport.send(FRAME)
-        assert await wire.far.hear(FLOOD + len(FRAME)) == bytes(FLOOD) + FRAME
+        assert await wire.far.hear(wire.flood + len(FRAME)) == bytes(wire.flood) + FRAME
 
 
 @on_loop
@@ -131,7 +131,7 @@ async def test_an_empty_send_learns_that_the_far_end_vanished(make: Callable[[],
         if not wire.presses_back:
             pytest.skip("a send never waits here")
         wire.deafen()
-        sending = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        sending = asyncio.ensure_future(wire.transport.send(bytes(wire.flood)))
         await asyncio.sleep(0)
         left = asyncio.ensure_future(wire.transport.send(b""))
         await asyncio.sleep(0)
@@ -170,7 +170,7 @@ async def test_every_waiting_send_learns_that_the_far_end_vanished(make: Callabl
         if not wire.presses_back:
             pytest.skip("a send never waits here")
         wire.deafen()
-        sends = [asyncio.ensure_future(wire.transport.send(bytes(FLOOD))) for _ in range(3)]
+        sends = [asyncio.ensure_future(wire.transport.send(bytes(wire.flood))) for _ in range(3)]
         await asyncio.sleep(0)
         await wire.vanish()
         results = await asyncio.gather(*sends, return_exceptions=True)
@@ -192,7 +192,7 @@ async def test_a_system_that_takes_no_byte_loses_the_connection(
         wire.deafen()
         start = asyncio.get_running_loop().time()
         with pytest.raises(ConnectionLost, match="taken no byte"):
-            await wire.transport.send(bytes(FLOOD))
+            await wire.transport.send(bytes(wire.flood))
         assert asyncio.get_running_loop().time() - start >= 0.2
         assert isinstance(await ear.end(), ConnectionLost)
 
@@ -206,16 +206,16 @@ async def test_a_slow_reader_is_no_stall(make: Callable[[], Wire], monkeypatch: 
         if not wire.presses_back:
             pytest.skip("memory takes every byte")
         wire.deafen()
-        sending = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        sending = asyncio.ensure_future(wire.transport.send(bytes(wire.flood)))
         for _ in range(12):  # a bit every 0.06 s: in all longer than the limit
             await asyncio.wait([sending], timeout=0.06)
             wire.listen()
-            await wire.far.hear(len(wire.far.heard) + FLOOD // 20)
+            await wire.far.hear(len(wire.far.heard) + wire.flood // 20)
             wire.deafen()
         assert not ear.losses
         wire.listen()
         await sending
-        assert len(await wire.far.hear(FLOOD)) == FLOOD
+        assert len(await wire.far.hear(wire.flood)) == wire.flood
 
 
 @on_loop
@@ -252,7 +252,7 @@ async def test_close_does_not_wait_for_who_does_not_read(
     async with make() as wire:
         ear = await wire.open()
         wire.deafen()
-        sending = asyncio.ensure_future(wire.transport.send(bytes(FLOOD)))
+        sending = asyncio.ensure_future(wire.transport.send(bytes(wire.flood)))
         await asyncio.sleep(0)
         await wire.transport.close()
         assert ear.losses == [None]

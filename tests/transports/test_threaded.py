@@ -24,7 +24,7 @@ from tests.transports.fake_usb import FakeUsb
 from tests.transports.wires import LIMIT, Ear, on_loop
 
 URL = "test://device"
-_MANY = 300  # enough to see a leak
+_MANY = 100  # enough to see a leak
 
 
 class Board:

@@ -99,6 +99,7 @@ class Wire(ABC):
     """A transport, the receiver it is opened with, and the far end."""
 
     presses_back = True  # whether a far end that does not read makes the sender wait
+    flood = FLOOD
     is_buffered = True  # whether the system takes a short frame for a far end that does not read
     transport: Transport
 
@@ -309,6 +310,7 @@ class HidWire(Wire):
     """The HID transport, and a board where hidapi would find one."""
 
     is_buffered = False
+    flood = 100_000  # in reports of 64 bytes, each of which takes its time
 
     def __init__(self, node: Path) -> None:
         super().__init__()

@@ -172,7 +172,7 @@ def in_shell(folder: Path, capsys: pytest.CaptureFixture[str], shell: str, *argu
     ("typed", "expected"),
     [
         ("servolink mo", ["move"]),
-        ("servolink project sch", ["schema"]),
+        pytest.param("servolink project sch", ["schema"], marks=pytest.mark.slow),
         ("FOO=1 servolink plan rob", ["compopt -o default"]),
         ("servolink -b rex move lef", ["compopt -o nospace", r"left\ hip="]),
         (r"servolink -b rex move left\ h", ["compopt -o nospace", r"left\ hip="]),

@@ -97,7 +97,7 @@ def held(contents: Contents, old: Contents, new: Contents) -> str:
     return next((name for name, each in records.items() if each == found), "both")
 
 
-@every(7)
+@every(17)
 @pytest.mark.parametrize("edit", EDITS)
 def test_an_interrupted_edit_says_what_the_board_holds(edit: str, step: int, interrupted: Any, robot: Robot) -> None:
     old = robot.board.storage.contents
