@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
+from ipaddress import ip_address
 from typing import Any, NoReturn
 
 import msgspec
@@ -30,6 +31,7 @@ from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
+from servolink.listeners.tcp import host_and_port, joined
 
 STATE_SECONDS = 5.0
 """Seconds between queries of the hub's state, besides each reported change."""
@@ -202,6 +204,7 @@ class Telemetry:
             programs=len(status.programs),
             lease=status.lease and status.lease.who,
             hold=status.hold and status.hold.who,
+            tcp=next(filter(None, map(_seen_from_afar, status.doors)), None),
         )
         now = asyncio.get_running_loop().time()
         if status.state != "connected" or status.hold is not None:  # the board could not be asked
@@ -258,3 +261,14 @@ class Telemetry:
 
 def _wall() -> float:
     return round(time.time(), 3)
+
+
+def _seen_from_afar(door: str) -> str | None:
+    """Return the address of a door of a hub for other machines; None for a door that they do not reach."""
+    if not door.startswith("tcp://"):
+        return None
+    host, port = host_and_port(door.removeprefix("tcp://"))
+    address = ip_address(host)
+    if address.is_loopback:
+        return None
+    return f"tcp://{joined(socket.gethostname() if address.is_unspecified else host, port)}"

@@ -144,6 +144,9 @@ class BoardNow(Struct, frozen=True, kw_only=True):
     programs: Annotated[int, about("that use the board on its machine")] = 0
     lease: Annotated[str | None, about("the program that moves the board; null if none does")] = None
     hold: Annotated[str | None, about("the program that has exclusive use of the board; null if none has")] = None
+    tcp: Annotated[
+        str | None, about("address of its hub for programs on other machines (`share --tcp`); null without one")
+    ] = None
     servos: int = 0
     actions: tuple[Stored, ...] = ()
     macros: tuple[Stored, ...] = ()

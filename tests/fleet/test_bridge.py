@@ -20,7 +20,7 @@ import pytest
 from servolink.control import channel as channel_module
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
-from servolink.fleet import hub_session, join
+from servolink.fleet import hub_session, join, telemetry
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
@@ -437,3 +437,17 @@ def test_payloads_are_as_declared(broker: Broker) -> None:
                 assert len(msgspec.json.decode(message.payload, type=ServosNow, strict=True).servos) == 4
 
     run(main())
+
+
+@pytest.mark.parametrize(
+    ("door", "address"),
+    [
+        ("share://rex", None),
+        ("tcp://127.0.0.1:9000", None),
+        ("tcp://[::1]:9000", None),
+        ("tcp://0.0.0.0:9000", f"tcp://{socket.gethostname()}:9000"),
+        ("tcp://10.0.0.7:9000", "tcp://10.0.0.7:9000"),
+    ],
+)
+def test_the_state_names_the_door_that_other_machines_reach(door: str, address: str | None) -> None:
+    assert telemetry._seen_from_afar(door) == address

@@ -35,8 +35,8 @@ ROLES: dict[RoleName, str] = {
     "edit": """
         board.hold board.mode board.release line.test project.apply project.backups project.plan project.rollback
         records.delete records.put studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save
-        studio.fleet.run studio.fleet.runnable studio.give_back studio.limits.save studio.links studio.links.change
-        studio.share studio.use
+        studio.firmware studio.fleet.run studio.fleet.runnable studio.give_back studio.limits.save
+        studio.links studio.links.change studio.share studio.use
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""

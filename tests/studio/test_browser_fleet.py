@@ -19,6 +19,7 @@ from servolink.fleet.topics import BoardNow
 from tests.fleet.bridged import TOPICS, far_away
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.processes import finish, start, until
+from tests.studio.board_program import BoardProgram
 from tests.studio.browser import IN_THE_NETWORK, SIZES, found_by_axe, in_browser, opened, running
 from tests.studio.classroom import Joined, classroom
 from tests.studio.node_tools import needs_npm
@@ -128,13 +129,13 @@ def test_pages_opened_through_links_see_the_class_and_stop_it_and_nothing_else(
 EVIL = "<img src=x onerror=alert(1)>\u202egro.evil\x1b[2J" + "x" * 3000
 
 
-def publish(broker: Broker, numbers: Iterable[int], battery: float) -> None:
+def publish(broker: Broker, numbers: Iterable[int], battery: float, tcp: str | None = None) -> None:
     """Publish on a thread of its own: Playwright's event loop runs on this one."""
     with ThreadPoolExecutor(1) as pool:
-        pool.submit(asyncio.run, published(broker, numbers, battery)).result()
+        pool.submit(asyncio.run, published(broker, numbers, battery, tcp)).result()
 
 
-async def published(broker: Broker, numbers: Iterable[int], battery: float) -> None:
+async def published(broker: Broker, numbers: Iterable[int], battery: float, tcp: str | None) -> None:
     """Let boards appear, without anything behind them; the texts of number 7 are hostile."""
     async with far_away(broker, "crowd") as far:
         for number in numbers:
@@ -149,6 +150,7 @@ async def published(broker: Broker, numbers: Iterable[int], battery: float) -> N
                 battery_percent=battery,
                 problems=(EVIL,) if is_evil else (),
                 lease=EVIL if is_evil else None,
+                tcp="javascript:alert(1)" if is_evil else tcp,
             )
             await far.publish(TOPICS.board(name, "state"), msgspec.json.encode(now), retain=True)
             await far.publish(TOPICS.board(name, "available"), b"online", retain=True)
@@ -186,3 +188,22 @@ def test_two_hundred_boards_and_hostile_texts_stay_readable(broker: Broker, brow
         expect(page.locator(".tile").first).to_contain_text("robot195")
         expect(page.locator(".tile").first).to_contain_text("5 %")
         assert page.evaluate("window.changes") < 10  # the other tiles stay as they are
+
+
+def test_boards_of_the_fleet_are_in_the_list_of_robots(broker: Broker, user: Path, browser: Any) -> None:
+    publish(broker, [7], 80.0)
+    with running("studio", "--fleet", broker.url) as url, opened(browser, url) as page:
+        arm = BoardProgram(user, "--servos", "6")
+        publish(broker, [8], 80.0, arm.url)
+        expect(tile(page, "robot008")).to_be_visible()
+        page.get_by_role("link", name="Board").click()
+        expect(page.get_by_role("heading", name="Choose a robot")).to_be_visible()
+        unreachable = page.locator(".bd2").filter(has_text="robot007")
+        assert unreachable.get_by_role("button", name="Connect").count() == 0
+        unreachable.get_by_text("How to connect to it").click()
+        expect(unreachable.locator("code")).to_have_text('servolink share --name robot007 --tcp "*:9000"')
+        page.get_by_role("button", name="Connect: robot008").click()
+        expect(page.locator(".boardbtn")).to_contain_text(arm.url.rpartition(":")[2])
+        page.get_by_role("link", name="Live").click()
+        expect(page.get_by_label("Target of servo 6,")).to_have_count(1)
+        arm.kill()

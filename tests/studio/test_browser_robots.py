@@ -1,4 +1,7 @@
-"""Robots are chosen with the mouse, in a real browser: no terminal is needed after the studio has started."""
+"""Robots are chosen with the mouse, in a real browser: no terminal is needed after the studio has started.
+
+Module: servolink.studio.firmware_methods.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,14 @@ import json
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from servolink import sync
+from servolink.firmware import image
 from tests.processes import finish, start, until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import (
@@ -151,6 +156,16 @@ def test_a_robot_is_connected_and_changed_with_the_mouse_on_all_pages(nothing: s
             assert len(board.servos()) == 6
         page.get_by_role("button", name="Use this one: virtual").click()
         expect(page.locator(".boardbtn")).to_contain_text("virtual")
+
+
+def test_the_firmware_of_a_pico_is_saved_from_the_page(nothing: str, browser: Any) -> None:
+    with opened(browser, nothing) as page:
+        page.get_by_label("Servos").select_option("6")
+        with page.expect_download() as download:
+            page.get_by_role("button", name="Save the firmware").click()
+        assert download.value.suggested_filename == "servolink-pico.uf2"
+        binary = image.from_uf2(Path(download.value.path()).read_bytes())
+        assert image.read_settings(binary) == replace(image.ImageSettings(), servos=6)
 
 
 def test_an_address_is_typed_and_a_wrong_one_says_why(nothing: str, arm: str, browser: Any) -> None:

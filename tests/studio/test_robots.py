@@ -63,7 +63,7 @@ def test_a_studio_without_a_board_offers_the_boards_that_are_here() -> None:
         async with place.page() as page:
             welcome = await welcomed(page, place.gate.new_token("edit"))
             assert (welcome["name"], welcome["url"], welcome["is_virtual"]) == ("", "", False)
-            assert (await call(page, "studio.boards"))["result"] == {"boards": []}
+            assert (await call(page, "studio.boards"))["result"] == {"boards": [], "fleet": []}
             assert (await call(page, "studio.doctor", is_connected=False))["result"]["findings"] is not None
             for method in ("status", "stop", "servos.list"):
                 assert "there is no method" in (await call(page, method))["error"]["message"]
@@ -152,7 +152,7 @@ def test_a_board_is_shared_beside_the_present_one_and_given_back() -> None:
             assert ([one["left"] for one in told], code) == (["virtual"], _MOVING)
         async with place.page() as page:
             assert (await welcomed(page, place.gate.new_token("edit")))["name"] == ""
-            assert (await call(page, "studio.boards"))["result"] == {"boards": []}
+            assert (await call(page, "studio.boards"))["result"] == {"boards": [], "fleet": []}
 
     run(test)
 

@@ -111,8 +111,8 @@ export const texts = {
   "start.virtual_detail": "A virtual robot with 16 servos, some actions and macros. Nothing real moves.",
   "start.virtual_begin": "Start a virtual robot",
   "start.pico": "Make a board of a Pico",
-  "start.pico_detail": "A Raspberry Pi Pico and hobby servos make a board. Hold BOOTSEL while you plug the Pico in, then run in a terminal:",
-  "start.pico_then": "Then look again: the Pico is in the list.",
+  "start.pico_detail": "A Raspberry Pi Pico and hobby servos make a board. Say how many servos it has, and save the firmware for it:",
+  "start.pico_then": "Look again in the list of robots: the Pico is there.",
 
   "lease.mine": "You have control",
   "lease.mine_short": "Yours",
@@ -798,4 +798,12 @@ export const texts = {
   "fleet.not_started": "No board was started",
   "fleet.anyway": "Start the other {count}|Start the other {count}",
   "fleet.and_more": "{boards} and {count} more",
+
+  "robots.in_fleet": "in the fleet",
+  "robots.how": "How to connect to it",
+  "robots.how_detail": "Its hub is not reached from here. End servolink fleet join on {host}, share the board in the network with this command, which lets everybody there move it, and join again. Then look again here.",
+  "start.pico_save": "Save the firmware",
+  "start.pico_boot": "Hold the button BOOTSEL of the Pico while you plug it in: the drive RPI-RP2 appears.",
+  "start.pico_copy": "Copy the saved file servolink-pico.uf2 onto this drive. The drive goes away by itself.",
+  "start.pico_wiring": "GPIO 0 to 15 are the signals of servos 1 to 16. Servos need a supply of their own, never the power of the Pico.",
 };

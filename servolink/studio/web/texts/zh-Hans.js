@@ -111,8 +111,8 @@ export const texts = {
   "start.virtual_detail": "一台有 16 个舵机、若干动作和宏的虚拟机器人。不会有真实的东西运动。",
   "start.virtual_begin": "启动虚拟机器人",
   "start.pico": "用 Pico 制作主板",
-  "start.pico_detail": "用一块 Raspberry Pi Pico 和普通舵机就能做成主板。插入 Pico 时按住 BOOTSEL，然后在终端中运行：",
-  "start.pico_then": "然后重新查找：Pico 会出现在列表中。",
+  "start.pico_detail": "Raspberry Pi Pico 和模型舵机可组成一块主板。选择舵机数量，并保存对应的固件：",
+  "start.pico_then": "在机器人列表中再找一次：Pico 就在那里。",
 
   "lease.mine": "你在控制",
   "lease.mine_short": "你",
@@ -798,4 +798,12 @@ export const texts = {
   "fleet.not_started": "没有主板开始",
   "fleet.anyway": "让其余 {count} 台开始",
   "fleet.and_more": "{boards} 等，另有 {count} 台",
+
+  "robots.in_fleet": "机群中",
+  "robots.how": "如何连接",
+  "robots.how_detail": "从这里无法连接它的共享程序。在 {host} 上结束 servolink fleet join，用这条命令在网络中共享主板（网络中任何人都能让它运动），再重新加入，然后在这里再找一次。",
+  "start.pico_save": "保存固件",
+  "start.pico_boot": "按住 Pico 的 BOOTSEL 按键并插入电脑：出现 RPI-RP2 磁盘。",
+  "start.pico_copy": "把保存的文件 servolink-pico.uf2 复制到这个磁盘。磁盘会自动消失。",
+  "start.pico_wiring": "GPIO 0 至 15 是舵机 1 至 16 的信号。舵机需要单独供电，绝不能用 Pico 的电源。",
 };

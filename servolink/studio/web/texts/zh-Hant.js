@@ -111,8 +111,8 @@ export const texts = {
   "start.virtual_detail": "一台虛擬機器人，有 16 顆舵機以及一些動作和巨集。不會有實體的東西動起來。",
   "start.virtual_begin": "啟動虛擬機器人",
   "start.pico": "用 Pico 做一塊控制板",
-  "start.pico_detail": "一塊 Raspberry Pi Pico 加上模型用舵機就能做成控制板。按住 BOOTSEL 並插上 Pico，接著在終端機執行：",
-  "start.pico_then": "然後重新尋找：Pico 會出現在清單中。",
+  "start.pico_detail": "Raspberry Pi Pico 與模型舵機可組成一塊控制板。選擇舵機數量，並儲存對應的韌體：",
+  "start.pico_then": "在機器人清單中重新尋找：Pico 就在裡面。",
 
   "lease.mine": "控制權在你手上",
   "lease.mine_short": "你",
@@ -798,4 +798,12 @@ export const texts = {
   "fleet.not_started": "沒有控制板開始",
   "fleet.anyway": "讓其餘 {count} 塊開始",
   "fleet.and_more": "{boards} 等，另有 {count} 塊",
+
+  "robots.in_fleet": "在機器人群中",
+  "robots.how": "如何連線",
+  "robots.how_detail": "從這裡無法連到它的分享程式。請在 {host} 上結束 servolink fleet join，用這個指令在網路中分享控制板（網路中的任何人都能讓它動），再重新加入，然後在這裡重新尋找。",
+  "start.pico_save": "儲存韌體",
+  "start.pico_boot": "按住 Pico 的 BOOTSEL 按鈕並插上電腦：會出現 RPI-RP2 磁碟。",
+  "start.pico_copy": "把儲存的檔案 servolink-pico.uf2 複製到這個磁碟。磁碟會自動消失。",
+  "start.pico_wiring": "GPIO 0 至 15 是舵機 1 至 16 的訊號。舵機需要獨立電源，絕不能用 Pico 的電源。",
 };

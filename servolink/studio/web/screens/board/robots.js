@@ -8,11 +8,13 @@ import { safeText } from "../../parts/safe-text.js";
 import { hasBoard, isLive, welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
+import { Command } from "./command.js";
 import { One } from "./doctor.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {import("./doctor.js").Finding} Finding */
 /** @typedef {{ url: string, shares: string, name: string, product: string, problem: string, findings: Finding[], is_ours: boolean, is_kept: boolean }} Found */
+/** Board of the fleet on another machine; without an address it is not reached from here. @typedef {{ name: string, host: string, url: string }} Far */
 /** What a person does with a board; `busy` is the address of the board that is being opened or closed, empty for none. */
 /** @typedef {{ busy: string, use: (url: string) => void, share: (url: string) => void, giveBack: (found: Found) => void }} Actions */
 
@@ -23,7 +25,7 @@ const SHARED = "share://";
 export function RobotList({ link }) {
   const { answer, error, isAsking, ask } = useAnswer(link, "studio.boards", () => ({}));
   const { actions, problem } = useActions(link, ask);
-  const boards = /** @type {{ boards: Found[] } | null} */ (answer)?.boards ?? [];
+  const { boards = [], fleet = [] } = /** @type {{ boards?: Found[], fleet?: Far[] } | null} */ (answer) ?? {};
   const others = boards.filter((board) => !board.is_ours);
   return html`<section class="card">
     <header><h2>${t("robots.title")}</h2>
@@ -33,8 +35,9 @@ export function RobotList({ link }) {
     <ul>
       ${hasBoard.value && html`<${Present} found=${boards.find((board) => board.is_ours)} actions=${actions} />`}
       ${others.map((board) => html`<${Other} key=${board.url} board=${board} actions=${actions} />`)}
+      ${fleet.map((board) => html`<${OfFleet} key=${`fleet ${board.name}`} board=${board} actions=${actions} />`)}
     </ul>
-    ${answer !== null && others.length === 0 && html`<p class="pad0 mut">${t(hasBoard.value ? "robots.no_others" : "robots.none")}</p>`}
+    ${answer !== null && others.length + fleet.length === 0 && html`<p class="pad0 mut">${t(hasBoard.value ? "robots.no_others" : "robots.none")}</p>`}
     ${answer === null && html`<p class="pad0 mut">${error ? t("robots.not_here") : t("robots.searching")}</p>`}
     ${answer !== null && html`<${More} actions=${actions} />`}
   </section>`;
@@ -115,6 +118,19 @@ function Other({ board, actions }) {
     </div>`
     }
     ${problem && html`<div class="whole"><${Note} kind="warn" title=${safeText(problem)} />${findings.map((finding, at) => html`<${One} key=${finding.check} number=${at + 1} finding=${finding} />`)}</div>`}
+  </li>`;
+}
+
+/** @param {{ board: Far, actions: Actions }} props */
+function OfFleet({ board: { name, host, url }, actions }) {
+  const from = safeText(host);
+  return html`<li class="bd2">
+    <span class="ico"><${Icon} name="fleet" /></span>
+    <div class="grow"><b>${name}</b><span class="chip">${t("robots.in_fleet")}</span>
+      ${actions.busy === url && url && html`<span class="chip acc" role="status">${t("robots.busy")}</span>`}
+      <small class="num mono">${safeText(url) || from}</small></div>
+    ${url && html`<button class="btn s pri" disabled=${actions.busy !== ""} aria-label=${`${t("robots.connect")}: ${name}`} onClick=${() => actions.use(url)}>${t("robots.connect")}</button>`}
+    ${!url && html`<details class="whole"><summary>${t("robots.how")}</summary><p class="mut">${t("robots.how_detail", { host: from })}</p><${Command} text=${`servolink share --name ${name} --tcp "*:9000"`} /></details>`}
   </li>`;
 }
 

@@ -6,7 +6,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { welcome } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
-import { Command } from "./command.js";
+import { PicoCard } from "./pico.js";
 import { RobotList, useActions, VIRTUAL } from "./robots.js";
 
 /** @param {{ link: import("../../link/link.js").Link }} props */
@@ -25,9 +25,7 @@ export function StartScreen({ link }) {
             <div class="row"><button class="btn pri" disabled=${actions.busy !== ""} onClick=${() => actions.use(VIRTUAL)}><${Icon} name="chip" />${t("start.virtual_begin")}</button></div>
           </div>
         </section>
-        <section class="card"><header><h2>${t("start.pico")}</h2></header>
-          <div class="pad0 stack"><p>${t("start.pico_detail")}</p><${Command} text="servolink firmware install" /><p class="mut">${t("start.pico_then")}</p></div>
-        </section>
+        <${PicoCard} link=${link} />
       </div>
     </div>
   </div>`;

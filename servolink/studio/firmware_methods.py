@@ -1,0 +1,35 @@
+"""Method by which a page fetches the firmware of a Pico, for the browser to save."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import replace
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from servolink.control.roles import Role
+from servolink.firmware import compiling, image
+from servolink.studio.studio_methods import METHODS, PageCaller
+
+
+class FirmwareAsk(Struct, forbid_unknown_fields=True):
+    """Number of servos of the board."""
+
+    servos: Annotated[int, Meta(ge=1, le=image.SERVOS)] = image.SERVOS
+
+
+class Firmware(Struct, frozen=True):
+    """Image for the drive of a Pico in boot mode."""
+
+    name: str
+    data: bytes
+    """UF2 blocks, in base64."""
+
+
+@METHODS.add("studio.firmware", Role.EDIT)
+async def firmware(caller: PageCaller, params: FirmwareAsk) -> Firmware:
+    """Return the firmware as `servolink firmware install` writes it onto a Pico."""
+    binary = image.from_uf2(await asyncio.to_thread(compiling.IMAGE.read_bytes))
+    settings = replace(image.read_settings(binary), servos=params.servos)
+    return Firmware(compiling.IMAGE.name, image.to_uf2(image.with_settings(binary, settings)))
