@@ -6,6 +6,7 @@ import ast
 import gzip
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 from servolink.doctor import environment, permissions
@@ -132,3 +133,30 @@ def test_every_finding_before_a_board_is_opened_has_a_chinese_text() -> None:
     found = re.findall(r'^  "([^"]+)": \{ title: ".+", meaning: ".+" \},$', text, re.MULTILINE)
     assert set(found) == checks
     assert all(found.count(check) == 2 for check in checks)  # Simplified and Traditional
+
+
+def test_translated_messages_are_those_of_the_modules_named_above_them() -> None:
+    place, found = "", 0
+    for row in (WEB / "texts/said-zh.js").read_text(encoding="utf-8").splitlines():
+        if heading := re.fullmatch(r"  // (servolink/\S+)", row):
+            place = heading[1]
+        elif template := re.fullmatch(r'  "(.+?)": (\[".+", ".+"\]),', row):
+            english, translations = template[1], json.loads(template[2])
+            assert _VALUE.sub("{}", english) in lines_in(place), f"{place}: {english}"
+            for translated in translations:
+                assert set(_VALUE.findall(translated)) <= set(_VALUE.findall(english)), translated
+            found += 1
+    assert found > 80
+
+
+@cache
+def lines_in(module: str) -> frozenset[str]:
+    """Return the lines of all texts in a module, with `{}` for each value."""
+    lines: set[str] = set()
+    for node in ast.walk(tree_of(WEB.parents[2] / module)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            lines.update(node.value.split("\n"))
+        elif isinstance(node, ast.JoinedStr):
+            parts = (part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+            lines.update("".join(map(str, parts)).split("\n"))
+    return frozenset(lines)

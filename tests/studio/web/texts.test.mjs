@@ -7,6 +7,7 @@ import { document, localStorage } from "./page.mjs";
 
 const { LANGUAGES, dateAndTime, inLanguage, languageOf, load, number, seconds, t } =
   await import("../../../servolink/studio/web/texts/text.js");
+const { said } = await import("../../../servolink/studio/web/texts/said.js");
 globalThis.matchMedia = () => ({ matches: false });
 document.documentElement = { dataset: {} };
 const { chooseLanguage, showLanguage } = await import("../../../servolink/studio/web/state/settings.js");
@@ -48,7 +49,7 @@ test("the page takes the first language of the browser that it has, and a choice
 test("each text has one form, or those that Intl.PluralRules has for its language", async () => {
   for (const tag of Object.keys(LANGUAGES)) {
     const { pluralCategories } = new Intl.PluralRules(tag).resolvedOptions();
-    for (const [key, text] of Object.entries(await load(tag)))
+    for (const [key, text] of Object.entries((await load(tag)).texts))
       assert.ok([1, pluralCategories.length].includes(text.split("|").length), `${tag} ${key}`);
   }
 });
@@ -73,4 +74,28 @@ test("counts, numbers, dates and names are those of the language", async () => {
     ["手", "手臂", "Arm"],
   );
   assert.equal(inLanguage({}), undefined);
+});
+
+test("each message has a translation of its own, whatever its values are", async () => {
+  for (const tag of ["zh-Hans", "zh-Hant"]) {
+    await chooseLanguage(tag);
+    const { templates } = await load(tag);
+    assert.ok(templates.length > 50);
+    for (const { english, translation } of templates) {
+      if (english === "{url}: {reason}") continue;
+      const filled = (text) => text.replace(/\{(\w+)\}/g, "<$1>");
+      assert.equal(said(filled(english)), filled(translation));
+    }
+  }
+});
+
+test("a message within a message is translated too, line by line, and others stay as they are", async () => {
+  await chooseLanguage("zh-Hant");
+  const absent =
+    "serial:///dev/ttyS9: cannot open it: there is no /dev/ttyS9; plug the board in and switch it on; no serial port is here";
+  assert.equal(said(absent), "serial:///dev/ttyS9：無法開啟：沒有 /dev/ttyS9，請接上控制板並打開電源；這裡沒有序列埠");
+  assert.equal(said("log out and in again\nls"), "登出再登入\nls");
+  for (const text of ["", "servo 1: nobody knows", "nothing was moved"]) assert.equal(said(text), text);
+  await chooseLanguage("en");
+  assert.equal(said(absent), absent);
 });

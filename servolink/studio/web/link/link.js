@@ -1,5 +1,7 @@
 // The connection to the studio: JSON-RPC 2.0 over a WebSocket that is opened again whenever it is lost.
 
+import { said } from "../texts/said.js";
+
 /** @typedef {"connecting" | "open" | "refused" | "lost" | "unshared"} LinkState */
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
 /** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean }} Welcome */
@@ -14,10 +16,10 @@ const BAD_TOKEN = 4401,
 export class RequestError extends Error {
   /** @param {ErrorObject} error */
   constructor(error) {
-    super(error.message);
+    super(said(error.message));
     this.code = error.code;
     this.kind = error.data?.kind ?? "";
-    this.remedy = error.data?.remedy ?? "";
+    this.remedy = said(error.data?.remedy ?? "");
   }
 }
 

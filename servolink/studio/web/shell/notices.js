@@ -20,6 +20,7 @@ import {
 } from "../state/robot.js";
 import { isAllStopped, stoppedCount } from "../state/stopped.js";
 import { toast } from "../state/toasts.js";
+import { said } from "../texts/said.js";
 import { t } from "../texts/text.js";
 import { ask } from "./control.js";
 
@@ -69,7 +70,7 @@ function present() {
   if (boardState.value !== "connected") return { kind: "bad", urgent: true, ...both("note.board_lost") };
   if (hold.value !== null && hold.value.session !== welcome.value?.session) {
     const { who, reason } = hold.value;
-    return { kind: "info", ...both("note.held", { who: safeText(who), reason: safeText(reason) }) };
+    return { kind: "info", ...both("note.held", { who: safeText(who), reason: safeText(said(reason)) }) };
   }
   if (!mayMove.value) return { kind: "info", ...both("note.watching") };
   if (isOthers.value) return { kind: "info", ...both("note.others", { who: safeText(lease.value?.who ?? "") }) };

@@ -2,7 +2,7 @@
 
 import { batch, effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
-import { language, languageOf, load, texts } from "../texts/text.js";
+import { language, languageOf, load, templates, texts } from "../texts/text.js";
 
 const KEY = "servolink.settings";
 
@@ -65,7 +65,8 @@ export function chooseLanguage(name) {
 async function show(name) {
   const loaded = await load(name);
   batch(() => {
-    texts.value = loaded;
+    texts.value = loaded.texts;
+    templates.value = loaded.templates;
     language.value = name;
   });
 }

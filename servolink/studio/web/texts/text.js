@@ -5,16 +5,26 @@ import { texts as english } from "./en.js";
 
 /** @typedef {keyof typeof english} Key */
 /** @typedef {keyof typeof LANGUAGES} Language */
+/** @typedef {{ english: string, translation: string }} Template */
 
 /** Names of the languages, each written in the language itself, by the tag in the attribute `lang` of the page. */
 export const LANGUAGES = { en: "English", "zh-Hans": "简体中文", "zh-Hant": "繁體中文" };
 
 /** Modules of the texts. English comes with the page, another language is loaded on demand. */
 const MODULES = {
-  en: async () => ({ texts: english }),
-  "zh-Hans": () => import("./zh-Hans.js"),
-  "zh-Hant": () => import("./zh-Hant.js"),
+  en: async () => ({ texts: english, templates: [] }),
+  "zh-Hans": () => chinese("zh-Hans", import("./zh-Hans.js")),
+  "zh-Hant": () => chinese("zh-Hant", import("./zh-Hant.js")),
 };
+
+/**
+ * @param {"zh-Hans" | "zh-Hant"} tag
+ * @param {Promise<{ texts: Record<Key, string> }>} module
+ */
+async function chinese(tag, module) {
+  const [{ texts }, { TEMPLATES }] = await Promise.all([module, import("./said-zh.js")]);
+  return { texts, templates: TEMPLATES[tag] };
+}
 
 /** Categories of plurals, in the order of the forms of a text. */
 const PLURALS = ["zero", "one", "two", "few", "many", "other"];
@@ -23,6 +33,8 @@ const PLURALS = ["zero", "one", "two", "few", "many", "other"];
 export const language = signal(/** @type {Language} */ ("en"));
 /** Texts in the language of the page. */
 export const texts = signal(/** @type {Record<Key, string>} */ (english));
+/** Templates of the messages that Python programs word in English; none for English. */
+export const templates = signal(/** @type {Template[]} */ ([]));
 
 /** Tag of the language with the region of the browser: dates in Sydney differ from dates in Chicago. */
 const locale = computed(() => navigator.languages.find((tag) => languageOf(tag) === language.value) ?? language.value);
@@ -49,11 +61,11 @@ export function languageOf(tag) {
 const LANGUAGE_TAGS = /** @type {Language[]} */ (Object.keys(LANGUAGES));
 
 /**
- * Return the texts of a language. Rejects if the studio does not answer.
+ * Return the texts of a language, and the templates of messages. Rejects if the studio does not answer.
  * @param {Language} language
- * @returns {Promise<Record<Key, string>>}
+ * @returns {Promise<{ texts: Record<Key, string>, templates: Template[] }>}
  */
-export const load = async (language) => (await MODULES[language]()).texts;
+export const load = (language) => MODULES[language]();
 
 /**
  * Return a text with the values in place of `{name}`. The value of `count` chooses among the forms of `singular|plural`.

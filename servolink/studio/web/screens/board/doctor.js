@@ -4,6 +4,7 @@ import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { isLive, welcome } from "../../state/robot.js";
+import { said } from "../../texts/said.js";
 import { FINDINGS } from "../../texts/doctor.js";
 import { language, number, t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
@@ -13,7 +14,7 @@ import { Command } from "./command.js";
 /** @typedef {{ noise: number, responses: number, programs: { unanswered: number }[] }} Status */
 /** @typedef {import("../../link/link.js").Link} Link */
 
-const A_COMMAND = /^(?:.*?: )?((?:sudo|servolink|python\S*|pip|kill|echo|usbipd|newgrp|docker)\s.*)$/;
+const A_COMMAND = /^(?:.*?(?:: |：))?((?:sudo|servolink|python\S*|pip|kill|echo|usbipd|newgrp|docker)\s.*)$/;
 
 /** @param {{ link: Link }} props */
 export function Doctor({ link }) {
@@ -36,13 +37,15 @@ export function Doctor({ link }) {
 
 /** @param {{ number: number, finding: Finding }} props */
 export function One({ number, finding: { check, observation, meaning, remedy } }) {
-  const said = FINDINGS[language.value]?.[check];
+  const known = FINDINGS[language.value]?.[check];
   return html`<div class="finding">
-    <div class="row"><span class="chip warn num">${number}</span><b>${said?.title ?? safeText(check)}</b></div>
+    <div class="row"><span class="chip warn num">${number}</span><b>${known?.title ?? safeText(check)}</b></div>
     <dl>
-      <dt>${t("board.seen")}</dt><dd>${safeText(observation)}</dd>
-      <dt>${t("board.means")}</dt><dd>${said?.meaning ?? safeText(meaning)}</dd>
-      <dt>${t("board.do")}</dt><dd class="cmds">${remedy.split("\n").map((step) => html`<${Step} text=${step} />`)}</dd>
+      <dt>${t("board.seen")}</dt><dd>${safeText(said(observation))}</dd>
+      <dt>${t("board.means")}</dt><dd>${known?.meaning ?? safeText(said(meaning))}</dd>
+      <dt>${t("board.do")}</dt><dd class="cmds">${said(remedy)
+        .split("\n")
+        .map((step) => html`<${Step} text=${step} />`)}</dd>
     </dl>
   </div>`;
 }

@@ -6,6 +6,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { hasBoard, isLive, welcome } from "../../state/robot.js";
+import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
 import { Command } from "./command.js";
@@ -117,7 +118,7 @@ function Other({ board, actions }) {
       ${button(isShared ? "robots.use" : "robots.connect", () => actions.use(url), "pri")}
     </div>`
     }
-    ${problem && html`<div class="whole"><${Note} kind="warn" title=${safeText(problem)} />${findings.map((finding, at) => html`<${One} key=${finding.check} number=${at + 1} finding=${finding} />`)}</div>`}
+    ${problem && html`<div class="whole"><${Note} kind="warn" title=${safeText(said(problem))} />${findings.map((finding, at) => html`<${One} key=${finding.check} number=${at + 1} finding=${finding} />`)}</div>`}
   </li>`;
 }
 

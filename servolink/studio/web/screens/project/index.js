@@ -19,6 +19,7 @@ import {
 } from "../../state/plan.js";
 import { differences, draft, reread } from "../../state/project.js";
 import { isLive, isOthers, welcome } from "../../state/robot.js";
+import { said } from "../../texts/said.js";
 import { number, t } from "../../texts/text.js";
 import { Backups } from "./backups.js";
 import { Difference } from "./difference.js";
@@ -187,7 +188,7 @@ function Checks({ plan, found }) {
 
 /** @param {{ found: Found[] }} props */
 const List = ({ found }) => html`<ul class="found">
-  ${found.slice(0, MOST).map(({ path, text }) => html`<li><code>${safeText(path)}</code> ${safeText(text)}</li>`)}
+  ${found.slice(0, MOST).map(({ path, text }) => html`<li><code>${safeText(path)}</code> ${safeText(said(text))}</li>`)}
   ${found.length > MOST && html`<li class="mut">${t("project.more", { count: found.length - MOST })}</li>`}
 </ul>`;
 
