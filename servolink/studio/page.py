@@ -28,6 +28,7 @@ from servolink.studio import (  # modules that add their methods on import
     project_methods,
     recording_methods,
     robot_methods,
+    twin_methods,
 )
 from servolink.studio.gate import Gate
 from servolink.studio.studio_methods import METHODS, MOST_NAME, PageCaller, Studio
@@ -45,6 +46,7 @@ __all__ = [
     "recording_methods",
     "robot_methods",
     "serve_page",
+    "twin_methods",
 ]
 
 MOST_MESSAGE = MOST_BYTES

@@ -35,6 +35,7 @@ async def studio_for(board: str | None, *, demo: bool = False, **options: Any) -
                 raise
         yield studio
     finally:
+        await studio.twin.close()
         await robots.close()
 
 

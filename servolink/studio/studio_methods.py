@@ -21,6 +21,8 @@ from servolink.studio.drafts import Drafts
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
 from servolink.studio.robots import Robots, stop_before_leaving
+from servolink.studio.studio_twin import Twin
+from servolink.twin.simulation import is_installed
 
 if TYPE_CHECKING:
     from servolink.studio.fleet_view import FleetView
@@ -74,6 +76,7 @@ class Studio:
         """Links of the studio; None if only this machine reaches the studio."""
         self.fleet: FleetView | None = None
         """Boards at a broker; None without a broker."""
+        self.twin = Twin()
         self._turn = asyncio.Lock()
         self.begin(hub)
 
@@ -157,6 +160,8 @@ class About(Struct, frozen=True):
     """Description of the studio for a page."""
 
     version: str
+    has_twin: bool
+    """Whether the extra `twin` is installed."""
 
 
 class PageName(Struct, forbid_unknown_fields=True):
@@ -205,5 +210,5 @@ def rename(caller: PageCaller, params: PageName) -> PageName:
 
 @METHODS.add("studio.about", Role.WATCH)
 def about(caller: PageCaller, params: NoParams) -> About:
-    """Return the version of servolink."""
-    return About(version("servolink"))
+    """Return the version of servolink, and whether this computer has physics for a twin."""
+    return About(version("servolink"), is_installed())

@@ -90,6 +90,10 @@ class Physics:
         """Take the torque from the servo at a place of `servo_ids`, or give the torque back."""
         self.model.actuator_forcerange[at] = 0.0 if released else self._original.actuator_forcerange[at]
 
+    def angle(self, at: int) -> float:
+        """Return the angle in degrees of the servo at a place of `servo_ids`, as the body has it."""
+        return float(self.data.qpos[self.positions[at]]) * _DEGREES
+
     def touching(self) -> set[tuple[str, str]]:
         """Return the names of the parts that touch each other or the floor, each pair in order of names."""
         names = [self._names[int(number)] for number in self.model.geom_bodyid[self.data.contact.geom].flat]
@@ -120,16 +124,12 @@ class Simulation:
             (at, servo) for at, one in enumerate(physics.servo_ids) if (servo := hardware.servos.get(one)) is not None
         ]
         for at, servo in self._servos:
-            servo.angle = self.angle(at)
+            servo.angle = physics.angle(at)
 
     @property
     def now(self) -> float:
         """Simulated time in seconds, for body and board."""
         return self._ticks * TICK
-
-    def angle(self, at: int) -> float:
-        """Return the angle in degrees of the servo at a place of `physics.servo_ids`, as the body has it."""
-        return float(self.physics.data.qpos[self.physics.positions[at]]) * _DEGREES
 
     def advance(self, until: float) -> None:
         """Advance board and body by whole ticks up to the time `until`, at most a tick later."""
@@ -146,7 +146,7 @@ class Simulation:
         control = self.physics.data.ctrl
         for at, servo in self._servos:
             if not servo.is_hold:
-                servo.push(self.angle(at))
+                servo.push(self.physics.angle(at))
             if servo.is_hold == (at in self._released):
                 self._change(at, released=not servo.is_hold)
             control[at] = servo.angle / _DEGREES

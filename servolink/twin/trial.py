@@ -24,8 +24,9 @@ AFTERWARDS: Final = 2.0
 """Seconds after the end of a run, in which the robot can still fall."""
 FALLEN: Final = 45.0
 """Lean in degrees of a robot that has fallen."""
+SPACING: Final = 0.03
+"""Seconds between two measurements, a whole number of ticks."""
 
-_SPACING = 0.03  # seconds between two measurements, a whole number of ticks
 _SUPPORT = 4  # measurements whose points of support count together: a foot that bounces still supports
 _DIRECTIONS = 64  # in which the margin of the centre of mass is measured
 
@@ -49,6 +50,8 @@ class Fall(Struct, frozen=True):
     """Seconds since the start of the run."""
     step: str
     """Command and action that run at this moment."""
+    command: int | None
+    """Number of the command of the macro, from 1; None for an action, and after the end."""
     variation: Variation
 
 
@@ -101,14 +104,53 @@ def run_trial(
 
     `seconds` is the duration by `run_seconds`, if known. Raise ProjectError for a macro that no board can play.
     """
-    end = min(seconds or run_seconds(project, record), LONGEST) + AFTERWARDS
-    simulation = start(physics, project, record, variation)
-    watch = Watch(physics)
-    while simulation.now < end and not watch.has_fallen:
-        simulation.advance(simulation.now + _SPACING)
-        watch.look(simulation.now)
-    fall = Fall(simulation.now, moment(project, record, simulation.now), variation) if watch.has_fallen else None
-    return watch.trial(fall)
+    trial = RunningTrial(physics, project, record, variation, seconds)
+    while not trial.is_over:
+        trial.advance()
+    return trial.result()
+
+
+class RunningTrial:
+    """Trial in progress: a run from the pose with all servos at 0, and a little longer."""
+
+    def __init__(
+        self,
+        physics: Physics,
+        project: Project,
+        record: Action | Macro,
+        variation: Variation = AS_WRITTEN,
+        seconds: float = 0.0,
+    ) -> None:
+        """Begin a run. The arguments are those of `run_trial`."""
+        self.physics = physics
+        self._project, self._record, self._variation = project, record, variation
+        self._end = min(seconds or run_seconds(project, record), LONGEST) + AFTERWARDS
+        self._simulation = start(physics, project, record, variation)
+        self._watch = Watch(physics)
+        self.fall: Fall | None = None
+        """Fall, once the robot has fallen."""
+
+    @property
+    def now(self) -> float:
+        """Simulated seconds since the start of the run."""
+        return self._simulation.now
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the robot has fallen, or the time is over."""
+        return self.fall is not None or self.now >= self._end
+
+    def advance(self, seconds: float = SPACING) -> None:
+        """Go on by some seconds, a whole number of ticks, and measure once."""
+        self._simulation.advance(self.now + seconds)
+        self._watch.look(self.now)
+        if self._watch.has_fallen and self.fall is None:
+            command, step = moment(self._project, self._record, self.now)
+            self.fall = Fall(self.now, step, command, self._variation)
+
+    def result(self) -> TrialResult:
+        """Return all measurements."""
+        return self._watch.trial(self.fall)
 
 
 class Watch:

@@ -34,6 +34,8 @@ _STILL = """() => {
   sheet.replaceSync(`
     .live canvas, .plot, .chip[title=Battery], .insp dd, [data-part=meters] i, .conn dd { visibility: hidden }
     .mono, .cmd code, span:has(> .lang) { visibility: hidden }
+    .verdict { visibility: hidden }
+    .side .twin { display: none }
     .conn .bd2:not(.on), .conn ul + p, .conn > :last-child > :first-child > :is(div, p) { display: none }
   `);
   document.adoptedStyleSheets.push(sheet);

@@ -11,3 +11,8 @@ export function placeOf(template, pose, joint, point) {
   const figure = new Figure(JSON.parse(readFileSync(new URL(`${template}.figure.json`, figures), "utf8")));
   return apply(figure.solve(pose)[figure.indexOf(joint)], point);
 }
+
+export function placesOf(template, body) {
+  const figure = new Figure(JSON.parse(readFileSync(new URL(`${template}.figure.json`, figures), "utf8")));
+  return figure.place(body).map((matrix) => apply(matrix, [0, 0, 0]));
+}

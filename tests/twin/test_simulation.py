@@ -120,9 +120,9 @@ def test_body_and_board_share_a_clock(step: float) -> None:
     assert simulation.now == pytest.approx(0.25)
     assert simulation.physics.data.time == pytest.approx(0.25)
     assert simulation.hardware.servos[1].angle == pytest.approx(15, abs=1)
-    assert 5 < simulation.angle(0) < 14, "the arm lags behind"
+    assert 5 < simulation.physics.angle(0) < 14, "the arm lags behind"
     simulation.advance(1)
-    assert simulation.angle(0) == pytest.approx(30, abs=3)
+    assert simulation.physics.angle(0) == pytest.approx(30, abs=3)
 
 
 def test_a_released_servo_hangs_and_its_board_knows_where() -> None:
@@ -131,9 +131,9 @@ def test_a_released_servo_hangs_and_its_board_knows_where() -> None:
     simulation.advance(0.5)
     servo.set_flags(1, 0, simulation.now)
     simulation.advance(4)
-    assert simulation.angle(0) == pytest.approx(90, abs=10), "it hangs down"
-    assert servo.angle == pytest.approx(simulation.angle(0), abs=1)
+    assert simulation.physics.angle(0) == pytest.approx(90, abs=10), "it hangs down"
+    assert servo.angle == pytest.approx(simulation.physics.angle(0), abs=1)
     servo.set_flags(1, 1, simulation.now)
     servo.move(0, 0.5, simulation.now)
     simulation.advance(6)
-    assert simulation.angle(0) == pytest.approx(0, abs=15)
+    assert simulation.physics.angle(0) == pytest.approx(0, abs=15)

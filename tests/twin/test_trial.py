@@ -58,12 +58,12 @@ def test_a_robot_that_stands_has_a_margin() -> None:
     ],
 )
 def test_a_moment_is_named_by_command_and_action(seconds: float, step: str) -> None:
-    assert moment(PROJECT, SHOW, seconds) == step
+    assert moment(PROJECT, SHOW, seconds).step == step
 
 
 def test_a_moment_of_an_action_is_the_action() -> None:
-    assert moment(PROJECT, BOW, 0.7) == "action 2 'Bow'"
-    assert moment(PROJECT, BOW, 0.8) == AFTER
+    assert moment(PROJECT, BOW, 0.7).step == "action 2 'Bow'"
+    assert moment(PROJECT, BOW, 0.8).step == AFTER
 
 
 def test_torque_and_lag_follow_from_weight_and_stiffness() -> None:

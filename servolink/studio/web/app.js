@@ -15,6 +15,7 @@ import { followMoves } from "./state/moving.js";
 import { keepCurrent } from "./state/project.js";
 import { follow, welcome } from "./state/robot.js";
 import { showLanguage, who } from "./state/settings.js";
+import { followTwin } from "./state/twin.js";
 
 const KEY = "servolink.token";
 
@@ -41,6 +42,7 @@ follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);
 followFleet(link);
 followMoves(link);
+followTwin(link);
 keepCurrent(link);
 listenToKeys({ link, motion });
 await Promise.all([loadTemplates(), showLanguage()]);

@@ -1,6 +1,17 @@
 // Figure: joints and shapes of a robot, and their places in a pose. The format is in docs/reference/project-file.md.
 
-import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, subtract, translation } from "./matrix.js";
+import {
+  AXES,
+  apply,
+  identity,
+  multiply,
+  normalize,
+  placement,
+  rigidInverse,
+  rotation,
+  subtract,
+  translation,
+} from "./matrix.js";
 
 /** @typedef {import("./matrix.js").Vector} Vector */
 /** @typedef {import("./matrix.js").Matrix} Matrix */
@@ -29,6 +40,7 @@ import { AXES, apply, identity, multiply, normalize, rigidInverse, rotation, sub
  * @property {(Box | Disc)[]} [shapes]
  */
 /** @typedef {{ name: string, view: View, base?: Base, groups?: Record<string, Record<string, string>>, joints: JointData[] }} FigureData */
+/** Figure with physics: how its base has moved (millimetres) and turned (quaternion w, x, y, z). @typedef {{ pose: Pose, move: Vector, turn: [number, number, number, number] }} Body */
 /** @typedef {Record<number, number>} Pose Degrees by servo id; a servo that is missing is at 0. */
 /**
  * @typedef {object} Joint
@@ -98,6 +110,17 @@ export class Figure {
     const root = best.turn.slice();
     [root[12], root[13], root[14]] = move;
     return this._chain(pose, root);
+  }
+
+  /**
+   * Return the matrix of each joint of a figure whose base is moved and turned from where it is at rest.
+   * @param {Body} body
+   */
+  place({ pose, move, turn }) {
+    const base = this.base;
+    const [x, y, z] =
+      base.mode === "fixed" ? (base.at ?? [0, 0, 0]) : [0, -Math.min(...this._soles.map((at) => at[1])), 0];
+    return this._chain(pose, placement(turn, [x + move[0], y + move[1], z + move[2]]));
   }
 
   /**

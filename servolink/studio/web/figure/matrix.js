@@ -71,6 +71,20 @@ export function rotation(axis, degrees) {
 }
 
 /**
+ * Return the matrix of a turn, given as a unit quaternion w, x, y, z, and a move after it.
+ * @param {[number, number, number, number]} turn
+ * @param {Vector} at
+ * @returns {Matrix}
+ */
+export function placement([w, x, y, z], at) {
+  const half = Math.hypot(x, y, z),
+    degrees = (2 * Math.atan2(half, w)) / RADIANS;
+  const matrix = half > 0 ? rotation([x / half, y / half, z / half], degrees) : identity();
+  [matrix[12], matrix[13], matrix[14]] = at;
+  return matrix;
+}
+
+/**
  * Return the inverse of a matrix that only turns and moves.
  * @param {Matrix} m
  * @returns {Matrix}

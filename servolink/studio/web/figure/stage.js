@@ -8,6 +8,7 @@ import { draggedAngle, servoAt } from "./picking.js";
 import { Renderer } from "./webgl.js";
 
 /** @typedef {import("./figure.js").Figure} Figure */
+/** @typedef {import("./figure.js").Body} Body */
 /** @typedef {import("./figure.js").Joint} Joint */
 /** @typedef {import("./figure.js").Pose} Pose */
 /** @typedef {import("./figure.js").View} View */
@@ -16,6 +17,7 @@ import { Renderer } from "./webgl.js";
  * Scene of a stage: functions called at each drawing, and handlers for actions of a person.
  * @typedef {object} Scene
  * @property {() => Pose} pose
+ * @property {() => Body | null} [body] the figure with physics, in place of the pose; null without
  * @property {() => Pose} [dragPose] the pose that a drag changes, if it is not the one shown
  * @property {() => Pose | null} [ghost] another pose, pale
  * @property {() => Pose | null} [target] where it is going, pale
@@ -139,7 +141,7 @@ export class Stage {
     context.scale(scale, scale);
     if (gl === null) drawFlat(context, this.figure, camera, layers);
     const chosen = this.scene.chosen?.() ?? null;
-    if (chosen !== null && this.scene.hasGizmo) {
+    if (chosen !== null && this.scene.hasGizmo && !this.scene.body?.()) {
       drawGizmo(context, this.figure, camera, this._matrices, chosen, pose[chosen] ?? 0);
     }
   }
@@ -165,6 +167,7 @@ export class Stage {
     const tints = this.figure.joints.map((joint) => scene.tintOf?.(joint) ?? 0);
     return JSON.stringify([
       pose,
+      scene.body?.(),
       scene.ghost?.(),
       scene.target?.(),
       scene.chosen?.(),
@@ -180,10 +183,11 @@ export class Stage {
   _layers(pose) {
     const { accent, isNight } = palette(),
       alpha = isNight ? GHOST_ALPHA.night : GHOST_ALPHA.day;
-    this._matrices = this.figure.solve(pose);
+    const body = this.scene.body?.() ?? null;
+    this._matrices = body === null ? this.figure.solve(pose) : this.figure.place(body);
     /** @type {import("./webgl.js").Layer[]} */
     const layers = [{ matrices: this._matrices, tintOf: (joint) => this._tintOf(joint) }];
-    for (const pale of [this.scene.ghost?.(), this.scene.target?.()]) {
+    for (const pale of body === null ? [this.scene.ghost?.(), this.scene.target?.()] : []) {
       if (pale) layers.push({ matrices: this.figure.solve(pale), alpha, flat: accent });
     }
     return layers;

@@ -5,6 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { NumberField } from "../../parts/number-field.js";
 import { PosePicture } from "../../parts/pose-picture.js";
+import { useVerdicts, VerdictMark } from "../../parts/twin.js";
 import { Reading } from "../../parts/reading.js";
 import { tooFast } from "../../state/edit-action.js";
 import { nameOf } from "../../state/figure.js";
@@ -35,6 +36,7 @@ import { StepsCard } from "./steps-card.js";
 
 /** @param {Tools} tools */
 export function ActionsScreen(tools) {
+  useVerdicts();
   useKeys({ m: mirrorAction, g: toggleGhost, "Control+d": duplicate });
   if (draft.value === null) return html`<${Reading} link=${tools.link} icon="actions" />`;
   if (draft.value.actions.length === 0) return html`<${NoActions} />`;
@@ -112,6 +114,7 @@ function Tile({ one }) {
   return html`<button class="pose" aria-pressed=${String(one === action.value)} onClick=${() => chooseAction(one.action_id)}>
     <${PosePicture} pose=${poseOf(one)} />
     ${isFast && html`<span class="wn" role="img" aria-label=${t("actions.too_fast")} title=${t("actions.too_fast")}><${Icon} name="warn" /></span>`}
+    <${VerdictMark} type="action" id=${one.action_id} />
     <div>
       <b class="ell">${nameOfAction(one)}</b>
       <small class="num">${t("actions.facts", { time: seconds(secondsOf(one), 1), count: one.steps.length })}</small>

@@ -4,6 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { RunHold } from "../../parts/run-hold.js";
 import { FigureStage } from "../../parts/stage.js";
+import { TryOnTwin } from "../../parts/twin.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { withDegrees } from "../../state/edit-action.js";
 import { figure, limbs, nameOf } from "../../state/figure.js";
@@ -21,6 +22,7 @@ import {
   showsGhost,
   toggleGhost,
 } from "../../state/shown-action.js";
+import { bodyNow } from "../../state/twin.js";
 import { chooseServo, chosen, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { trialOf } from "./commands.js";
@@ -45,7 +47,10 @@ export function StageCard({ motion }) {
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${scene()} label=${t("actions.editor_aria")} view=${views.actions.value} onKey=${press} />`}
     <div class="tl col"><${ViewChoice} of="actions" /></div>
     <div class="tr"><${GhostChoice} /></div>
-    <div class="bl hide-n"><span class="chip hint"><${Icon} name="hand" />${t("actions.drag")}</span></div>
+    <div class="bl col">
+      <span class="chip hint hide-n"><${Icon} name="hand" />${t("actions.drag")}</span>
+      ${one && html`<${TryOnTwin} type="action" id=${one.action_id} />`}
+    </div>
     <div class="br"><${RunHold} label=${t("actions.hold_to_try")} stored=${stored} motion=${motion} onBegin=${trial} /></div>
   </section>`;
 }
@@ -72,6 +77,7 @@ function scene() {
   const pose = () => (action.value ? poseOf(action.value) : {});
   return {
     pose,
+    body: bodyNow,
     ghost: () =>
       showsGhost.value ? { ...pose(), ...(ghostAction.value ? poseOf(ghostAction.value) : actualPose()) } : null,
     chosen: () => chosen.value,

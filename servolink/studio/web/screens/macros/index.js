@@ -6,6 +6,7 @@ import { useKeys } from "../../parts/keys.js";
 import { Reading } from "../../parts/reading.js";
 import { RunHold } from "../../parts/run-hold.js";
 import { FigureStage } from "../../parts/stage.js";
+import { TryOnTwin, useVerdicts, VerdictMark } from "../../parts/twin.js";
 import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { isRunning, pause, pose, runOnRobot, seek, time, togglePlay } from "../../state/macro-preview.js";
@@ -19,6 +20,7 @@ import {
   showMacro,
   startFromRobot,
 } from "../../state/shown-macro.js";
+import { bodyNow } from "../../state/twin.js";
 import { chooseServo, chosen, views } from "../../state/view.js";
 import { seconds, t } from "../../texts/text.js";
 import { duplicate, moveChosen, removeChosen } from "./commands.js";
@@ -36,6 +38,7 @@ export function MacrosScreen(tools) {
     startFromRobot();
     return pause;
   }, []);
+  useVerdicts();
   useKeys({
     " ": togglePlay,
     Home: () => seek(0),
@@ -92,6 +95,7 @@ function row(one) {
   return html`<button key=${one.macro_id} class="mrow" aria-pressed=${String(one === macro.value)} onClick=${() => showMacro(one.macro_id)}>
     <span class="sid">${one.macro_id}</span>
     <span class="grow"><b class="ell">${nameOfMacro(one)}</b><small class="num">${t("macros.facts", { time, count: one.commands.length })}</small></span>
+    <${VerdictMark} type="macro" id=${one.macro_id} />
   </button>`;
 }
 
@@ -99,7 +103,7 @@ function row(one) {
 
 /** @param {Tools} tools */
 function StageCard({ motion }) {
-  const scene = useMemo(() => ({ pose, chosen: () => chosen.value, onPick: chooseServo }), []);
+  const scene = useMemo(() => ({ pose, body: bodyNow, chosen: () => chosen.value, onPick: chooseServo }), []);
   const isEmpty = course.value === null || course.value.isCut || course.value.turns.length === 0;
   const id = macro.value?.macro_id ?? 0,
     takes = macro.value && secondsOfMacro(macro.value);
@@ -114,6 +118,7 @@ function StageCard({ motion }) {
           : html`<span class="chip acc"><${Icon} name="eye" />${t("macros.preview_only")}</span>`
       }
     </div>
+    <div class="bl col"><${TryOnTwin} type="macro" id=${id} /></div>
     <div class="br"><${RunHold} label=${t("macros.hold_to_run")} stored=${stored} disabled=${isEmpty} motion=${motion} onBegin=${() => runOnRobot(motion)} /></div>
   </section>`;
 }

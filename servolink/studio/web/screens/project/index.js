@@ -3,6 +3,7 @@
 import { html, useEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
+import { useVerdicts } from "../../parts/twin.js";
 import { Reading } from "../../parts/reading.js";
 import { safeText } from "../../parts/safe-text.js";
 import {
@@ -24,6 +25,7 @@ import { number, t } from "../../texts/text.js";
 import { Backups } from "./backups.js";
 import { Difference } from "./difference.js";
 import { openFile, saveFile } from "./files.js";
+import { TwinChecks } from "./twin.js";
 
 /** @typedef {import("../../state/plan.js").Found} Found */
 /** @typedef {import("../../texts/text.js").Key} Key */
@@ -38,6 +40,7 @@ export function ProjectScreen({ link }) {
   const project = draft.value,
     isFree = progress.value === null,
     mayWrite = welcome.value?.role === "edit";
+  useVerdicts();
   useEffect(() => {
     if (project === null || !isFree || !isLive.value || !mayWrite) return undefined;
     const timer = setTimeout(() => makePlan(link), PAUSE);
@@ -180,6 +183,7 @@ function Checks({ plan, found }) {
       ${errors.length === 0 && html`<${Note} kind="ok" title=${t("project.nothing_refused")} />`}
       ${errors.length > 0 && html`<${Note} kind="bad" title=${t("project.refused", { count: errors.length })} /><${List} found=${errors} />`}
       ${others.length > 0 && html`<${Note} kind="warn" title=${t("project.odd", { count: others.length })} /><${List} found=${others} />`}
+      <${TwinChecks} />
       ${plan.inconsistencies.length > 0 && html`<${Note} kind="warn" title=${t("project.repairs")} detail=${plan.inconsistencies.map(safeText).join("; ")} />`}
       ${warning && html`<${Note} kind="warn" title=${t("project.may_not_fit")} detail=${safeText(warning)} />`}
     </div>

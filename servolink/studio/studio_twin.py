@@ -1,0 +1,111 @@
+"""Twin of a studio's robot: verdicts made in the background, and runs shown on the page; no board is touched."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing, suppress
+from typing import Final, NamedTuple
+from weakref import WeakKeyDictionary
+
+from servolink.errors import ProjectError
+from servolink.project.figure import Figure, checked_figure, figure_to_json
+from servolink.project.model import Project
+from servolink.project.record_lookup import with_dependencies
+from servolink.protocol.records import Action, Macro
+from servolink.twin.jobs import FRAME, Frame, Judged, judge, play
+from servolink.twin.trial import Fall
+from servolink.twin.worker import Worker
+
+MOST_VERDICTS: Final = 4096
+"""Verdicts that are kept, the latest."""
+
+
+class Robot(NamedTuple):
+    """Project with the figure of its robot."""
+
+    project: Project
+    figure: bytes
+    """JSON text of the figure."""
+
+    @classmethod
+    def of(cls, project: Project, figure: Figure) -> Robot:
+        """Return the robot of a figure. Raise EncodeError for a figure that cannot be drawn."""
+        return cls(project, json.dumps(figure_to_json(checked_figure(figure))).encode())
+
+    def key(self, record: Action | Macro) -> bytes:
+        """Return a key that changes with the figure, the record, and each record run by it.
+
+        Raise ProjectError for a duplicate id in the project.
+        """
+        used = sorted(map(repr, with_dependencies(self.project, [record])))
+        return hashlib.sha256(repr((self.figure, repr(record), used)).encode("utf-8", "surrogatepass")).digest()
+
+
+class Twin:
+    """Twin of the robots that pages of a studio show."""
+
+    def __init__(self) -> None:
+        """Know no verdicts yet."""
+        self._worker = Worker()
+        self._verdicts = dict[bytes, Judged | None]()
+        self._turn = asyncio.Lock()
+        self._latest = WeakKeyDictionary[object, dict[str, object]]()
+
+    def begin(self, page: object, purpose: str) -> Callable[[], bool]:
+        """Return a function that returns whether no other work of this purpose was begun for the page since."""
+        mark = object()
+        self._latest.setdefault(page, {})[purpose] = mark
+        return lambda: self._latest[page][purpose] is mark
+
+    def known(self, robot: Robot, record: Action | Macro) -> bool:
+        """Return whether the verdict about a record was made."""
+        return robot.key(record) in self._verdicts
+
+    async def verdict(self, robot: Robot, record: Action | Macro) -> Judged | None:
+        """Return the verdict about a record, made in the background; None for a macro that no board could play.
+
+        Raise TwinError for a figure without a possible body, or without MuJoCo.
+        """
+        key = await asyncio.to_thread(robot.key, record)
+        if key not in self._verdicts:
+            async with self._turn:  # the process has one body for all verdicts about a figure
+                if key not in self._verdicts:
+                    self._verdicts[key] = await self._judge(robot, record)
+        verdict = self._verdicts.pop(key)
+        self._verdicts[key] = verdict  # the oldest are forgotten first
+        if len(self._verdicts) > MOST_VERDICTS:
+            del self._verdicts[next(iter(self._verdicts))]
+        return verdict
+
+    async def _judge(self, robot: Robot, record: Action | Macro) -> Judged | None:
+        work = self._worker.run(judge, robot.figure, robot.project, record, is_background=True)
+        with suppress(ProjectError):
+            async with aclosing(work) as pieces:
+                async for piece in pieces:
+                    if isinstance(piece, Judged):
+                        return piece
+        return None
+
+    async def play(self, robot: Robot, record: Action | Macro) -> AsyncGenerator[tuple[Frame, Fall | None], None]:
+        """Yield the frames of a run, each at its time, with the fall once the robot has fallen.
+
+        Raises:
+            ProjectError: No board could play the macro.
+            TwinError: The figure has no possible body, or MuJoCo is missing.
+        """
+        now = asyncio.get_running_loop().time
+        due = now()
+        async with aclosing(self._worker.run(play, robot.figure, robot.project, record)) as pieces:
+            async for piece in pieces:
+                due = max(due, now())  # a slow computer shows the run slowly, and leaves nothing out
+                for frame in piece.frames:
+                    await asyncio.sleep(due - now())
+                    due += FRAME
+                    yield frame, piece.fall
+
+    async def close(self) -> None:
+        """End the process with the physics."""
+        await self._worker.close()

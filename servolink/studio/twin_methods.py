@@ -1,0 +1,137 @@
+"""Methods of the page for the twin: try a record with physics, and have all records judged. No board is touched."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import aclosing
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from servolink.control.messages import NoParams, ProjectForm
+from servolink.control.roles import Role
+from servolink.errors import NotFound
+from servolink.project.figure import Figure
+from servolink.project.project_file import project_from_form
+from servolink.project.record_lookup import by_type
+from servolink.protocol.record_types import ACTION, MACRO, type_of
+from servolink.protocol.records import Action, Macro
+from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.studio.studio_twin import Robot
+from servolink.twin.jobs import Judged
+from servolink.twin.trial import Fall
+
+
+class TwinProject(Struct, forbid_unknown_fields=True):
+    """Project as edited, and the figure of its robot."""
+
+    project: ProjectForm
+    figure: Figure
+
+
+class TwinRecord(TwinProject, forbid_unknown_fields=True):
+    """Action or macro of a project."""
+
+    type: Literal["action", "macro"]
+    id: Annotated[int, Meta(ge=0)]
+
+
+class FallAt(Struct, frozen=True):
+    """Fall of the robot."""
+
+    seconds: float
+    command: Annotated[int | None, Meta(description="number of the command of the macro, from 1")]
+
+
+class TwinFrame(Struct, frozen=True):
+    """Robot at a moment of a run."""
+
+    frame: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
+    """Move of the base from rest (mm), its turn (quaternion w, x, y, z), and degrees of the servos by id."""
+
+
+class Tried(Struct, frozen=True):
+    """End of a run."""
+
+    fall: FallAt | None
+
+
+class RecordVerdict(Struct, frozen=True):
+    """Verdict about a record."""
+
+    type: str
+    id: int
+    verdict: str
+    fall: FallAt | None
+
+
+class Verdicts(Struct, frozen=True):
+    """Verdicts about records of a project; a macro that no board could play has none."""
+
+    verdicts: tuple[RecordVerdict, ...]
+
+
+@METHODS.add("studio.twin.try", Role.WATCH)
+async def twin_try(caller: PageCaller, params: TwinRecord, report: Callable[[TwinFrame], None]) -> Tried:
+    """Run a record on the twin, and report the robot 50 times a second.
+
+    The run ends early with the next call of this method or of `studio.twin.stop` by the same page. TwinError says why
+    there is no twin.
+    """
+    project = project_from_form(params.project).project
+    kind = ACTION if params.type == "action" else MACRO
+    record = by_type(project)[kind.field].get(params.id)
+    if record is None:
+        raise NotFound(f"the project has no {kind.label} {params.id}")
+    robot, twin = Robot.of(project, params.figure), caller.studio.twin
+    is_wanted = twin.begin(caller.page, "run")
+    fall: Fall | None = None
+    async with aclosing(twin.play(robot, record)) as frames:
+        async for frame, last in frames:
+            if not is_wanted():
+                break
+            fall = last
+            report(TwinFrame((frame.at, frame.turn, frame.angles)))
+    return Tried(_fall_at(fall))
+
+
+@METHODS.add("studio.twin.stop", Role.WATCH)
+def twin_stop(caller: PageCaller, params: NoParams) -> None:
+    """End the run of this page on the twin."""
+    caller.studio.twin.begin(caller.page, "run")
+
+
+@METHODS.add("studio.twin.verdicts", Role.WATCH)
+async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callable[[Verdicts], None]) -> Verdicts:
+    """Return the verdicts about all macros and actions, and report those known at once, and each that is made.
+
+    The work ends early with the next call of this method by the same page. TwinError says why there is no twin.
+    """
+    project = project_from_form(params.project).project
+    robot, twin = Robot.of(project, params.figure), caller.studio.twin
+    is_wanted = twin.begin(caller.page, "verdicts")
+    records: list[Action | Macro] = [*project.actions, *project.macros]
+    known = await asyncio.to_thread(lambda: [record for record in records if twin.known(robot, record)])
+    found = [verdict for record in known for verdict in _verdicts(record, await twin.verdict(robot, record))]
+    report(Verdicts(tuple(found)))
+    for record in records:
+        if record not in known:
+            made = _verdicts(record, await twin.verdict(robot, record))
+            if not is_wanted():
+                break
+            report(Verdicts(made))
+            found += made
+    return Verdicts(tuple(found))
+
+
+def _verdicts(record: Action | Macro, judged: Judged | None) -> tuple[RecordVerdict, ...]:
+    """Return the verdict about a record, if there is one."""
+    if judged is None:
+        return ()
+    kind = type_of(record)
+    return (RecordVerdict(kind.label, kind.id_of(record), judged.verdict, _fall_at(judged.fall)),)
+
+
+def _fall_at(fall: Fall | None) -> FallAt | None:
+    return None if fall is None else FallAt(round(fall.seconds, 2), fall.command)

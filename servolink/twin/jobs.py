@@ -1,0 +1,126 @@
+"""Jobs of the process with the physics: a run to be watched, a verdict, and a pose that reaches a place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta, Struct
+
+from servolink.project.figure import Figure, figure_from_json
+from servolink.project.model import Project
+from servolink.protocol.records import Action, Macro
+from servolink.twin.body import body_of
+from servolink.twin.forecast import VARIATIONS, Verdict
+from servolink.twin.mjcf import BASE
+from servolink.twin.simulation import Physics
+from servolink.twin.trial import Fall, RunningTrial, run_seconds
+
+FRAME: Final = 0.02
+"""Simulated seconds from one frame to the next."""
+FALLING: Final = 1.5
+"""Seconds for which a run is shown after the fall."""
+
+_PIECE = 25  # frames, or measurements, in a piece of a job
+
+
+class Frame(Struct, frozen=True):
+    """Robot at a moment of a run, in the frame of its figure: y points up, x to the robot's left."""
+
+    at: Annotated[tuple[float, float, float], Meta(description="move of the base from rest, in millimetres")]
+    turn: Annotated[tuple[float, float, float, float], Meta(description="turn of the base: w, x, y, z of a quaternion")]
+    angles: Annotated[tuple[float, ...], Meta(description="degrees of the servos of the figure, in order of their ids")]
+
+
+class Piece(Struct, frozen=True):
+    """Frames of a part of a run, and the fall, if the robot has fallen."""
+
+    frames: tuple[Frame, ...]
+    fall: Fall | None
+
+
+class Judged(Struct, frozen=True):
+    """Verdict about a record."""
+
+    verdict: Verdict
+    fall: Fall | None
+
+
+def play(figure: bytes, project: Project, record: Action | Macro) -> Iterator[Piece]:
+    """Yield a run of a record on the body as written.
+
+    Args:
+        figure: JSON text of the figure.
+        project: Project with the record, and all records run by it.
+        record: Action or macro to run.
+
+    Raises:
+        ProjectError: No board could play the macro.
+        TwinError: The figure has no possible body, or MuJoCo is missing.
+    """
+    shown = _figure(figure)
+    trial = RunningTrial(Physics(body_of(shown)), project, record)
+    is_over = False
+    while not is_over:
+        frames = list[Frame]()
+        while len(frames) < _PIECE and not is_over:
+            frames.append(frame_of(shown, trial.physics))
+            trial.advance(FRAME)
+            is_over = trial.is_over if trial.fall is None else trial.now > trial.fall.seconds + FALLING
+        yield Piece(tuple(frames), trial.fall)
+
+
+def judge(figure: bytes, project: Project, record: Action | Macro) -> Iterator[Judged | bool]:
+    """Yield True after each part of the work, and at last the verdict. Arguments and errors are those of `play`.
+
+    As soon as the robot has fallen with one variation and stood with another, the rest is not run.
+    """
+    physics = _physics(figure)
+    seconds = run_seconds(project, record)
+    falls, has_stood = list[Fall](), False
+    for variation in VARIATIONS:
+        trial = RunningTrial(physics, project, record, variation, seconds)
+        while not trial.is_over:
+            for _ in range(_PIECE):
+                if not trial.is_over:
+                    trial.advance()
+            yield True
+        if trial.fall is None:
+            has_stood = True
+        else:
+            falls.append(trial.fall)
+        if falls and has_stood:
+            break
+    verdict = Verdict.STANDS if not falls else Verdict.UNCERTAIN if has_stood else Verdict.FALLS
+    yield Judged(verdict, falls[0] if falls else None)
+
+
+@lru_cache(4)
+def _figure(text: bytes) -> Figure:
+    return figure_from_json(msgspec.json.decode(text))
+
+
+@lru_cache(4)
+def _physics(figure: bytes) -> Physics:
+    """Return the physics of a figure for verdicts, which are made one after the other."""
+    return Physics(body_of(_figure(figure)))
+
+
+def frame_of(figure: Figure, physics: Physics) -> Frame:
+    """Return the robot as it is now."""
+    base, data = physics.model.body(BASE).id, physics.data
+    x, y, z = (1000 * (data.xpos[base] - physics.body.base)).tolist()
+    w, i, j, k = data.xquat[base].tolist()
+    degrees = {servo_id: physics.angle(at) for at, servo_id in enumerate(physics.servo_ids)}
+    ids = sorted(joint.servo for joint in figure.joints if joint.servo is not msgspec.UNSET)
+    return Frame(
+        (_tenth(y), _tenth(z), _tenth(x)),
+        (round(w, 4), round(j, 4), round(k, 4), round(i, 4)),
+        tuple(_tenth(degrees.get(servo_id, 0.0)) for servo_id in ids),
+    )
+
+
+def _tenth(value: float) -> float:
+    return round(value, 1) + 0.0  # and no negative zero

@@ -1,0 +1,162 @@
+"""The twin of a studio: runs are shown, records are judged in the background, and no board is touched.
+
+Module: servolink.studio.studio_twin, servolink.studio.twin_methods, servolink.twin.jobs.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from aiohttp import ClientWebSocketResponse
+
+from servolink.project.figure import figure_to_json
+from servolink.project.model import Project
+from servolink.project.project_file import project_to_form
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.studio import studio_methods
+from servolink.twin.body import body_of
+from servolink.twin.jobs import FALLING, FRAME, frame_of
+from servolink.twin.simulation import Physics
+from servolink.twin.trial import RunningTrial
+from tests.studio.serving import Place, call, run, welcomed
+from tests.studio.web_code import call_all, needs_node
+from tests.twin.figures import lamp, template
+
+pytestmark = pytest.mark.usefixtures("user")
+
+MOST_BYTES = 30_000
+"""Bytes in a second of a run."""
+OVER = Action(1, "Over", (Step(1, 60, 60), Step(2, 30, 60)))
+STILL = Action(2, "Still", (Step(1, 0, 50),))
+READ = Macro(3, "Read", (MacroCommand(2), MacroCommand(1)))
+ENDLESS = Macro(9, "Endless", (MacroCommand(9, MacroCommandType.MACRO.value),))
+
+
+def robot(*records: Action | Macro) -> dict[str, Any]:
+    """Return the params of a lamp with records."""
+    actions = tuple(one for one in records if isinstance(one, Action))
+    macros = tuple(one for one in records if isinstance(one, Macro))
+    figure = figure_to_json(lamp())
+    figure["joints"][2]["mass"] = 1.5
+    return {"project": project_to_form(Project(actions=actions, macros=macros)), "figure": figure}
+
+
+ALL = robot(OVER, STILL, READ, ENDLESS)
+
+
+async def reported(page: ClientWebSocketResponse, method: str, **params: Any) -> tuple[list[str], dict[str, Any]]:
+    """Call a method, and return the texts of its progress and the response."""
+    await page.send_json({"jsonrpc": "2.0", "id": 7, "method": method, "params": params})
+    texts = list[str]()
+    while "id" not in (message := json.loads(text := await page.receive_str())):
+        if message["method"] == "progress":
+            texts.append(text)
+    return texts, message
+
+
+async def angles(page: ClientWebSocketResponse) -> list[int]:
+    """Return the angles of the servos of the board."""
+    return [servo["angle"] for servo in (await call(page, "servos.list"))["result"]["servos"]]
+
+
+def test_a_run_is_shown_until_the_fall_with_few_bytes_and_ends_when_told() -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            before = await angles(page)
+            texts, answer = await reported(page, "studio.twin.try", **ALL, type="macro", id=3)
+            fall = answer["result"]["fall"]
+            assert fall["command"] == 2
+            assert len(texts) * FRAME == pytest.approx(fall["seconds"] + FALLING, abs=2 * FRAME)
+            assert sum(map(len, texts)) / (len(texts) * FRAME) < MOST_BYTES / 2
+            wrong = {"type": "action", "id": 7}, {"type": "action", "id": 1, "figure": {"figure": 1}}
+            for params in (*wrong, {"type": "macro", "id": 9}):
+                assert "error" in (await reported(page, "studio.twin.try", **ALL | params))[1]
+            still = {
+                "jsonrpc": "2.0",
+                "id": 8,
+                "method": "studio.twin.try",
+                "params": {**ALL, "type": "action", "id": 2},
+            }
+            await page.send_json(still)
+            frames = 0
+            while "id" not in (message := json.loads(await page.receive_str())):
+                frames += message.get("method") == "progress"
+                if frames == 1:
+                    await page.send_json({"jsonrpc": "2.0", "method": "studio.twin.stop"})
+            assert message["result"] == {"fall": None}
+            assert frames < STILL.seconds / FRAME + 50, "of 125 frames"
+            assert await angles(page) == before
+            assert (await call(page, "status"))["result"]["lease"] is None
+
+    run(test)
+
+
+def test_verdicts_are_kept_until_a_record_or_the_figure_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = list[Any]()
+
+    async def test(place: Place) -> None:
+        twin = place.studio.twin
+        judge = twin._judge
+
+        async def counted(robot: Any, record: Any) -> Any:
+            made.append(record)
+            return await judge(robot, record)
+
+        monkeypatch.setattr(twin, "_judge", counted)
+        async with place.page() as page, place.page() as other:
+            await welcomed(page, place.gate.new_token("watch"))
+            await welcomed(other, place.gate.new_token("edit"))
+            texts, answer = await reported(page, "studio.twin.verdicts", **ALL)
+            found = {(one["type"], one["id"]): one["verdict"] for one in answer["result"]["verdicts"]}
+            assert found == {("macro", 3): "falls", ("action", 1): "falls", ("action", 2): "stands"}
+            assert len(texts) == 5
+            assert made == [OVER, STILL, READ, ENDLESS]
+            texts, again = await reported(other, "studio.twin.verdicts", **ALL)
+            assert (len(texts), again["result"], made[4:]) == (1, answer["result"], [])
+            gentle = Action(1, "Over", (Step(1, 5, 50),))
+            _, answer = await reported(page, "studio.twin.verdicts", **robot(gentle, STILL, READ))
+            assert {one["verdict"] for one in answer["result"]["verdicts"]} == {"stands"}
+            assert made[4:] == [gentle, READ]
+            figure = ALL["figure"] | {"body": {"bolted": True}}
+            _, answer = await reported(page, "studio.twin.verdicts", **robot(OVER) | {"figure": figure})
+            assert [one["verdict"] for one in answer["result"]["verdicts"]] == ["stands"]
+            weightless = {"figure": 1, "name": "None", "view": {}, "joints": [{"id": "arm", "servo": 1}]}
+            _, answer = await reported(page, "studio.twin.verdicts", **robot(OVER) | {"figure": weightless})
+            assert "weighs nothing" in answer["error"]["message"]
+
+    run(test)
+
+
+def test_the_page_hears_whether_there_are_physics(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            assert (await call(page, "studio.about"))["result"]["has_twin"] is True
+            monkeypatch.setattr(studio_methods, "is_installed", lambda: False)
+            assert (await call(page, "studio.about"))["result"]["has_twin"] is False
+
+    run(test)
+
+
+@needs_node
+def test_the_page_draws_each_part_where_the_physics_have_it() -> None:
+    """The robot has turned in all directions, falling over one foot."""
+    figure = template("humanoid-16")
+    stumble = Action(1, "Stumble", (Step(8, 60, 20), Step(9, 40, 20), Step(2, 90, 20), Step(14, 30, 20)))
+    trial = RunningTrial(Physics(body_of(figure)), Project(actions=(stumble,)), stumble)
+    while trial.fall is None:
+        trial.advance()
+    frame, data = frame_of(figure, trial.physics), trial.physics.data
+    ids = sorted(trial.physics.servo_ids)
+    body = {"pose": dict(zip(map(str, ids), frame.angles, strict=True)), "move": frame.at, "turn": frame.turn}
+    (drawn,) = call_all([("../../../tests/studio/web_figure.js", "placesOf", ["humanoid-16", body])])
+    names = [joint.id for joint in figure.joints]
+    places = {name: trial.physics.data.body(name).xpos for name in names}
+    above = [1000 * data.body(names[0]).xpos[2] - drawn[0][1]] * 3
+    for name, (x, y, z) in zip(names, drawn, strict=True):
+        ahead, left, up = 1000 * places[name]
+        assert (x, y + above[0], z) == pytest.approx((left, up, ahead), abs=1), name
+    assert abs(above[0]) < 3, "the floor of the figure is that of the body"

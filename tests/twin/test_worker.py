@@ -1,0 +1,64 @@
+"""The process with the physics: jobs take turns, errors come back, and it starts again after its end.
+
+Module: servolink.twin.worker.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import aclosing
+from typing import Any
+
+import pytest
+
+from servolink.errors import ProjectError, TwinError
+from servolink.twin.worker import NICENESS, Worker
+
+
+def count(until: int) -> Iterator[int]:
+    yield from range(until)
+
+
+def facts() -> Iterator[tuple[int, int]]:
+    yield os.getpid(), os.nice(0) if hasattr(os, "nice") else NICENESS
+
+
+def refuse() -> Iterator[int]:
+    yield 1
+    raise ProjectError("macro 1 'M': runs itself")
+
+
+def test_jobs_take_turns_and_their_errors_come_back() -> None:
+    async def main() -> None:
+        worker = Worker()
+        said = list[str]()
+
+        async def note(name: str, until: int, *, is_background: bool = False) -> None:
+            async for piece in worker.run(count, until, is_background=is_background):
+                said.append(f"{name}{piece}")
+
+        try:
+            ((process, niceness),) = [found async for found in worker.run(facts)]
+            assert process != os.getpid()
+            assert niceness >= NICENESS
+            await asyncio.gather(note("b", 3, is_background=True), note("a", 3))
+            assert sorted(said) == ["a0", "a1", "a2", "b0", "b1", "b2"]
+            assert said.index("a2") < said.index("b1"), "the background waits"
+            found: list[Any] = []
+            with pytest.raises(ProjectError, match="runs itself"):
+                found += [piece async for piece in worker.run(refuse)]
+            async with aclosing(worker.run(count, 10**9)) as endless:
+                assert await anext(endless) == 0
+                os.kill(process, signal.SIGTERM)
+                with pytest.raises(TwinError, match="was ended"):
+                    _ = [piece async for piece in endless]
+            ((other, _),) = [found async for found in worker.run(facts)]
+            assert other != process
+        finally:
+            await worker.close()
+        assert os.waitpid(other, 0)[1] == 0, "it ends with the pipe"
+
+    asyncio.run(main())
