@@ -52,9 +52,6 @@ def run(args: argparse.Namespace) -> int:
         idle = [servo.servo_id for servo in await reported(board) if not (servo.is_start and servo.is_hold)]
         if idle:
             print_error(f"servolink: {are(idle)} stopped or released and will not move; `servolink servo start` helps")
-        print_text(_HELP)
-        if control.pages > 1:
-            print_text(_PAGES)
         started = "macros may have been started"
         async with stopped_by_interruption(board, interruption, started, "the remote control was ended"):
             await _obey(control, captions)
@@ -73,6 +70,9 @@ async def _obey(control: RemoteControl, captions: Mapping[int, str]) -> None:
         with typed_keys() as keys:
             if keys is None:
                 raise RequestRefused("no keys can be read here")
+            print_text(_HELP)  # only now: what is typed before is dropped
+            if control.pages > 1:
+                print_text(_PAGES)
             while (key := await _next(keys, worker)) not in ("q", "Q", "esc"):
                 if key == "space":
                     await _ended(worker)
