@@ -1,4 +1,4 @@
-"""Commands on a system that has nothing of Unix, as far as `without_unix.py` can simulate that."""
+"""Commands on Windows and macOS, as far as `without_unix.py` and `without_linux.py` can simulate them."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import re
 import signal
 import subprocess
 import sys
+import tempfile
 import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple, cast
 
 import pytest
 
@@ -20,23 +22,79 @@ from tests.cli.programs import Said, environment, finished, in_terminal
 from tests.fleet import mosquitto
 from tests.processes import LIMIT, finish, start
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="takes from Linux what Windows lacks")
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="takes from Linux what others lack")
 
 ROBOT = Path(servolink.__file__).parent / "studio/demo.servolink.json"
-RUNNER = (sys.executable, "-W", "error", str(Path(__file__).with_name("without_unix.py")))
-LEFT, RIGHT = "\xe0K", "\xe0M"
-"""Arrow keys as a Windows console gives them."""
+
+
+class System(NamedTuple):
+    """A simulated system."""
+
+    script: str
+    encoding: str
+    """Of files and pipes."""
+    left: str
+    """Arrow key as its console gives it."""
+    right: str
+    door: str
+    """End of the name of the file with which a hub is found."""
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """Beginning of a command line."""
+        return sys.executable, "-W", "error", str(Path(__file__).with_name(self.script))
+
+    def started(self, *arguments: str) -> subprocess.Popen[str]:
+        """Start a command."""
+        changed = {"PYTHONUTF8": "0", "PYTHONIOENCODING": self.encoding, "PYTHONUNBUFFERED": "1"}
+        return start((*self.command, *arguments), env=environment(**changed))
+
+    def run_all(self, *commands: str, fails: Mapping[int, int] = MappingProxyType({})) -> list[Said]:
+        """Run commands one after the other in one program; each must end well, or with its code in `fails`."""
+        words = [command.split() for command in commands]
+        said = output_of(self.started("--all", json.dumps(words)))
+        assert (said.code, said.err) == (0, "")
+        done = [Said(*each) for each in said.json]
+        for number, (command, each) in enumerate(zip(words, done, strict=True)):
+            assert each.code == fails.get(number, 0), (command, each)
+        return done
+
+    @contextmanager
+    def serving(self, *arguments: str, pattern: str = r"(?:tcp|share|http)://\S+") -> Iterator[str]:
+        """Run a command that serves until it is told to end; yield the first address that it prints."""
+        process = self.started(*arguments)
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        found = re.search(pattern, line)
+        if found is None:
+            pytest.fail(f"{line}{finish(process, signal.SIGTERM)}")
+        yield found[0]
+        said = finished(process, signal.SIGTERM)
+        assert "Traceback" not in said.err
+        assert said.code in {0, 143}, said
+
+
+WINDOWS = System("without_unix.py", "cp1252", "\xe0K", "\xe0M", ".door")
+MACOS = System("without_linux.py", "utf-8", "\x1b[D", "\x1b[C", ".sock")
+
+
+@pytest.fixture(params=[pytest.param(WINDOWS, id="windows"), pytest.param(MACOS, id="macos", marks=pytest.mark.slow)])
+def system(request: pytest.FixtureRequest) -> System:
+    """One of the systems."""
+    return cast("System", request.param)
 
 
 @pytest.fixture
-def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A user of their own, whose programs write in the old characters of Windows."""
-    for name in ("RUNTIME", "CONFIG", "DATA", "STATE", "CACHE"):
-        folder = tmp_path / name.lower()
-        folder.mkdir(mode=0o700)
-        monkeypatch.setenv(f"XDG_{name}_{'DIR' if name == 'RUNTIME' else 'HOME'}", str(folder))
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A user of their own, whose programs write as the system does."""
+    for name in ("CONFIG", "DATA", "STATE", "CACHE"):
+        (tmp_path / name.lower()).mkdir(mode=0o700)
+        monkeypatch.setenv(f"XDG_{name}_HOME", str(tmp_path / name.lower()))
+    with tempfile.TemporaryDirectory() as short:  # macOS allows 103 bytes in the path of a socket
+        (tmp_path / "runtime").symlink_to(short)
+        monkeypatch.setenv("XDG_RUNTIME_DIR", short)
+        monkeypatch.chdir(tmp_path)
+        yield tmp_path
 
 
 def output_of(process: subprocess.Popen[str]) -> Said:
@@ -45,55 +103,23 @@ def output_of(process: subprocess.Popen[str]) -> Said:
     return Said(process.returncode, out, err)
 
 
-def started(*arguments: str) -> subprocess.Popen[str]:
-    """Start a command."""
-    changed = {"PYTHONUTF8": "0", "PYTHONIOENCODING": "cp1252", "PYTHONUNBUFFERED": "1"}
-    return start((*RUNNER, *arguments), env=environment(**changed))
-
-
-def run_all(*commands: str, fails: Mapping[int, int] = MappingProxyType({})) -> list[Said]:
-    """Run commands one after the other in one program; each must end well, or with its code in `fails`."""
-    words = [command.split() for command in commands]
-    said = output_of(started("--all", json.dumps(words)))
-    assert (said.code, said.err) == (0, "")
-    done = [Said(*each) for each in said.json]
-    for number, (command, each) in enumerate(zip(words, done, strict=True)):
-        assert each.code == fails.get(number, 0), (command, each)
-    return done
-
-
-@contextmanager
-def serving(*arguments: str, pattern: str = r"(?:tcp|share|http)://\S+") -> Iterator[str]:
-    """Run a command that serves until it is told to end; yield the first address that it prints."""
-    process = started(*arguments)
-    assert process.stdout is not None
-    line = process.stdout.readline()
-    found = re.search(pattern, line)
-    if found is None:
-        pytest.fail(f"{line}{finish(process, signal.SIGTERM)}")
-    yield found[0]
-    said = finished(process, signal.SIGTERM)
-    assert "Traceback" not in said.err
-    assert said.code in {0, 143}, said
-
-
 @pytest.fixture
-def board(world: Path) -> Iterator[str]:
+def board(system: System, world: Path) -> Iterator[str]:
     """A virtual board that another program serves."""
-    with serving("virtual", "--tcp", "127.0.0.1:0", "--state", "board.json") as url:
+    with system.serving("virtual", "--tcp", "127.0.0.1:0", "--state", "board.json") as url:
         yield url
     assert (world / "board.json").exists()
     assert list(world.glob(".*lock")) == list((world / "runtime/servolink").iterdir()) == []
 
 
-def test_every_module_can_be_imported() -> None:
-    said = output_of(started("--import"))
+def test_every_module_can_be_imported(system: System) -> None:
+    said = output_of(system.started("--import"))
     assert (said.code, said.json) == (0, {}), said.err
 
 
-def test_a_board_is_found_moved_read_and_written(board: str, world: Path) -> None:
+def test_a_board_is_found_moved_read_and_written(system: System, board: str, world: Path) -> None:
     on = f"--board {board}"
-    said = run_all(
+    said = system.run_all(
         "list --json",
         f"{on} move 1=20 --json",
         f"{on} stop",
@@ -111,6 +137,7 @@ def test_a_board_is_found_moved_read_and_written(board: str, world: Path) -> Non
         f"use rex {board}",
         "--board rex info --json",
         "--board rex doctor --json",
+        "firmware info --json",
         fails={6: 1},
     )
     assert [one["url"] for one in said[0].json["boards"]] == [board]
@@ -122,12 +149,12 @@ def test_a_board_is_found_moved_read_and_written(board: str, world: Path) -> Non
     assert list(world.glob("recorded*.csv"))
 
 
-def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> None:
+def test_a_board_is_shared_with_a_second_program(system: System, board: str, world: Path) -> None:
     folder = world / "runtime/servolink"
-    with serving("--board", board, "share", "--name", "rex") as url:
+    with system.serving("--board", board, "share", "--name", "rex") as url:
         assert url == "share://rex"
-        assert sorted(path.suffix for path in folder.iterdir()) == [".board", ".door", ".hub"]
-        found, moved, _, shared = run_all(
+        assert {path.suffix for path in folder.iterdir()} == {".board", ".hub", system.door}
+        found, moved, _, shared = system.run_all(
             "list --json",
             f"--board {url} move 1=20 --json",
             f"--board {url} stop",
@@ -140,35 +167,35 @@ def test_a_board_is_shared_with_a_second_program(board: str, world: Path) -> Non
 
 
 @pytest.mark.slow
-def test_a_program_is_served_by_spy_over_tcp(board: str, world: Path) -> None:
-    with serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
-        (said,) = run_all(f"--board {url} servos --json")
+def test_a_program_is_served_by_spy_over_tcp(system: System, board: str, world: Path) -> None:
+    with system.serving("spy", board, "--tcp", "127.0.0.1:0", "--record", "spied.mcap") as url:
+        (said,) = system.run_all(f"--board {url} servos --json")
         assert len(said.json["servos"]) == 16
     assert (world / "spied.mcap").stat().st_size > 0
 
 
 @pytest.mark.slow
-def test_the_studio_answers(board: str) -> None:
-    with serving("--board", board, "studio", "--no-browser") as page:
+def test_the_studio_answers(system: System, board: str) -> None:
+    with system.serving("--board", board, "studio", "--no-browser") as page:
         assert page.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(page, timeout=LIMIT) as answer:  # noqa: S310 - as was just seen
             assert (answer.status, b"<html" in answer.read()) == (200, True)
 
 
 @pytest.mark.slow
-def test_the_demo_works(world: Path) -> None:
-    (said,) = run_all("demo --fast")
+def test_the_demo_works(system: System, world: Path) -> None:
+    (said,) = system.run_all("demo --fast")
     assert "All of it worked" in said.out
 
 
 @pytest.mark.slow
 @pytest.mark.broker
 @pytest.mark.skipif(mosquitto.FOUND is None, reason="mosquitto is not installed")
-def test_a_fleet_is_seen_and_stopped(board: str, world: Path) -> None:
+def test_a_fleet_is_seen_and_stopped(system: System, board: str, world: Path) -> None:
     broker = mosquitto.Broker(world)
     broker.start()
-    with serving("fleet", "join", broker.url, board, "--name", "rex", pattern=r"share://\w+") as url:
-        listed, _, stopped, examined = run_all(
+    with system.serving("fleet", "join", broker.url, board, "--name", "rex", pattern=r"share://\w+") as url:
+        listed, _, stopped, examined = system.run_all(
             f"fleet list --broker {broker.url} --json",
             f"--board {url} move 1=20",
             f"fleet stop --broker {broker.url} --json",
@@ -181,32 +208,36 @@ def test_a_fleet_is_seen_and_stopped(board: str, world: Path) -> None:
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", 0), (signal.SIGINT, 130)])
-def test_a_question_can_be_answered_and_left(world: Path, answer: str | signal.Signals, code: int) -> None:
-    said = in_terminal("--board", "virtual://", "apply", str(ROBOT), later=("[y/N]", answer), command=RUNNER)
+def test_a_question_can_be_answered_and_left(
+    system: System, world: Path, answer: str | signal.Signals, code: int
+) -> None:
+    said = in_terminal("--board", "virtual://", "apply", str(ROBOT), later=("[y/N]", answer), command=system.command)
     assert said.code == code, said.out
 
 
 @pytest.mark.slow
-def test_keys_of_a_console_trim_a_servo(board: str) -> None:
-    keys = RIGHT * 3 + LEFT + "\r"
-    said = in_terminal("--board", board, "trim", "1", later=("Enter: store", keys), command=RUNNER)
+def test_keys_of_a_console_trim_a_servo(system: System, board: str) -> None:
+    keys = system.right * 3 + system.left + "\r"
+    said = in_terminal("--board", board, "trim", "1", later=("Enter: store", keys), command=system.command)
     assert said.code == 0, said.out
-    run_all(f"--board {board} export trimmed.servolink.json")
+    system.run_all(f"--board {board} export trimmed.servolink.json")
     stored = json.loads(Path("trimmed.servolink.json").read_text(encoding="utf-8"))["servo_parameters"]
     assert [(one["servo_id"], one["adjusted_degree"]) for one in stored] == [(1, 2)]
 
 
 @pytest.mark.slow
-def test_keys_of_a_console_press_buttons(board: str) -> None:
-    run_all(f"--board {board} apply {ROBOT} --yes")
-    said = in_terminal("--board", board, "remote", later=("q or Esc: end", "a q"), command=RUNNER)
+def test_keys_of_a_console_press_buttons(system: System, board: str) -> None:
+    system.run_all(f"--board {board} apply {ROBOT} --yes")
+    said = in_terminal("--board", board, "remote", later=("q or Esc: end", "a q"), command=system.command)
     assert said.code == 0, said.out
     assert "all servos are stopped and held" in said.out
 
 
 @pytest.mark.slow
-def test_keys_of_a_console_record_poses(board: str) -> None:
-    said = in_terminal("--board", board, "teach", "Wave", "--yes", "--no-play", later=("space", "  q"), command=RUNNER)
+def test_keys_of_a_console_record_poses(system: System, board: str) -> None:
+    said = in_terminal(
+        "--board", board, "teach", "Wave", "--yes", "--no-play", later=("space", "  q"), command=system.command
+    )
     assert said.code == 0, said.out
-    (said,) = run_all(f"--board {board} macros --json")
+    (said,) = system.run_all(f"--board {board} macros --json")
     assert [one["macro_caption"] for one in said.json["macros"]] == ["Wave"]

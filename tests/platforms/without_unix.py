@@ -20,24 +20,22 @@ import contextlib
 import errno
 import fcntl
 import importlib
-import importlib.util
 import io
-import json
 import os
-import pkgutil
 import platform
-import runpy
 import select
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tty
 import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+sys.path[0] = str(Path(__file__).parents[2])
+from tests.platforms.other_system import run_as  # noqa: E402
 
 MODULES = "curses fcntl grp pty pwd readline resource termios tty"
 FUNCTIONS = """
@@ -105,7 +103,6 @@ def take_away() -> None:
     console: Any = Console()
     _restrict_files()
     _restrict_sockets()
-    _restrict_programs()
     for name in LOOP_METHODS.split():
         setattr(asyncio.SelectorEventLoop, name, _only_for_asyncio(name, getattr(asyncio.SelectorEventLoop, name)))
     for name in MODULES.split():
@@ -204,71 +201,5 @@ def _restrict_sockets() -> None:
         delattr(socket, name)
 
 
-def _restrict_programs() -> None:
-    """Run Python programs that are started like this too."""
-    real = subprocess.Popen.__init__
-
-    def start(self: Any, args: Any, *rest: Any, **options: Any) -> None:
-        if [*args][:2] == [sys.executable, "-m"]:
-            args = [sys.executable, __file__, *args[1:]]
-        real(self, args, *rest, **options)
-
-    setattr(subprocess.Popen, "__init__", start)  # noqa: B010 - not of the same type
-
-
-def import_all() -> dict[str, str]:
-    """Import all modules of servolink; return those that fail, and why."""
-    import servolink
-
-    failures = {}
-    needed = {"servolink.twin.gym": "gymnasium"}  # not among the packages for the tests
-    for module in pkgutil.walk_packages(servolink.__path__, "servolink."):
-        there = importlib.util.find_spec(needed.get(module.name, "sys"))
-        if there and not module.name.endswith("__main__"):
-            try:
-                importlib.import_module(module.name)
-            except Exception as error:  # noqa: BLE001 - a module can fail in any way
-                failures[module.name] = repr(error)
-    return failures
-
-
-def run_all(commands: list[list[str]]) -> list[tuple[int, str, str]]:
-    """Run commands one after the other, into files in the old characters of Windows; return codes and outputs."""
-    from servolink.__main__ import main
-
-    said = []
-    for command in commands:
-        streams = [io.TextIOWrapper(io.BytesIO(), encoding="cp1252", newline="\n") for _ in range(2)]
-        with contextlib.redirect_stdout(streams[0]), contextlib.redirect_stderr(streams[1]):
-            try:
-                code = main(command)
-            except SystemExit as ended:
-                code = int(ended.code or 0)
-        for stream in streams:
-            stream.seek(0)
-        said.append((code, streams[0].read(), streams[1].read()))
-    return said
-
-
-def main() -> int:
-    """Do what the command line says."""
-    take_away()
-    sys.path[0] = str(Path(__file__).parents[2])
-    match sys.argv[1:]:
-        case ["--import"]:
-            print(json.dumps(import_all()))
-        case ["--all", commands]:
-            print(json.dumps(run_all(json.loads(commands))))
-        case ["-m", module, *arguments]:
-            sys.argv = [module, *arguments]
-            runpy.run_module(module, run_name="__main__", alter_sys=True)
-        case arguments:
-            from servolink.__main__ import main as run
-
-            sys.argv = ["servolink", *arguments]
-            return run()
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_as(take_away, __file__, "cp1252"))
