@@ -1,28 +1,34 @@
-"""The tables of docs/reference/api.md, made from signatures and docstrings.
+"""The tables in docs/reference/api/, made from signatures and docstrings.
 
 `python -m docs.api_tables` writes them anew. Each stands between `<!-- members CLASS -->` or `<!-- names NAME ... -->`
-and `<!-- end -->`, where names are those of `servolink` or full ones; the rest of the page is written by hand.
+and `<!-- end -->`, where names are those of `servolink` or full ones; the rest of a page is written by hand.
 """
 
 from __future__ import annotations
 
 import ast
+import copy
 import inspect
 import re
 import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from pydoc import locate
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from servolink.protocol import packet
 
-PAGE = Path(__file__).parent / "reference/api.md"
+FOLDER = Path(__file__).parent / "reference/api"
+PAGES = sorted(FOLDER.glob("*.md"))
 
 _BLOCK = re.compile(r"<!-- (members|names) ([^>]*) -->\n.*?<!-- end -->", re.DOTALL)
 _HEAD = "| name | meaning |\n|---|---|\n"
 
+_LONG = 90
+"""Characters of a signature beyond which a row has the names of the parameters alone."""
+
 Row = tuple[str, str]
+F = TypeVar("F", bound=ast.FunctionDef | ast.AsyncFunctionDef)
 
 
 def with_tables(page: str) -> str:
@@ -41,7 +47,7 @@ def _block(found: re.Match[str]) -> str:
 def _find(name: str) -> Any:
     found = locate(name if name.startswith("servolink.") else f"servolink.{name}")
     if found is None:
-        raise LookupError(f"docs/reference/api.md names {name}, which does not exist")
+        raise LookupError(f"docs/reference/api/ names {name}, which does not exist")
     return found
 
 
@@ -52,6 +58,8 @@ def _row(thing: Any) -> Row:
         return _function(tree)
     made = next((node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "__init__"), None)
     arguments = f"({_arguments(made)})" if made and not issubclass(thing, Exception) else ""
+    if made and len(arguments) > _LONG:
+        arguments = f"({_arguments(_untyped(made))})"
     return f"`{thing.__name__}{arguments}`", _summary(tree)
 
 
@@ -101,7 +109,21 @@ def _function(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Row:
     if decorators & {"property", "cached_property", "functools.cached_property"}:
         return f"`{node.name}: {returns}`", _summary(node)
     called = "await " if isinstance(node, ast.AsyncFunctionDef) and not returns.startswith("Async") else ""
-    return f"`{called}{node.name}({_arguments(node)}) -> {returns}`", _summary(node)
+    signature = f"{called}{node.name}({_arguments(node)}) -> {returns}"
+    if len(signature) > _LONG:
+        signature = f"{called}{node.name}({_arguments(_untyped(node))}) -> {returns}"
+    return f"`{signature}`", _summary(node)
+
+
+def _untyped(node: F) -> F:
+    """Return a function with the names of its parameters alone, for a row that would be too long to read."""
+    node = copy.deepcopy(node)
+    for each in ast.walk(node.args):
+        if isinstance(each, ast.arg):
+            each.annotation = None
+    node.args.defaults = []
+    node.args.kw_defaults = [None] * len(node.args.kwonlyargs)
+    return node
 
 
 def _arguments(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
@@ -123,4 +145,5 @@ def _first_sentence(text: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for page in PAGES:
+        page.write_text(with_tables(page.read_text(encoding="utf-8")), encoding="utf-8")

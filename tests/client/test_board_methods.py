@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import servolink
-from docs.api_tables import PAGE
+from docs.api_tables import FOLDER
 from servolink import Board, connect
 from servolink.protocol.codec import PACKETS
 from servolink.virtual.board import VirtualBoard
@@ -48,7 +48,7 @@ def test_a_board_inherits_nothing_and_describes_everything() -> None:
 
 
 def test_the_api_page_lists_every_method() -> None:
-    page = PAGE.read_text(encoding="utf-8")
+    page = (FOLDER / "board.md").read_text(encoding="utf-8")
     assert [name for name in PUBLIC if not re.search(rf"`(await )?{name}[(:]", page)] == []
 
 
