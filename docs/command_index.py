@@ -39,14 +39,15 @@ def _entry(command: Command, module: str) -> IndexEntry:
     parser = parser_of(command)
     flags, arguments = dict[str, str | None](), list[str]()
     for action in parser._actions:  # noqa: SLF001 - argparse has no other way to walk over them
-        value = _value(action)
+        value = value_of(action)
         if not action.option_strings and action.nargs != argparse.PARSER:
             arguments.append(f"{value}{'...' if action.nargs in _SEVERAL else ''}")
         flags |= dict.fromkeys(action.option_strings, value if action.nargs != 0 else None)
     return IndexEntry(module, command.topic, command.help, flags, arguments)
 
 
-def _value(action: argparse.Action) -> str:
+def value_of(action: argparse.Action) -> str:
+    """Return how the help names the value of an option or argument."""
     if action.choices is not None:
         return "|".join(action.choices)
     metavar = action.metavar or action.dest.upper()

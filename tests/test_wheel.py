@@ -32,6 +32,11 @@ def test_the_wheel_has_what_type_checkers_and_editors_read(wheel: Path) -> None:
     assert not [name for name in names if not name.startswith("servolink")]
 
 
+def test_the_wheel_has_the_manual_pages(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    assert [name for name in names if name.endswith(".data/data/share/man/man1/servolink-move.1")]
+
+
 def test_the_demo_runs_where_nothing_but_the_wheel_is_installed(wheel: Path, tmp_path: Path) -> None:
     venv.create(tmp_path / "empty", with_pip=True)
     programs = tmp_path / "empty" / ("Scripts" if sys.platform == "win32" else "bin")
