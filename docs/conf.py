@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Any
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed or not
 
+from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
 import servolink  # noqa: E402
+from docs import command_pages  # noqa: E402
+from docs.accessible import accessible  # noqa: E402
 from servolink.client import board, connect  # noqa: E402
 from servolink.client.alarms import Alarm  # noqa: E402
+from servolink.control.status import ConnectionState  # noqa: E402
 from servolink.profiles.profile import BoardProfile, ProfileInUse  # noqa: E402
 from servolink.project.model import Project  # noqa: E402
 from servolink.project.transfer import results  # noqa: E402
@@ -27,6 +31,7 @@ if TYPE_CHECKING:
 # Sphinx evaluates signatures, and these are imported for type checkers only.
 for module in (board, connect, results):
     vars(module).update(Path=Path, BoardProfile=BoardProfile, ProfileInUse=ProfileInUse, Alarm=Alarm, Project=Project)
+    vars(module).update(ConnectionState=ConnectionState)
 
 project = "servolink"
 author = "The servolink authors"
@@ -34,9 +39,14 @@ copyright = f"2026, {author}"  # noqa: A001 - the name that Sphinx reads
 version = release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
-exclude_patterns = ["_build"]
+exclude_patterns = ["_build", "_static", "_templates"]
 html_theme = "furo"
 html_title = "servolink"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_js_files = ["site.js"]
+html_theme_options: dict[str, list[str]] = {"top_of_page_buttons": []}
+templates_path = ["_templates"]
 myst_heading_anchors = 3
 
 nitpicky = True
@@ -54,12 +64,21 @@ default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 80
 
 
 def setup(app: Sphinx) -> None:
     """Let Sphinx find the public names, and read the sections of docstrings."""
+    app.connect("builder-inited", prepare)
     app.connect("missing-reference", resolve_public_name)
     app.connect("autodoc-process-docstring", read_sections)
+
+
+def prepare(app: Sphinx) -> None:
+    """Write the pages of the commands, and let the template of all pages repair what the theme makes."""
+    command_pages.write(command_pages.SITE, command_pages.site_pages())
+    if isinstance(app.builder, StandaloneHTMLBuilder):
+        app.builder.templates.environment.filters["accessible"] = accessible
 
 
 def read_sections(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
