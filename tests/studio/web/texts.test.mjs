@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { document, localStorage } from "./page.mjs";
 
-const { LANGUAGES, dateAndTime, inLanguage, languageOf, load, number, seconds, t } =
+const { LANGUAGES, dateAndTime, inLanguage, languageOf, list, load, number, seconds, t } =
   await import("../../../servolink/studio/web/texts/text.js");
 const { said } = await import("../../../servolink/studio/web/texts/said.js");
 globalThis.matchMedia = () => ({ matches: false });
@@ -63,10 +63,12 @@ test("counts, numbers, dates and names are those of the language", async () => {
   );
   assert.equal(number(12345.6, 2), "12,345.60");
   assert.equal(seconds(0.3), "0.30 s");
+  assert.equal(list(["hip", "knee", "foot"]), "hip, knee, foot");
   const time = "2026-11-26T18:05:00";
   assert.equal(dateAndTime(time), "26 Nov 2026, 18:05");
   await chooseLanguage("zh-Hant");
   assert.equal(t("project.buttons_in", { count: 1 }), "1 個按鈕");
+  assert.equal(list(["右手", "左手"]), "右手、左手");
   assert.equal(dateAndTime(time), "2026年11月26日 下午6:05");
   const names = { en: "Arm", zh: "手臂" };
   assert.deepEqual(
@@ -94,6 +96,7 @@ test("a message within a message is translated too, line by line, and others sta
   const absent =
     "serial:///dev/ttyS9: cannot open it: there is no /dev/ttyS9; plug the board in and switch it on; no serial port is here";
   assert.equal(said(absent), "serial:///dev/ttyS9：無法開啟：沒有 /dev/ttyS9，請接上控制板並打開電源；這裡沒有序列埠");
+  assert.equal(said("studio: a page"), "studio：某個頁面");
   assert.equal(said("log out and in again\nls"), "登出再登入\nls");
   for (const text of ["", "servo 1: nobody knows", "nothing was moved"]) assert.equal(said(text), text);
   await chooseLanguage("en");

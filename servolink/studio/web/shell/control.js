@@ -6,6 +6,7 @@ import { safeText } from "../parts/safe-text.js";
 import { drawLighter } from "../parts/stage.js";
 import { isMine, isOthers, lease, linkState, mayMove } from "../state/robot.js";
 import { toast } from "../state/toasts.js";
+import { said } from "../texts/said.js";
 import { t } from "../texts/text.js";
 
 /** @typedef {import("./app.js").Tools} Tools */
@@ -21,7 +22,7 @@ export function Control(tools) {
     </button>`;
   }
   if (!isOthers.value) return null;
-  const who = safeText(lease.value?.who ?? "");
+  const who = safeText(said(lease.value?.who ?? ""));
   return html`<button class="btn hide-n" onClick=${() => ask(tools)}>
     <${Icon} name="lock" /><span class="ell">${t("lease.others", { who })}</span><b class="ask hide-t">${t("lease.ask")}</b>
   </button>`;
@@ -38,7 +39,7 @@ export function ask({ link, motion }) {
   };
   toast({
     icon: "hand",
-    title: t("lease.asked", { who: safeText(lease.value?.who ?? "") }),
+    title: t("lease.asked", { who: safeText(said(lease.value?.who ?? "")) }),
     detail: t("lease.asked_detail"),
     action: { label: t("lease.take_over"), run: takeOver },
   });
@@ -52,7 +53,7 @@ export function ask({ link, motion }) {
  */
 export function sayLease({ event, by }, wasMine, motion) {
   if (!wasMine) return;
-  const who = safeText(by ?? "");
+  const who = safeText(said(by ?? ""));
   if (event === "taken over") toast({ kind: "bad", icon: "lock", title: t("lease.taken_over", { who }) });
   if (event === "beats stopped") {
     const detail = t(drawLighter() ? "lease.drawn_lighter" : "lease.make_room");

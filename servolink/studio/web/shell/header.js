@@ -8,7 +8,7 @@ import { battery, boardState, hasBoard, hasFleet, linkState, welcome } from "../
 import { changeTheme, theme } from "../state/settings.js";
 import { toast } from "../state/toasts.js";
 import { showKeys } from "../state/view.js";
-import { t } from "../texts/text.js";
+import { list, t } from "../texts/text.js";
 import { Control } from "./control.js";
 import { Edits } from "./edits.js";
 import { LanguageChoice } from "./language-choice.js";
@@ -77,10 +77,10 @@ async function stopAll(link) {
       toast({
         name: "may move",
         kind: "bad",
-        title: t("stop.may_move", { boards: moving.join(", ") }),
+        title: t("stop.may_move", { boards: list(moving) }),
         lasts: DANGER_LASTS,
       });
-    const detail = offline.length > 0 ? t("stop.offline", { boards: offline.join(", ") }) : "";
+    const detail = offline.length > 0 ? t("stop.offline", { boards: list(offline) }) : "";
     if (moving.length === 0 || stopped.length > 0)
       toast({ name: "stop all", kind: "ok", title: t("stop.all_done", { count: stopped.length }), detail });
   } catch (error) {

@@ -70,10 +70,10 @@ function present() {
   if (boardState.value !== "connected") return { kind: "bad", urgent: true, ...both("note.board_lost") };
   if (hold.value !== null && hold.value.session !== welcome.value?.session) {
     const { who, reason } = hold.value;
-    return { kind: "info", ...both("note.held", { who: safeText(who), reason: safeText(said(reason)) }) };
+    return { kind: "info", ...both("note.held", { who: safeText(said(who)), reason: safeText(said(reason)) }) };
   }
   if (!mayMove.value) return { kind: "info", ...both("note.watching") };
-  if (isOthers.value) return { kind: "info", ...both("note.others", { who: safeText(lease.value?.who ?? "") }) };
+  if (isOthers.value) return { kind: "info", ...both("note.others", { who: safeText(said(lease.value?.who ?? "")) }) };
   return null;
 }
 

@@ -7,6 +7,13 @@ const MESSAGES = {
   "action": ["动作", "動作"],
   "macro": ["宏", "巨集"],
   "joystick table": ["按键表", "搖桿定義表"],
+  // servolink/studio/page.py
+  "studio: {who}": ["工作室：{who}", "studio：{who}"],
+  "a page": ["一个页面", "某個頁面"],
+  // servolink/hub/methods/context.py
+  "the hub": ["hub", "hub"],
+  "the hub, for raw angles": ["hub（原始角度）", "hub（原始角度）"],
+  "the session has ended; connect again": ["会话已结束，请重新连接", "工作階段已結束，請重新連線"],
   // servolink/hub/rules/hub_gates.py
   "the servos of {name} are moved by {who}, which has had the lease for {time}: wait until it is free, or take it over with `servolink share --take {again}`": ["{name} 的舵机正由 {who} 控制（已 {time}）：请等待释放，或接管控制", "{name} 的舵機正由 {who} 操控（已 {time}）：請等對方交還控制權，或直接接手"],
   "the right to move the servos of {name} was taken from this program: `servolink share --give {again}` gives it back": ["此页面控制 {name} 舵机的权利已被收回，可用命令交还：servolink share --give {again}", "這個頁面操控 {name} 舵機的權利已被收回，可用指令交還：servolink share --give {again}"],
@@ -20,8 +27,6 @@ const MESSAGES = {
   "nothing was moved: another program has exclusive use": ["没有移动：其他程序正在独占主板", "沒有移動：其他程式正在獨佔控制板"],
   "nothing was moved: the board was stopped since this was prepared": ["没有移动：准备之后主板被停止了", "沒有移動：準備好之後控制板被停止了"],
   "nothing was moved: the board was connected again since this was prepared": ["没有移动：准备之后主板重新连接了", "沒有移動：準備好之後控制板重新連線了"],
-  // servolink/hub/methods/context.py
-  "the session has ended; connect again": ["会话已结束，请重新连接", "工作階段已結束，請重新連線"],
   // servolink/hub/methods/stored.py
   "a record is being changed": ["正在修改一条记录", "正在變更一筆紀錄"],
   "a project is being compared": ["正在比较项目", "正在比較專案"],

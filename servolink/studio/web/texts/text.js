@@ -39,6 +39,7 @@ export const templates = signal(/** @type {Template[]} */ ([]));
 /** Tag of the language with the region of the browser: dates in Sydney differ from dates in Chicago. */
 const locale = computed(() => navigator.languages.find((tag) => languageOf(tag) === language.value) ?? language.value);
 const formatOf = computed(() => new Map([0, 1, 2].map((digits) => [digits, decimals(locale.value, digits)])));
+const listOf = computed(() => new Intl.ListFormat(locale.value, { type: "conjunction", style: "narrow" }));
 const pluralOf = computed(() => {
   const rules = new Intl.PluralRules(language.value);
   const forms = PLURALS.filter((form) => rules.resolvedOptions().pluralCategories.some((each) => each === form));
@@ -98,6 +99,12 @@ export const number = (value, digits = 0) =>
  */
 export const dateAndTime = (time) =>
   new Date(time).toLocaleString(locale.value, { dateStyle: "medium", timeStyle: "short" });
+
+/**
+ * Return names as a list, such as `hip, knee, foot`.
+ * @param {string[]} names
+ */
+export const list = (names) => listOf.value.format(names);
 
 /**
  * Return an angle as people read it, such as `−20°`.

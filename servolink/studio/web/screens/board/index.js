@@ -8,6 +8,7 @@ import { beginFit, fit } from "../../state/fitting.js";
 import { isLive, lease, programs, servoIds, welcome } from "../../state/robot.js";
 import { renamePage, who } from "../../state/settings.js";
 import { toast } from "../../state/toasts.js";
+import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { Doctor } from "./doctor.js";
 import { FitCard } from "./fit.js";
@@ -130,7 +131,7 @@ function People({ link }) {
 /** @param {{ program: Program, isMine: boolean }} props */
 function Person({ program, isMine }) {
   const hasLease = lease.value?.session === program.session,
-    name = safeText(program.who);
+    name = safeText(said(program.who));
   const state = hasLease
     ? t("board.has_control")
     : program.role === "watch"

@@ -5,7 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { groups, pick, picked, pickNone, tiles } from "../../state/fleet.js";
-import { t } from "../../texts/text.js";
+import { list, t } from "../../texts/text.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {{ type: "action" | "macro", id: number | string }} Run */
@@ -129,6 +129,6 @@ const nameOf = ({ id }) => safeText(String(id));
 
 /** @param {string[]} boards */
 function named(boards) {
-  const shown = boards.slice(0, MOST_NAMED).join(", ");
+  const shown = list(boards.slice(0, MOST_NAMED));
   return boards.length > MOST_NAMED ? t("fleet.and_more", { boards: shown, count: boards.length - MOST_NAMED }) : shown;
 }

@@ -22,7 +22,7 @@ import {
   secondsOfMacro,
   showMacro,
 } from "../../state/shown-macro.js";
-import { seconds, t } from "../../texts/text.js";
+import { list, seconds, t } from "../../texts/text.js";
 import {
   chosenCommand,
   duplicate,
@@ -115,10 +115,7 @@ function One({ command, at }) {
       ${
         called &&
         html`<p class="mut does">${t("macros.does", {
-          list: called.commands
-            .filter((each) => each.type !== "delay")
-            .map(nameOfCommand)
-            .join(", "),
+          list: list(called.commands.filter((each) => each.type !== "delay").map(nameOfCommand)),
         })}</p>
         <button class="btn s" onClick=${() => showMacro(called.macro_id)}>${t("macros.open", { name: nameOfMacro(called) })}<${Icon} name="arrow" /></button>`
       }

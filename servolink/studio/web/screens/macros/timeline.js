@@ -14,7 +14,7 @@ import { poseOf } from "../../state/records.js";
 import { servoIds } from "../../state/robot.js";
 import { chooseClip, chosenClip, course, insertCommand, macro, nameOfMacro } from "../../state/shown-macro.js";
 import { isFarthest, isNearest, lanes, share, showLanes, span, zoom, zoomIn, zoomOut } from "../../state/timeline.js";
-import { seconds, t } from "../../texts/text.js";
+import { list, seconds, t } from "../../texts/text.js";
 import { ClipsLane, InnerLanes } from "./clips.js";
 import { LimbLanes, movedServos, ServoLanes } from "./lanes.js";
 
@@ -94,7 +94,7 @@ function Playhead() {
 function Quiet() {
   const still = servoIds.value.filter((id) => !movedServos.value.includes(id));
   if (still.length === 0) return null;
-  return html`<div class="quiet" title=${still.map(nameOf).join(", ")}>${t("macros.quiet", { count: still.length })}</div>`;
+  return html`<div class="quiet" title=${list(still.map(nameOf))}>${t("macros.quiet", { count: still.length })}</div>`;
 }
 
 // Playing the preview, adding commands, and how the timeline is shown.

@@ -31,7 +31,7 @@ import {
   togglePreview,
 } from "../../state/teaching.js";
 import { views } from "../../state/view.js";
-import { degrees, seconds, t } from "../../texts/text.js";
+import { degrees, list, seconds, t } from "../../texts/text.js";
 import { Steps } from "./steps.js";
 
 /** @typedef {import("../../figure/matrix.js").Vector} Vector */
@@ -100,7 +100,7 @@ function StageCard() {
     ${figure.value && html`<${FigureStage} figure=${figure.value} scene=${SCENE} label=${t("teach.stage_aria")} view=${views.teach.value} />`}
     <div class="tl col">
       <${ViewChoice} of="teach" />
-      ${names.length > 0 && html`<span class="chip limp"><${Icon} name="feather" />${t("teach.limp", { limbs: names.join(", ") })}</span>`}
+      ${names.length > 0 && html`<span class="chip limp"><${Icon} name="feather" />${t("teach.limp", { limbs: list(names) })}</span>`}
     </div>
     <div class="tr">
       ${
