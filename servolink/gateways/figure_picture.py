@@ -11,8 +11,9 @@ from typing import Final, NamedTuple, TypeAlias
 from PIL import Image, ImageDraw
 
 from servolink.project.figure import Figure
-from servolink.twin.body import Body, Solid, body_of
+from servolink.twin.body import Solid, body_of
 from servolink.twin.placement import Placement, Vector, plus, times
+from servolink.twin.pose import posed
 
 SIZE: Final = 640
 """Width and height of a picture, in pixels."""
@@ -41,7 +42,7 @@ def draw_figure(figure: Figure, angles: Mapping[int, float]) -> bytes:
     Raise TwinError for a figure without a possible body.
     """
     body = body_of(figure)
-    places = _placements(body, angles)
+    places = posed(body, angles)
     drawn = [
         _on_plane(face, _TONES[solid.tone])
         for part, place in zip(body.parts, places, strict=True)
@@ -66,35 +67,6 @@ def draw_figure(figure: Figure, angles: Mapping[int, float]) -> bytes:
     stream = io.BytesIO()
     image.save(stream, "PNG")
     return stream.getvalue()
-
-
-def _placements(body: Body, angles: Mapping[int, float]) -> list[Placement]:
-    """Return the frame of each part; the lower foot of a robot with feet is as flat as at rest."""
-    posed, rest = _turned(body, angles), _turned(body, {})
-    feet = [at for at, part in enumerate(body.parts) if part.name in body.feet]
-    if not feet:
-        return posed
-    lower = min(feet, key=lambda at: posed[at].at[2])
-    foot, flat = posed[lower], rest[lower]
-
-    def stood(vector: Vector) -> Vector:
-        x, y, z = (sum(a * b for a, b in zip(axis, vector, strict=True)) for axis in (foot.x, foot.y, foot.z))
-        return flat.direction((x, y, z))
-
-    return [
-        Placement(stood(one.x), stood(one.y), stood(one.z), stood(plus(one.at, times(-1, foot.at)))) for one in posed
-    ]
-
-
-def _turned(body: Body, angles: Mapping[int, float]) -> list[Placement]:
-    """Return the frame of each part, with the base at the origin."""
-    places: list[Placement] = []
-    for part in body.parts:
-        above = Placement() if part.parent is None else places[part.parent]
-        degrees = None if part.servo is None else angles.get(part.servo)
-        angle = part.rest if degrees is None else math.radians(degrees)
-        places.append(above.child(part.at, part.axis, part.offset + angle))
-    return places
 
 
 def _faces(solid: Solid, place: Placement) -> Iterator[Face]:

@@ -165,7 +165,7 @@ class ModelTools:
         return await self._performed(ctx, lambda: self._supervisor.check_run(_KINDS[kind], name))
 
     async def start(self, ctx: Context) -> Any:
-        """Let all servos hold and obey movements again, as after a stop, after a person has said yes."""
+        """Let all servos hold and obey movements again after a stop, once a person has said yes."""
         return await self._performed(ctx, self._supervisor.check_start)
 
     async def _performed(self, ctx: Context, check: Callable[[], Awaitable[SupervisedMotion]]) -> Any:

@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until the client has left, or until the task is cancelled."""
     try:
         from servolink.gateways.model_serving import serve_on_http
         from servolink.gateways.model_tools import ModelTools
@@ -85,4 +86,5 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
 
 
 def _announce(args: argparse.Namespace, url: str, token: str) -> None:
+    """Print the address for clients, and the token that requests must have."""
     print_result(args, {"mcp": url, "token": token}, f"mcp {url}\ntoken {token}")

@@ -1,0 +1,125 @@
+"""`servolink foxglove`: the robot live in Foxglove, or a recording of it."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from contextlib import AsyncExitStack
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from servolink.cli.arguments import SPEED, file_path, listening, new_file, number
+from servolink.cli.command import RECORDINGS, Command, flag, option
+from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
+from servolink.cli.screen.output import print_error, print_result
+from servolink.cli.screen.terminal import can_ask, confirm
+from servolink.cli.together.language_models import SPEED_CAP, log_line
+from servolink.cli.usage import usage_error
+from servolink.errors import RecordingError, TransportUnavailable, install_extra
+from servolink.project.project_file import read_project_file
+from servolink.script import OK
+
+if TYPE_CHECKING:
+    from servolink.gateways.live_channels import LiveChannels
+    from servolink.gateways.supervisor import Supervisor
+
+
+@Command(
+    "foxglove",
+    RECORDINGS,
+    help="show the robot live in Foxglove, or a recording",
+    details=f"Foxglove opens the address as a WebSocket connection. {ENDLESS}",
+    examples=("foxglove", "foxglove --project robot.servolink.json", "foxglove --recording out.mcap --speed 2"),
+    options=(
+        option("--recording", "FILE", "show a recording, once, in place of a board", file_path),
+        option("--speed", "N", "with --recording: N times as fast (1)", number(0.01, 1000, "times"), default=1.0),
+        option("--project", "FILE", "a project file with a figure: adds transforms and the scene", file_path),
+        option("--mcap", "OUT", "also write these channels to a new file", new_file),
+        option(
+            "--listen",
+            "HOST:PORT",
+            "where to serve; port 0 takes a free one (127.0.0.1:8765)",
+            listening,
+            default="127.0.0.1:8765",
+        ),
+        flag("--allow-motion", "move to published targets; each is asked at this terminal"),
+        option(
+            "--speed-cap", "DEGREES", f"highest speed, degrees per second ({SPEED_CAP:g})", SPEED, default=SPEED_CAP
+        ),
+    ),
+)
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C or SIGTERM."""
+    if args.allow_motion and args.recording is not None:
+        usage_error(args, "--allow-motion moves a board, and --recording has none; leave out one of them")
+    if args.allow_motion and (args.json or not can_ask()):
+        usage_error(args, "--allow-motion asks before each motion, and needs a terminal for the question")
+    return run_interruptible(partial(_serve, args), "nothing was sent to the board", usage=args)
+
+
+async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
+    """Serve until the task is cancelled, or until the hub has ended."""
+    try:
+        import foxglove  # pyright: ignore[reportMissingImports]
+
+        from servolink.gateways.live_channels import LiveChannels
+        from servolink.gateways.live_server import PublishedTargets, follow_recording, serving
+    except ModuleNotFoundError as error:
+        raise TransportUnavailable(f"servolink foxglove needs {error.name}; {install_extra('foxglove')}") from error
+    from servolink.listeners.tcp import host_and_port, joined, reached_by
+    from servolink.recorder.reading import Recording
+
+    figure = None if args.project is None else (await asyncio.to_thread(read_project_file, args.project)).figure
+    context = foxglove.Context()
+    channels = LiveChannels(context, figure)
+    async with AsyncExitStack() as stack:
+        recording = None if args.recording is None else await asyncio.to_thread(Recording, args.recording)
+        supervisor, hub = (None, "") if recording is not None else await _board(args, stack)
+        if args.mcap is not None:
+            stack.callback(_opened(foxglove, args.mcap, context).close)
+            channels.draw_scene(recording.started if recording is not None else 0)
+        listener = PublishedTargets(channels, supervisor, args.speed_cap, confirm)
+        host, port = host_and_port(args.listen)
+        served = serving(listener, context, host, port, may_move=args.allow_motion)
+        found = await stack.enter_async_context(served)
+        interruption.state, interruption.code = "the content of the board was left unchanged", OK
+        url = f"ws://{joined(host, found)}"
+        print_result(args, {"foxglove": url}, f"foxglove {url}")
+        print_error(
+            f"servolink: {url} is open to {reached_by(url.replace('ws://', 'tcp://'))}, and to pages in a browser"
+        )
+        if recording is not None:
+            await follow_recording(recording, channels, args.speed)
+            await asyncio.Event().wait()
+        await _follow(hub, channels)
+    return OK
+
+
+async def _board(args: argparse.Namespace, stack: AsyncExitStack) -> tuple[Supervisor | None, str]:
+    """Return the supervisor of motions, if they are allowed, and the name of the hub of the board."""
+    from servolink.gateways.supervisor import supervised
+    from servolink.hub import hub_of_board
+
+    options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
+    hub = await stack.enter_async_context(hub_of_board(args.url, **options))
+    if not args.allow_motion:
+        return None, hub
+    watched = supervised(hub, may_move=True, speed_cap=args.speed_cap, log=log_line)
+    return await stack.enter_async_context(watched), hub
+
+
+async def _follow(hub: str, channels: LiveChannels) -> None:
+    """Show what the hub tells, until the hub has ended."""
+    from servolink.gateways.live_server import follow_hub
+
+    await follow_hub(hub, channels)
+    print_error(f"servolink: the hub {hub} has ended")
+
+
+def _opened(foxglove: Any, path: Path, context: Any) -> Any:
+    """Return the writer of a new file. Raise RecordingError if it cannot be written."""
+    try:
+        return foxglove.open_mcap(path, context=context)
+    except (OSError, RuntimeError) as error:
+        raise RecordingError(f"{path}: cannot be written: {error}; give the name of a new file") from error
