@@ -49,6 +49,7 @@ def main() -> None:
         build_macro(page)
         put_on_button(page)
         plan(page)
+        paste(page)
         browser.close()
 
 
@@ -120,6 +121,21 @@ def plan(page: Page) -> None:
     _show(page, "Project")
     page.get_by_role("button", name="Write to the board").click(trial=True)
     take(page, "plan")
+
+
+def paste(page: Page) -> None:
+    """See on each size of page what pasting would add."""
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    _show(page, "Macros")
+    page.locator(".insp").get_by_role("button", name="More").first.click()
+    page.get_by_role("menuitem", name="Copy for another robot").click()
+    page.get_by_role("button", name="Paste from another robot").click()
+    page.get_by_label("R elbow").select_option("none")
+    page.get_by_label("Time", exact=True).fill("150")
+    page.get_by_label("Time", exact=True).press("Enter")
+    for name, width, height in (("paste", 1440, 900), ("paste-tablet", 1024, 768), ("paste-phone", 390, 844)):
+        page.set_viewport_size(ViewportSize(width=width, height=height))
+        take(page, name)
 
 
 def _show(page: Page, screen: str) -> None:

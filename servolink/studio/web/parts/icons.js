@@ -103,6 +103,10 @@ export const ICONS = {
     ["rect", { x: "8", y: "8", width: "12", height: "12", rx: "2" }],
     ["path", { d: "M16 8V4H4v12h4" }],
   ],
+  paste: [
+    ["rect", { x: "6", y: "5", width: "12", height: "16", rx: "2" }],
+    ["path", { d: "M9 5V3.5h6V5M9.5 11h5M9.5 15h5" }],
+  ],
   save: [["path", { d: "M12 3v12m-5-5 5 5 5-5M4 20h16" }]],
   rollback: [["path", { d: "M4 5v5h5M4.5 10a8 8 0 1 1-.4 4" }]],
   zoom: [

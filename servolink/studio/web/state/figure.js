@@ -74,6 +74,17 @@ export async function loadTemplates() {
 export const nameOf = (id) => safeText(captions.value[id] ?? "") || t("live.servo", { id });
 
 /**
+ * Return the servos of a project and of the robot, with their captions and the parts of the figure that they turn.
+ * @param {import("./records.js").Project} project
+ */
+export function namedServos(project) {
+  const captionOf = new Map(project.servo_parameters.map((one) => [one.servo_id, one.servo_caption]));
+  const partOf = new Map(figure.value?.joints.map(({ servo, id }) => [servo ?? -1, id]));
+  const ids = [...new Set([...servoIds.value, ...captionOf.keys()])].sort((a, b) => a - b);
+  return ids.map((id) => ({ id, caption: captionOf.get(id) ?? "", part: partOf.get(id) ?? "" }));
+}
+
+/**
  * Return the name of a limb.
  * @param {string} limb
  */

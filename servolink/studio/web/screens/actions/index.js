@@ -4,6 +4,7 @@ import { html, useEffect, useRef, useState } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
 import { NumberField } from "../../parts/number-field.js";
+import { PasteButton } from "../../parts/paste-button.js";
 import { PosePicture } from "../../parts/pose-picture.js";
 import { useVerdicts, VerdictMark } from "../../parts/twin.js";
 import { Reading } from "../../parts/reading.js";
@@ -57,6 +58,7 @@ const NoActions = () => html`<div class="card empty">
     <button class="btn" onClick=${() => addAction("actions.did_add", t("actions.new_name", { number: 1 }), [])}>
       <${Icon} name="plus" />${t("actions.start_empty")}
     </button>
+    <${PasteButton} isWide />
   </div>
 </div>`;
 
@@ -98,6 +100,7 @@ function PoseList() {
     <header>
       <h2>${t("screen.actions")} <span class="mut num count">${actions.length}</span></h2>
       <button class="btn s ic" aria-label=${t("actions.new")} title=${t("actions.new")} onClick=${addTaken}><${Icon} name="plus" /></button>
+      <${PasteButton} />
     </header>
     <div class="find hide-n">
       <input class="inp s" type="search" value=${searchText.value} placeholder=${t("actions.find")} aria-label=${t("actions.find")}

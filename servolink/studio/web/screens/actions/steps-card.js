@@ -2,6 +2,7 @@
 
 import { html } from "../../html.js";
 import { Menu } from "../../parts/menu.js";
+import { copyMotion } from "../../parts/paste.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { NameField } from "../../parts/typing.js";
@@ -30,6 +31,7 @@ export function StepsCard() {
     <header><${Name} />
       <${Menu} label=${t("actions.more")} items=${[
         { label: t("actions.duplicate"), run: duplicate },
+        { label: t("paste.copy"), run: () => copyMotion("action", one.action_id) },
         { label: t("actions.delete"), run: remove, danger: true },
       ]} />
     </header>

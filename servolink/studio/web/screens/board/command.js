@@ -2,6 +2,7 @@
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
+import { copyText } from "../../parts/copy-text.js";
 import { safeText } from "../../parts/safe-text.js";
 import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
@@ -9,12 +10,8 @@ import { t } from "../../texts/text.js";
 /** @param {{ text: string }} props */
 export function Command({ text }) {
   const copy = async () => {
-    try {
-      await navigator.clipboard.writeText(text);
-      toast({ kind: "ok", title: t("board.copied") });
-    } catch {
-      toast({ kind: "bad", title: t("board.not_copied") }); // browsers allow copying only to pages of this machine, or with TLS
-    }
+    if (await copyText(text)) toast({ kind: "ok", title: t("board.copied") });
+    else toast({ kind: "bad", title: t("board.not_copied") });
   };
   return html`<div class="cmd">
     <code>${safeText(text)}</code>

@@ -3,6 +3,7 @@
 import { html, useEffect, useMemo, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { useKeys } from "../../parts/keys.js";
+import { PasteButton } from "../../parts/paste-button.js";
 import { Reading } from "../../parts/reading.js";
 import { RunHold } from "../../parts/run-hold.js";
 import { FigureStage } from "../../parts/stage.js";
@@ -68,6 +69,7 @@ const NoMacros = () => html`<div class="card empty">
   <div class="row wrap">
     <button class="btn pri" onClick=${addEmptyMacro}><${Icon} name="plus" />${t("macros.new")}</button>
     <a class="btn" href="#actions"><${Icon} name="actions" />${t("macros.make_actions")}</a>
+    <${PasteButton} isWide />
   </div>
 </div>`;
 
@@ -83,6 +85,7 @@ function MacroList() {
     <header>
       <h2>${t("screen.macros")} <span class="mut num count">${macros.length}</span></h2>
       <button class="btn s ic" aria-label=${t("macros.new")} title=${t("macros.new")} onClick=${addEmptyMacro}><${Icon} name="plus" /></button>
+      <${PasteButton} />
     </header>
     <div class="mlist" ref=${list}>${macros.map(row)}</div>
   </section>`;

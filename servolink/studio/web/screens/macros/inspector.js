@@ -5,6 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Menu } from "../../parts/menu.js";
 import { Note } from "../../parts/note.js";
 import { NumberField } from "../../parts/number-field.js";
+import { copyMotion } from "../../parts/paste.js";
 import { safeText } from "../../parts/safe-text.js";
 import { NameField } from "../../parts/typing.js";
 import { nameOf } from "../../state/figure.js";
@@ -70,6 +71,7 @@ function Whole() {
       <${NameField} name=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} label=${t("actions.name")} onChange=${rename} />
       <${Menu} label=${t("actions.more")} items=${[
         { label: t("actions.duplicate"), run: duplicateMacro },
+        { label: t("paste.copy"), run: () => copyMotion("macro", one.macro_id) },
         { label: t("actions.delete"), run: removeMacro, danger: true },
       ]} />
     </header>
