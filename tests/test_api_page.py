@@ -12,6 +12,7 @@ import pytest
 
 import servolink
 from docs.api_tables import PAGES, with_tables
+from tests.tables import over
 
 
 def test_every_public_name_is_on_a_page() -> None:
@@ -36,7 +37,7 @@ def listed(function: Callable[..., Any], section: str) -> list[str]:
     return re.findall(r"^    (\w+): \S", rest.partition("\n\n")[0], re.MULTILINE) if found else []
 
 
-@pytest.mark.parametrize("function", [*METHODS, servolink.connect], ids=lambda function: function.__name__)
+@over("function", [*METHODS, servolink.connect])
 def test_help_lists_the_arguments_of_a_method_with_options(function: Callable[..., Any]) -> None:
     parameters = inspect.signature(function).parameters.values()
     names = [each.name for each in parameters if each.name != "self"]
@@ -46,7 +47,7 @@ def test_help_lists_the_arguments_of_a_method_with_options(function: Callable[..
     assert described or not has_options, "methods with options have a section Args"
 
 
-@pytest.mark.parametrize("function", [*METHODS, servolink.Board, servolink.connect], ids=lambda each: each.__name__)
+@over("function", [*METHODS, servolink.Board, servolink.connect])
 def test_help_lists_errors_that_exist_and_several_in_a_section(function: Callable[..., Any]) -> None:
     named = listed(function, "Raises")
     assert [name for name in named if not issubclass(getattr(servolink, name), servolink.ServolinkError)] == []

@@ -14,6 +14,7 @@ from benchmarks import BENCHMARKS, report
 from benchmarks.charts import Chart, charts, number
 from benchmarks.goals import at_least, at_most
 from benchmarks.measuring import table
+from tests.tables import over
 
 MACHINE = {"python": "CPython 3.11.7", "processor": "Fast", "cores": 2, "system": "Linux 6.1", "date": "2026-01-02"}
 
@@ -64,12 +65,12 @@ def test_a_cell_without_a_value_has_no_number() -> None:
     assert charts("parser", {"tables": []}) == []
 
 
-@pytest.mark.parametrize("name", BENCHMARKS)
+@over("name", BENCHMARKS)
 def test_every_benchmark_has_its_module(name: str) -> None:
     assert importlib.util.find_spec(BENCHMARKS[name].module)
 
 
-@pytest.mark.parametrize("path", sorted(report.FIGURES.glob("*.json")), ids=lambda path: path.stem)
+@over("path", sorted(report.FIGURES.glob("*.json")))
 def test_all_committed_figures_are_on_the_page(path: Path) -> None:
     assert set(json.loads(path.read_text(encoding="utf-8"))) - {"machine"} <= set(BENCHMARKS)
 

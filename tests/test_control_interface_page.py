@@ -9,6 +9,7 @@ import pytest
 from docs.control_interface import PAGE, SCHEMA, control_interface, schema, schema_text
 from servolink.control.notifications import NOTIFICATIONS
 from servolink.hub import METHODS
+from tests.tables import over
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +23,7 @@ def test_the_page_and_the_schema_are_made_from_the_declarations(page: str) -> No
     assert SCHEMA.read_text(encoding="utf-8") == schema_text(), "run `python -m docs.control_interface`"
 
 
-@pytest.mark.parametrize("name", [*METHODS, *NOTIFICATIONS])
+@over("name", [*METHODS, *NOTIFICATIONS])
 def test_every_method_and_notification_has_a_section(name: str, page: str) -> None:
     assert f"\n### {name}\n" in page
 

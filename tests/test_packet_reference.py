@@ -8,6 +8,7 @@ from docs.packet_reference import PAGE as PATH
 from docs.packet_reference import packet_reference
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.packet import Packet
+from tests.tables import over
 
 PAGE = packet_reference()
 
@@ -16,7 +17,7 @@ def entry(declared: type[Packet]) -> str:
     return PAGE.partition(f"### {declared.packet_id} {declared.__name__}\n")[2].partition("\n### ")[0]
 
 
-@pytest.mark.parametrize("declared", PACKETS.values(), ids=lambda declared: declared.__name__)
+@over("declared", PACKETS.values())
 def test_every_packet_has_an_entry_with_its_section_and_fields(declared: type[Packet]) -> None:
     quote = entry(declared)
     assert f"Document {declared.section} ·" in quote

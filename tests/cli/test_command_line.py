@@ -24,6 +24,7 @@ from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
 from tests.project.pulled import contents_of
 from tests.recorder.files import write as write_recording
+from tests.tables import over
 
 ALL = {name: load(name) for name in index() if name}
 """Commands as they are typed."""
@@ -46,7 +47,7 @@ DRAWN = Figure(1, "Arm", View(), (Joint("arm", servo=1, length=200, along=(0, 1,
 ON_THE_BOARD = Project(actions=(BOW, NOD), macros=(GREET, REST), joystick_tables=(PAD,), active_joystick_table=1)
 
 
-@pytest.mark.parametrize("name", ALL)
+@over("name", ALL)
 def test_every_command_has_examples(name: str) -> None:
     assert ALL[name].examples
     assert all(example.startswith(name) for example in ALL[name].examples)
@@ -81,21 +82,24 @@ def test_what_was_meant_is_suggested(typed: str, said: str, capsys: pytest.Captu
     assert said in ended.err
 
 
-@pytest.mark.parametrize("name", ALL)
+@over("name", ALL)
 def test_only_required_arguments_are_called_required(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    usage = " ".join(parser_of(ALL[name]).format_usage().split())
-    said = call(capsys, *name.split()) if ALL[name].run is None or _is_required(usage, name) else Said(0, "", "")
+    usage = _without_options(" ".join(parser_of(ALL[name]).format_usage().split()))
+    required = usage.split("servolink")[-1].split()[len(name.split()) :]
+    said = call(capsys, *name.split()) if ALL[name].run is None or required else Said(0, "", "")
     for argument in re.findall(r"required: (.*)", said.err):
         for each in argument.split(", "):
-            assert each in re.sub(r"\[.*?\]", "", usage), "it is optional"
+            assert each in usage, "it is optional"
 
 
-def _is_required(usage: str, name: str) -> bool:
-    words = re.sub(r"\[[^\[\]]*\]", "", usage.partition(" ")[2]).split("servolink")[-1].split()
-    return words[len(name.split()) :] != []
+def _without_options(usage: str) -> str:
+    """Return a usage without what is in brackets, which may hold brackets: `[--fleet [URL]]`."""
+    while (shorter := re.sub(r"\[[^\[\]]*\]", "", usage)) != usage:
+        usage = shorter
+    return usage
 
 
-@pytest.mark.parametrize("name", ["", *ALL])
+@over("name", ["", *ALL])
 def test_help_fits_and_names_no_section(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, *name.split(), "--help")
     assert said.code == 0

@@ -5,11 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import pytest
-
 from docs.command_index import entries, text
 from servolink.cli.index import PATH, below, index, load
 from tests import processes
+from tests.tables import over
 
 
 def test_the_index_is_made_from_the_declarations() -> None:
@@ -17,7 +16,7 @@ def test_the_index_is_made_from_the_declarations() -> None:
     assert index() == entries()
 
 
-@pytest.mark.parametrize("name", [name for name in index() if name])
+@over("name", [name for name in index() if name])
 def test_a_command_is_declared_where_the_index_says(name: str) -> None:
     command, entry = load(name), index()[name]
     assert (command.name, command.topic, command.help) == (name, entry.topic, entry.help)

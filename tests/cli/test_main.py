@@ -21,6 +21,7 @@ from servolink.cli.command_line import EXIT_CODES
 from servolink.cli.index import below
 from tests import processes
 from tests.cli.programs import COMMAND, call, environment, program
+from tests.tables import over
 
 PACKAGE = Path(servolink.__file__).parent
 
@@ -94,7 +95,7 @@ def test_the_public_names_are_loaded_when_they_are_used() -> None:
         servolink.bord  # type: ignore[attr-defined]  # pyright: ignore[reportAttributeAccessIssue]  # noqa: B018
 
 
-@pytest.mark.parametrize("command", [None, *below("")])
+@over("command", [None, *below("")])
 def test_help_names_the_exit_codes(command: str | None, capsys: pytest.CaptureFixture[str]) -> None:
     said = call(capsys, *([command] if command else []), "--help")
     assert said.code == 0

@@ -23,6 +23,7 @@ from servolink.protocol.servos import QueryServoRequest
 from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
 from tests.client.fake_board import LATENCY, FakeBoard, Fate, now
 from tests.connection.openings import LIST, STOP, opening
+from tests.tables import over
 
 TWICE = {"answers_twice": True}
 
@@ -52,9 +53,9 @@ REQUESTS: tuple[Request[Any], ...] = (
 )
 
 
-@pytest.mark.parametrize("twice", [1.0, 0.5, 0.1, 0.0])
-@pytest.mark.parametrize("lost", [0.0, 0.1])
-@pytest.mark.parametrize("seed", range(4))
+@over("twice", [1.0, 0.5, 0.1, 0.0])
+@over("lost", [0.0, 0.1])
+@over("seed", range(4))
 async def test_each_request_gets_a_response_to_itself(twice: float, lost: float, seed: int) -> None:
     chance = Random(seed)
     board = Echo(chance, twice, lost)

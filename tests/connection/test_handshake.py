@@ -19,6 +19,7 @@ from servolink.connection.handshake import (
     THIRD_LENGTH,
     Handshake,
 )
+from tests.tables import over
 
 KINDS: Sequence[int] = (1, 2, 3, 4)
 NEVER: Iterator[bool] = iter(())
@@ -76,7 +77,7 @@ def test_one_query_is_under_way_at_a_time() -> None:
     assert hands.query() is None
 
 
-@pytest.mark.parametrize("seed", range(20))
+@over("seed", range(20))
 def test_the_last_kind_occurs_nowhere_else_in_the_word(seed: int) -> None:
     hands, board = Handshake(KINDS, Random(seed)), Board()
     asked = []
@@ -230,8 +231,8 @@ def test_other_responses_are_owed_too() -> None:
     assert shake(hands, Board([kind]))
 
 
-@pytest.mark.parametrize("seed", range(40))
-@pytest.mark.parametrize("unsupported", [(1,), (4,)])
+@over("seed", range(40))
+@over("unsupported", [(1,), (4,)])
 def test_kinds_that_the_board_does_not_answer_are_left_out(unsupported: tuple[int, ...], seed: int) -> None:
     hands = Handshake(KINDS, Random(seed))
     assert shake(hands, Board(unsupported=unsupported))
@@ -322,7 +323,7 @@ def test_a_kind_that_is_answered_late_is_supported() -> None:
     assert hands.unsupported == set()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@over("seed", range(20))
 def test_the_response_to_a_repeat_does_not_undo_what_was_answered(seed: int) -> None:
     hands = Handshake(KINDS, Random(seed))
     for _ in range(FIRST_LENGTH):

@@ -32,6 +32,7 @@ from tests.client.fake_board import (
     now,
 )
 from tests.connection.openings import FENCE_KINDS, LIST, STOP, kinds, opening, owe
+from tests.tables import over
 from tests.virtual_time import run
 
 # --- a good board -------------------------------------------------------------------------------------------------
@@ -113,7 +114,7 @@ async def test_a_time_limit_counts_meanwhile() -> None:
         assert now() == pytest.approx(begun + 0.5)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@over("seed", range(30))
 async def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_for_one_to_a_request(seed: int) -> None:
     board = FakeBoard()
     chance = Random(seed)
@@ -131,7 +132,7 @@ async def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_fo
 # --- what an earlier program is owed ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(40))
+@over("seed", range(40))
 async def test_up_to_five_responses_to_an_earlier_program_are_never_taken_for_ours(seed: int) -> None:
     board = FakeBoard()
     chance = Random(1000 + seed)

@@ -40,6 +40,7 @@ from tests.client.fake_board import (
     opened,
 )
 from tests.connection.openings import FENCE_KINDS, LIST, LIST_KINDS, STOP, kinds, opening, owe, without
+from tests.tables import over
 from tests.virtual_time import run
 
 WRITE = WriteProjectIDRequest(4)
@@ -47,8 +48,8 @@ WRITE = WriteProjectIDRequest(4)
 # --- queries that a board does not support ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize(
+@over("seed", range(12))
+@over(
     "missing",
     [
         [QueryMemorySizeRequest],

@@ -21,6 +21,7 @@ from servolink.protocol.packet import Command, Query, Request
 from servolink.protocol.settings import SendDummyDataRequest
 from tests.client.fake_board import FakeBoard, connected, turns_of_the_loop
 from tests.connection.permits import ALONE, UNANSWERED, A, B, C, D, Line, close
+from tests.tables import over
 from tests.virtual_time import run
 
 # --- work ---------------------------------------------------------------------------------------------------------
@@ -98,7 +99,7 @@ REQUESTS: list[Request[Any] | Command] = [
 ]
 
 
-@pytest.mark.parametrize("seed", range(20))
+@over("seed", range(20))
 async def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotten(seed: int) -> None:
     random = Random(seed)
     depth = random.choice((1, 2, 3))

@@ -15,6 +15,7 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
 from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected
 from tests.connection.openings import LIST, STOP, opening
+from tests.tables import over
 
 PAGE = Path(__file__).parents[2] / "docs/design/matching.md"
 QUERY = QueryProjectIDRequest()
@@ -51,8 +52,8 @@ def test_the_page_prints_the_table_of_transitions() -> None:
     ]
 
 
-@pytest.mark.parametrize("event", ConnectionEvent, ids=lambda event: event.value)
-@pytest.mark.parametrize("state", State, ids=lambda state: state.value)
+@over("event", ConnectionEvent)
+@over("state", State)
 def test_an_event_leads_to_the_next_state_or_is_a_defect(state: State, event: ConnectionEvent) -> None:
     lifecycle = in_state(state)
     following = TRANSITIONS[state].get(event)

@@ -6,13 +6,13 @@ Module: servolink.control.status.
 from __future__ import annotations
 
 import msgspec
-import pytest
 from msgspec import Struct
 
 from servolink.control.error_codes import ErrorData, ErrorObject
 from servolink.control.greeting import Welcome
 from servolink.control.notifications import NAMES, NOTIFICATIONS, LeaseNotice
 from servolink.control.status import BoardState, HoldStatus, HubStatus, LeaseStatus, ProgramStatus, ServoNow
+from tests.tables import over
 
 HEARD = [
     *NOTIFICATIONS.values(),
@@ -20,7 +20,7 @@ HEARD = [
 ]
 
 
-@pytest.mark.parametrize("kind", HEARD)
+@over("kind", HEARD)
 def test_a_newer_hub_may_say_more(kind: type[Struct]) -> None:
     assert not kind.__struct_config__.forbid_unknown_fields
 

@@ -8,6 +8,7 @@ from random import Random
 import pytest
 
 from servolink.fleet.clocks import BoardClocks
+from tests.tables import over
 
 BOARDS = [f"board{number}" for number in range(200)]
 
@@ -35,8 +36,8 @@ def echo(clocks: BoardClocks, random: Random, machines: dict[str, Machine], sent
     return answered
 
 
-@pytest.mark.parametrize("per_host", [1, 10, 200])
-@pytest.mark.parametrize("seed", range(10))
+@over("per_host", [1, 10, 200])
+@over("seed", range(10))
 def test_200_boards_begin_within_20_ms_whatever_their_clocks_say(seed: int, per_host: int) -> None:
     random = Random(seed)
     hosts = [Machine(random, f"laptop{number}") for number in range(200 // per_host)]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from servolink.errors import EncodeError
 from servolink.protocol.caption import CAPTION_SIZE, check_encoding, decode_caption, decode_captions, encode_caption
 from servolink.protocol.frame import MAGIC
+from tests.tables import over
 
 ENCODINGS = ["utf-8", "big5", "gb18030", "shift_jis", "latin-1", "cp1252", "utf-16-le", "utf-16-be", "utf-32-le"]
 
@@ -139,7 +140,7 @@ def taken(encoding: str) -> bool:
         return False
 
 
-@pytest.mark.parametrize("encoding", [name for name in sorted({*aliases.values(), *ENCODINGS}) if taken(name)])
+@over("encoding", [name for name in sorted({*aliases.values(), *ENCODINGS}) if taken(name)])
 def test_decoding_never_fails_in_any_encoding_that_is_taken(encoding: str) -> None:
     random = Random(encoding)
     for raw in (random.randbytes(32) for _ in range(200)):

@@ -18,6 +18,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
 from tests.protocol.declared import VECTORS, VECTORS_BY_NAME, any_packet, packet_of
+from tests.tables import over
 
 byte_orders: st.SearchStrategy[ByteOrder] = st.sampled_from(["little", "big"])
 
@@ -27,7 +28,7 @@ def test_there_are_golden_frames_of_every_packet_in_both_byte_orders() -> None:
     assert len({(vector.packet_id, vector.byte_order) for vector in VECTORS}) == 120
 
 
-@pytest.mark.parametrize("name", VECTORS_BY_NAME)
+@over("name", VECTORS_BY_NAME)
 def test_golden_frames_are_written_and_read_exactly(name: str) -> None:
     for vector in VECTORS_BY_NAME[name]:
         codec, packet = Codec(vector.byte_order), packet_of(vector)

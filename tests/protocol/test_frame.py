@@ -15,6 +15,7 @@ from servolink.protocol.frame import (
     encode_frame,
     piecewise,
 )
+from tests.tables import over
 
 
 @pytest.mark.parametrize(
@@ -44,8 +45,8 @@ def test_the_checksum_wraps_at_256() -> None:
     assert checksum(b"\xff" * 1000) == 1000 * 255 % 256
 
 
-@pytest.mark.parametrize("size", [0, 1, 255, 256, 257, 511, 512, 513, 4096, 65535])
-@pytest.mark.parametrize("byte", [0x00, 0x01, 0x7F, 0xFF])
+@over("size", [0, 1, 255, 256, 257, 511, 512, 513, 4096, 65535])
+@over("byte", [0x00, 0x01, 0x7F, 0xFF])
 def test_the_fast_sum_is_exact_at_every_border(size: int, byte: int) -> None:
     content = bytes([byte]) * size
     assert checksum(content) == sum(content) & 0xFF

@@ -17,9 +17,10 @@ from servolink.protocol.records import Step
 from servolink.protocol.servos import ExecuteActionRequest
 from servolink.protocol.settings import SendDummyDataRequest
 from tests.protocol.declared import VECTORS_BY_NAME, any_packet, packet_of
+from tests.tables import over
 
 
-@pytest.mark.parametrize("name", VECTORS_BY_NAME)
+@over("name", VECTORS_BY_NAME)
 def test_an_object_has_the_documents_names_and_values(name: str) -> None:
     for vector in VECTORS_BY_NAME[name]:
         written = {"packet": vector.name, "id": vector.packet_id, "fields": vector.fields}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
 from servolink.protocol.frame import ByteOrder, encode_frame
@@ -12,6 +10,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.parser import FrameParser
 from servolink.protocol.servos import QueryServoListResponse
 from servolink.protocol.settings import QueryMemorySizeResponse, SendDummyDataRequest
+from tests.tables import over
 
 PACKETS: tuple[Packet, ...] = (
     QueryProjectIDResponse(7),
@@ -22,9 +21,9 @@ PACKETS: tuple[Packet, ...] = (
 )
 
 
-@pytest.mark.parametrize("byte_order", ["little", "big"])
-@pytest.mark.parametrize("extra", [b"", b"\x09", b"\x13\x4c\x05\x1d" * 3])
-@pytest.mark.parametrize("packet", PACKETS, ids=str)
+@over("byte_order", ["little", "big"])
+@over("extra", [b"", b"\x09", b"\x13\x4c\x05\x1d" * 3])
+@over("packet", PACKETS)
 def test_longer_responses_are_those_of_the_document(packet: Packet, extra: bytes, byte_order: ByteOrder) -> None:
     if packet == QueryMemorySizeResponse(5) and len(extra) >= 4:
         return  # that is a total size

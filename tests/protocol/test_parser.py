@@ -14,6 +14,7 @@ from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteO
 from servolink.protocol.parser import CHECKSUM, INCOMPLETE, LENGTH, NOISE, PADDING, REASONS, UNKNOWN_ID, FrameParser
 from servolink.protocol.servos import QueryServoRequest, QueryServoResponse
 from tests.protocol.declared import VECTORS
+from tests.tables import over
 
 DUMMY, ASK = 10050, QueryServoRequest.packet_id
 GOOD = encode_frame(ASK, b"\x07", "little")
@@ -313,8 +314,8 @@ def test_cutting_changes_neither_frames_nor_what_is_skipped(stream: bytes, data:
     assert parsed(stream, list(range(len(stream)))) == whole
 
 
-@pytest.mark.parametrize("seed", range(12))
-@pytest.mark.parametrize("step", [1, 3, 64, 4096])
+@over("seed", range(12))
+@over("step", [1, 3, 64, 4096])
 def test_cutting_changes_nothing_on_a_damaged_line(seed: int, step: int) -> None:
     stream, _ = damaged_line(Random(seed), 60, "little")
     assert parsed(stream, list(range(step, len(stream), step))) == parsed(stream)

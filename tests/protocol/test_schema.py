@@ -13,6 +13,7 @@ from servolink.protocol.codec import PACKETS
 from servolink.protocol.layout import layout
 from servolink.protocol.packet import Caption, Command, Counted, FieldFormat, Packet, Query, Request, Response
 from tests.protocol.declared import DOCUMENT, snake_case
+from tests.tables import over
 
 DOCUMENTED: list[dict[str, Any]] = DOCUMENT["packets"]
 CODES = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "i32": "i", "char[32]": "32s"}
@@ -48,21 +49,23 @@ def test_there_are_31_requests_28_responses_and_one_push() -> None:
     assert all(issubclass(declared, tuple(kinds)) for declared in PACKETS.values())
 
 
-@pytest.mark.parametrize("described", DOCUMENTED, ids=lambda described: described["name"])
 class TestDeclaration:
-    """A packet in the document and its declaration."""
+    """Each packet in the document and its declaration."""
 
+    @over("described", DOCUMENTED)
     def test_name_section_and_chapter(self, described: dict[str, Any]) -> None:
         declared = PACKETS[described["id"]]
         assert declared.__name__ == described["name"]
         assert declared.section == described["section"]
         assert vars(CHAPTERS[described["section"][:3]])[described["name"]] is declared
 
+    @over("described", DOCUMENTED)
     def test_direction(self, described: dict[str, Any]) -> None:
         from_board = described["direction"] == "server-to-client"
         assert issubclass(PACKETS[described["id"]], Response) == from_board
         assert described["id"] % 10 == from_board
 
+    @over("described", DOCUMENTED)
     def test_who_answers(self, described: dict[str, Any]) -> None:
         declared = PACKETS[described["id"]]
         if issubclass(declared, Request):
@@ -72,9 +75,11 @@ class TestDeclaration:
         else:
             assert described["id"] + 1 not in PACKETS
 
+    @over("described", DOCUMENTED)
     def test_fields(self, described: dict[str, Any]) -> None:
         assert written(PACKETS[described["id"]]) == documented(described["fields"])
 
+    @over("described", DOCUMENTED)
     def test_it_is_frozen_and_documented(self, described: dict[str, Any]) -> None:
         declared = PACKETS[described["id"]]
         config = declared.__struct_config__
@@ -139,7 +144,7 @@ def test_the_table_has_a_length_for_every_answer() -> None:
     assert {rule[0] for rule in _length_rules()} == {id_ for id_, kind in PACKETS.items() if issubclass(kind, Response)}
 
 
-@pytest.mark.parametrize(("packet_id", "base", "unit", "more"), _length_rules())
+@over("packet_id, base, unit, more", _length_rules())
 def test_the_parser_admits_just_the_lengths_of_the_table(packet_id: int, base: int, unit: int, more: set[int]) -> None:
     rule = layout(PACKETS[packet_id], "little").rule
     most = 255 if packet_id in (20011, 20021) else 65_535
@@ -147,7 +152,7 @@ def test_the_parser_admits_just_the_lengths_of_the_table(packet_id: int, base: i
     assert {length for length in range(65_536) if rule.admits(length)} == wanted
 
 
-@pytest.mark.parametrize("described", DOCUMENTED, ids=lambda described: described["name"])
+@over("described", DOCUMENTED)
 def test_a_request_too_has_the_length_of_its_fields(described: dict[str, Any]) -> None:
     sizes = {"u8": 1, "u16": 2, "i16": 2, "i32": 4, "u32": 4, "char[32]": 32, "bytes": 0}
     fixed = sum(sizes[field["type"]] for field in described["fields"] if "type" in field)

@@ -20,6 +20,7 @@ from servolink.recorder.repair import repair
 from tests.recorder.test_reading import CHANNEL, MARK, chunk, record
 from tests.recorder.test_repair import ABOUT, blocks
 from tests.sampling import every, some
+from tests.tables import over
 
 CHUNKS, EACH = 5, 12
 KIND, LENGTH = 0, 1  # places in a record
@@ -118,9 +119,9 @@ def test_a_wrong_kind_costs_one_chunk(bit: int, tmp_path: Path) -> None:
     assert not repair(path).original
 
 
-@pytest.mark.parametrize("bit", range(64))
+@over("bit", range(64))
 def test_a_wrong_length_costs_one_chunk_at_most(bit: int, tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
+    path = tmp_path / f"{bit}.mcap"
     made = damaged(path, 2, LENGTH + bit // 8, bit % 8)
     times = [message.time for message in read(path)[0]]
     assert set(times) >= {chunk * 1000 + number for chunk in (0, 2, 3, 4) for number in range(EACH)}

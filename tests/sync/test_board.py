@@ -30,6 +30,7 @@ from servolink.sync.loop_thread import running_thread
 from servolink.transports.device_info import DeviceInfo
 from tests.client.fake_board import LOST, FakeBoard
 from tests.sync.sync_board import on_loop, opened
+from tests.tables import over
 
 PUBLIC = [name for name in vars(Board) if not name.startswith("_")]
 
@@ -41,7 +42,7 @@ def is_async(thing: object) -> bool:
 # --- nothing is missing, and nothing is otherwise -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", PUBLIC)
+@over("name", PUBLIC)
 def test_every_method_is_there_with_the_same_signature(name: str) -> None:
     method = inspect.getattr_static(Board, name)
     here = inspect.getattr_static(servolink.sync.Board, name, None)

@@ -13,6 +13,7 @@ from servolink.protocol.packet import Command, Packet, Request, Response
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind
+from tests.tables import over
 from tests.virtual.host import START, Host
 
 HOSTILE = b"\x1b[2J" + MAGIC + b"\xff\xfe\0after the end\x80\r\n".ljust(24, b"\x01")
@@ -42,7 +43,7 @@ def test_every_request_and_command_of_the_document_has_its_function() -> None:
     assert len(from_host) == 31
 
 
-@pytest.mark.parametrize("declared", [packet for packet in PACKETS.values() if issubclass(packet, Request)])
+@over("declared", [packet for packet in PACKETS.values() if issubclass(packet, Request)])
 def test_every_request_is_answered_once_and_with_its_own_response(declared: type[Packet]) -> None:
     host = Host(VirtualBoard())
     groups = ("steps", "commands", "buttons", "servos")

@@ -34,6 +34,7 @@ from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.serve import serve
 from servolink.virtual.transport import VirtualTransport
+from tests.tables import over
 from tests.virtual.host import START, Host
 
 IDS = QueryProjectIDRequest()  # 9 bytes
@@ -147,7 +148,7 @@ def test_bytes_beyond_the_buffer_are_lost(room: int, answers: int) -> None:
     assert len(busy.times()) == answers
 
 
-@pytest.mark.parametrize("room", range(46))
+@over("room", range(46))
 def test_after_a_frame_was_cut_it_finds_the_next(room: int) -> None:
     busy = line(turnaround=0.01, queue_bytes=room)
     busy.send(IDS, AddActionRequest(5))
