@@ -15,7 +15,8 @@ from servolink.project.figure import Figure, checked_figure, figure_to_json
 from servolink.project.model import Project
 from servolink.project.record_lookup import with_dependencies
 from servolink.protocol.records import Action, Macro
-from servolink.twin.jobs import FRAME, Frame, Judged, judge, play
+from servolink.twin.jobs import FRAME, Frame, Judged, Reached, judge, play, pull
+from servolink.twin.placement import Vector
 from servolink.twin.trial import Fall
 from servolink.twin.worker import Worker
 
@@ -105,6 +106,11 @@ class Twin:
                     await asyncio.sleep(due - now())
                     due += FRAME
                     yield frame, piece.fall
+
+    async def pull(self, figure: bytes, joint: str, move: Vector, start: dict[int, float]) -> Reached:
+        """Return the pose after the tip of a joint was pulled, as `servolink.twin.jobs.pull` does."""
+        (reached,) = [each async for each in self._worker.run(pull, figure, joint, move, start)]
+        return reached
 
     async def close(self) -> None:
         """End the process with the physics."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
 
@@ -13,14 +13,19 @@ from servolink.control.messages import NoParams, ProjectForm
 from servolink.control.roles import Role
 from servolink.errors import NotFound
 from servolink.project.figure import Figure
+from servolink.project.model import Project
 from servolink.project.project_file import project_from_form
 from servolink.project.record_lookup import by_type
 from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
 from servolink.studio.studio_methods import METHODS, PageCaller
 from servolink.studio.studio_twin import Robot
-from servolink.twin.jobs import Judged
+from servolink.twin.jobs import Judged, Reached
 from servolink.twin.trial import Fall
+
+Coordinate: TypeAlias = Annotated[float, Meta(ge=-10_000, le=10_000)]
+ServoId: TypeAlias = Annotated[str, Meta(pattern="^[0-9]{1,3}$")]
+Degree: TypeAlias = Annotated[float, Meta(ge=-720, le=720)]
 
 
 class TwinProject(Struct, forbid_unknown_fields=True):
@@ -35,6 +40,17 @@ class TwinRecord(TwinProject, forbid_unknown_fields=True):
 
     type: Literal["action", "macro"]
     id: Annotated[int, Meta(ge=0)]
+
+
+class TwinPull(Struct, forbid_unknown_fields=True):
+    """Pull at the end of a limb."""
+
+    figure: Figure
+    joint: Annotated[str, Meta(max_length=200)]
+    move: tuple[Coordinate, Coordinate, Coordinate]
+    """Way of the tip of the joint, in millimetres, in the frame of the base of the figure."""
+    start: dict[ServoId, Degree]
+    """Degrees by servo id, before."""
 
 
 class FallAt(Struct, frozen=True):
@@ -123,6 +139,14 @@ async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callabl
             report(Verdicts(made))
             found += made
     return Verdicts(tuple(found))
+
+
+@METHODS.add("studio.twin.reach", Role.WATCH)
+async def twin_reach(caller: PageCaller, params: TwinPull) -> Reached:
+    """Return the angles with which a hand, a foot or a head goes where it was pulled, or as near as possible."""
+    figure = Robot.of(Project(), params.figure).figure
+    start = {int(servo_id): degrees for servo_id, degrees in params.start.items()}
+    return await caller.studio.twin.pull(figure, params.joint, params.move, start)
 
 
 def _verdicts(record: Action | Macro, judged: Judged | None) -> tuple[RecordVerdict, ...]:

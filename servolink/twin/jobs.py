@@ -12,9 +12,11 @@ from msgspec import Meta, Struct
 from servolink.project.figure import Figure, figure_from_json
 from servolink.project.model import Project
 from servolink.protocol.records import Action, Macro
-from servolink.twin.body import body_of
+from servolink.twin.body import body_of, metres
 from servolink.twin.forecast import VARIATIONS, Verdict
 from servolink.twin.mjcf import BASE
+from servolink.twin.placement import Vector, plus
+from servolink.twin.reach import PosableFigure
 from servolink.twin.simulation import Physics
 from servolink.twin.trial import Fall, RunningTrial, run_seconds
 
@@ -95,6 +97,38 @@ def judge(figure: bytes, project: Project, record: Action | Macro) -> Iterator[J
             break
     verdict = Verdict.STANDS if not falls else Verdict.UNCERTAIN if has_stood else Verdict.FALLS
     yield Judged(verdict, falls[0] if falls else None)
+
+
+class Reached(Struct, frozen=True):
+    """Pose in which the tip of a joint is at a place, or as near as possible."""
+
+    angles: dict[int, int]
+    """Degrees by servo id, of the servos that lead to the place."""
+    missed_mm: float
+    """Millimetres from the tip to the place; 0 for a place that was reached."""
+
+
+def pull(figure: bytes, joint: str, move: Vector, start: dict[int, float]) -> Iterator[Reached]:
+    """Yield the pose after the tip of a joint was pulled.
+
+    Args:
+        figure: JSON text of the figure.
+        joint: Id of the joint.
+        move: Way of the tip in millimetres, in the frame of the base of the figure.
+        start: Degrees by servo id, before.
+
+    Raises:
+        TwinError: The joint is unknown or cannot move, the figure has no possible body, or MuJoCo is missing.
+    """
+    posable = _posable(figure)
+    found = posable.reach({joint: plus(posable.place(joint, start), metres(move))}, start)
+    missed = 0.0 if found.is_reached else 1000 * found.distances[joint]
+    yield Reached(found.degrees, round(missed, 1))
+
+
+@lru_cache(4)
+def _posable(figure: bytes) -> PosableFigure:
+    return PosableFigure(_figure(figure))
 
 
 @lru_cache(4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from typing import Any
@@ -68,3 +69,28 @@ def test_without_physics_the_page_says_what_to_install_and_loses_nothing(browser
         expect(page.get_by_text("pip install '.[twin]'")).to_be_visible()
         expect(page.get_by_role("button", name="Write to the board")).to_be_enabled()
     finish(program, signal.SIGTERM)
+
+
+def test_a_hand_that_is_dragged_takes_the_arm_along_and_stops_where_it_cannot_go(studio: Studio, browser: Any) -> None:
+    stood = [servo.angle for servo in studio.board.servos()]
+    with opened(browser, studio.url) as page:
+        show(page, "Actions")
+        page.locator(".pose").first.click()
+        page.get_by_role("button", name="Front").click()
+        expect(page.get_by_label("Drag hands, feet and head")).to_be_checked()
+        joints = [page.get_by_label(f"Target of L {name}", exact=True) for name in ("shoulder", "arm", "elbow")]
+        before = [joint.input_value() for joint in joints]
+        box = page.locator(".mid .stage canvas").bounding_box()
+        middle, top, height = box["x"] + box["width"] / 2, box["y"], box["height"]
+        page.mouse.move(middle + 0.167 * height, top + 0.435 * height)
+        page.mouse.down()
+        page.mouse.move(middle + 0.27 * height, top + 0.26 * height)
+        expect(joints[0]).not_to_have_value(before[0])
+        assert all(joint.input_value() != was for joint, was in zip(joints, before, strict=True))
+        page.mouse.move(middle + 0.5 * height, top + 0.1 * height)
+        expect(page.get_by_text(re.compile(r"^\d+ mm too far away$"))).to_be_visible()
+        page.mouse.up()
+        expect(page.get_by_text("mm too far away")).to_have_count(0)
+        page.get_by_role("button", name="Undo").click()
+        assert [joint.input_value() for joint in joints] == before
+    assert [servo.angle for servo in studio.board.servos()] == stood

@@ -130,6 +130,24 @@ def test_verdicts_are_kept_until_a_record_or_the_figure_changes(monkeypatch: pyt
     run(test)
 
 
+def test_a_hand_that_is_pulled_takes_the_arm_along_and_says_how_far_it_stays_away() -> None:
+    figure = figure_to_json(template("humanoid-16"))
+
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("watch"))
+            params = {"figure": figure, "joint": "l_elbow", "start": {"4": 5}}
+            near = (await call(page, "studio.twin.reach", **params, move=[30, 20, 40]))["result"]
+            assert near["missed_mm"] == 0
+            assert {"4", "5", "6"} <= near["angles"].keys()
+            far = (await call(page, "studio.twin.reach", **params, move=[0, 0, 1000]))["result"]
+            assert far["missed_mm"] > 500
+            for wrong in ({"joint": "none"}, {"move": [0, 0, "x"]}, {"move": [1e9, 0, 0]}, {"start": {"1": None}}):
+                assert "error" in await call(page, "studio.twin.reach", **{"move": [0, 0, 0], **params, **wrong})
+
+    run(test)
+
+
 def test_the_page_hears_whether_there_are_physics(monkeypatch: pytest.MonkeyPatch) -> None:
     async def test(place: Place) -> None:
         async with place.page() as page:

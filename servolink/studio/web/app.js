@@ -15,6 +15,7 @@ import { followMoves } from "./state/moving.js";
 import { keepCurrent } from "./state/project.js";
 import { follow, welcome } from "./state/robot.js";
 import { showLanguage, who } from "./state/settings.js";
+import { followReach } from "./state/reach.js";
 import { followTwin } from "./state/twin.js";
 
 const KEY = "servolink.token";
@@ -43,6 +44,7 @@ followFigure(link);
 followFleet(link);
 followMoves(link);
 followTwin(link);
+followReach(link);
 keepCurrent(link);
 listenToKeys({ link, motion });
 await Promise.all([loadTemplates(), showLanguage()]);

@@ -72,6 +72,23 @@ export class Camera {
   }
 
   /**
+   * Return the point seen at a pixel that is as far ahead as another point.
+   * @param {number} x
+   * @param {number} y
+   * @param {Vector} point
+   * @returns {Vector}
+   */
+  pointBeside(x, y, point) {
+    const direction = this.direction(x, y),
+      distance = dot(subtract(point, this.eye), this._ahead) / dot(direction, this._ahead);
+    return [
+      this.eye[0] + direction[0] * distance,
+      this.eye[1] + direction[1] * distance,
+      this.eye[2] + direction[2] * distance,
+    ];
+  }
+
+  /**
    * Return how many pixels a millimetre takes at a depth.
    * @param {number} depth
    */

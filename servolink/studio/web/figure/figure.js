@@ -87,14 +87,34 @@ export class Figure {
   }
 
   /**
+   * Return whether a joint ends a limb, as hands, feet and heads do: no servo turns a part of it.
+   * @param {Joint} joint
+   */
+  isEnd(joint) {
+    const under = new Set([joint]);
+    for (const one of this.joints) if (under.has(this.joints[one.parent])) under.add(one);
+    const isTurned = [...under].some((one) => one !== joint && one.servo !== undefined);
+    return !isTurned && (joint.servo !== undefined || (joint.parent >= 0 && this.base.mode === "feet"));
+  }
+
+  /**
    * Return the matrix of each joint. A figure on feet stands on the floor: its lower foot stays flat where it was, so
    * that a bow bends the body and not the floor.
    * @param {Pose} pose
    * @returns {Matrix[]}
    */
   solve(pose) {
+    return this._chain(pose, this.rootOf(pose));
+  }
+
+  /**
+   * Return the matrix of the base.
+   * @param {Pose} pose
+   * @returns {Matrix}
+   */
+  rootOf(pose) {
     const base = this.base;
-    if (base.mode === "fixed") return this._chain(pose, translation(base.at ?? [0, 0, 0]));
+    if (base.mode === "fixed") return translation(base.at ?? [0, 0, 0]);
     const free = this._chain(pose, identity());
     const feet = base.feet.map((foot) => free[this.indexOf(foot)]);
     const stands = feet.map((foot, index) => this._stand(feet, foot, index, base.sole));
@@ -109,7 +129,7 @@ export class Figure {
     }
     const root = best.turn.slice();
     [root[12], root[13], root[14]] = move;
-    return this._chain(pose, root);
+    return root;
   }
 
   /**

@@ -6,6 +6,7 @@ import { apply, rigidInverse, turnVector } from "./matrix.js";
 /** @typedef {import("./matrix.js").Vector} Vector */
 /** @typedef {import("./camera.js").Camera} Camera */
 /** @typedef {import("./figure.js").Figure} Figure */
+/** @typedef {import("./figure.js").Joint} Joint */
 /** @typedef {import("./figure.js").Pose} Pose */
 
 const MARGIN = 3; // millimetres around a shape that count as part of the shape
@@ -14,18 +15,18 @@ const LEAST_WAY = 0.02; // square of the least pixels per degree of a limb for a
 const DEGREES_PER_PIXEL = 0.6; // for a limb that points at the viewer
 
 /**
- * Return the servo of the nearest limb at a pixel, null if there is none.
+ * Return the joint whose shape is nearest at a pixel, null if there is none.
  * @param {Figure} figure
  * @param {Matrix[]} matrices
  * @param {Camera} camera
  * @param {number} x
  * @param {number} y
- * @returns {number | null}
+ * @returns {Joint | null}
  */
-export function servoAt(figure, matrices, camera, x, y) {
+export function jointAt(figure, matrices, camera, x, y) {
   const direction = camera.direction(x, y);
   let nearest = Infinity;
-  /** @type {number | null} */
+  /** @type {Joint | null} */
   let found = null;
   figure.joints.forEach((joint, index) => {
     const inverse = rigidInverse(matrices[index]);
@@ -36,7 +37,7 @@ export function servoAt(figure, matrices, camera, x, y) {
       const distance = distanceToBox(from, ray, shape.at ?? [0, 0, 0], /** @type {Vector} */ (half));
       if (distance < nearest) {
         nearest = distance;
-        found = joint.servo ?? joint.follows ?? null;
+        found = joint;
       }
     }
   });

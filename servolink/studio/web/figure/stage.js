@@ -3,8 +3,9 @@
 import { Camera } from "./camera.js";
 import { drawFlat } from "./flat.js";
 import { drawGizmo } from "./gizmo.js";
+import { apply, rigidInverse, subtract, turnVector } from "./matrix.js";
 import { palette } from "./palette.js";
-import { draggedAngle, servoAt } from "./picking.js";
+import { draggedAngle, jointAt } from "./picking.js";
 import { Renderer } from "./webgl.js";
 
 /** @typedef {import("./figure.js").Figure} Figure */
@@ -27,9 +28,14 @@ import { Renderer } from "./webgl.js";
  * @property {boolean} [hasGizmo]
  * @property {(servoId: number) => void} [onPick]
  * @property {(servoId: number, angle: number) => void} [onDrag] degrees, within the limits of the figure
+ * @property {() => boolean} [canReach] whether the end of a limb is pulled to a place
+ * @property {(joint: string, move: import("./matrix.js").Vector, start: Pose) => void} [onReach] the end of a limb is
+ *   pulled from where it is in the pose `start`, in the frame of the base
  * @property {(servoId: number) => void} [onGrab]
  * @property {(servoId: number) => void} [onRelease] also when the pointer is lost
  */
+
+/** End of a limb that is pulled, from a point in a pose. @typedef {{ joint: Joint, from: import("./matrix.js").Vector, start: Pose }} Pull */
 
 const MOST_SCALE = 2; // device pixels for each pixel
 const GHOST_ALPHA = { day: 0.2, night: 0.26 };
@@ -72,7 +78,7 @@ export class Stage {
     this._camera = new Camera(this.view, 1, 1);
     /** @type {number | null} */
     this._hovered = null;
-    /** @type {{ servoId: number | null, x: number, y: number } | null} */
+    /** @type {{ servoId: number | null, x: number, y: number, pull?: Pull } | null} */
     this._grip = null;
     this._ends = new AbortController();
     this._drawn = "";
@@ -99,9 +105,9 @@ export class Stage {
 
   /** Release the limb that is held, if any. */
   release() {
-    const servoId = this._grip?.servoId ?? null;
+    const { servoId = null, pull } = this._grip ?? {};
     this._grip = null;
-    if (servoId !== null) this.scene.onRelease?.(servoId);
+    if (servoId !== null || pull) this.scene.onRelease?.(servoId ?? 0);
   }
 
   /**
@@ -209,11 +215,12 @@ export class Stage {
   /** @param {PointerEvent} event */
   _begin(event) {
     const { x, y } = this._place(event),
-      servoId = this._servoAt(x, y);
+      joint = this._jointAt(x, y),
+      servoId = servoOf(joint);
     this.canvas.setPointerCapture(event.pointerId);
     if (servoId !== null) this.scene.onPick?.(servoId);
     const held = servoId !== null && this.scene.onDrag ? servoId : null;
-    this._grip = { servoId: held, x, y };
+    this._grip = { servoId: held, x, y, pull: held !== null || servoId === null ? this._pull(joint, x, y) : undefined };
     if (held !== null) this.scene.onGrab?.(held);
   }
 
@@ -222,14 +229,15 @@ export class Stage {
     const { x, y } = this._place(event),
       grip = this._grip;
     if (grip === null) {
-      this._hovered = this._servoAt(x, y);
+      this._hovered = servoOf(this._jointAt(x, y));
       this.canvas.dataset.over = this._hovered === null ? "floor" : "limb";
       return;
     }
     const right = x - grip.x,
       down = y - grip.y;
     this._grip = { ...grip, x, y };
-    if (grip.servoId === null) this._orbit(right, down);
+    if (grip.pull) this._reach(grip.pull, x, y);
+    else if (grip.servoId === null) this._orbit(right, down);
     else {
       const pose = (this.scene.dragPose ?? this.scene.pose)();
       const angle = draggedAngle(this.figure, pose, this._camera, grip.servoId, right, down);
@@ -263,7 +271,34 @@ export class Stage {
    * @param {number} x
    * @param {number} y
    */
-  _servoAt(x, y) {
-    return this._matrices.length > 0 ? servoAt(this.figure, this._matrices, this._camera, x, y) : null;
+  _jointAt(x, y) {
+    return this._matrices.length > 0 ? jointAt(this.figure, this._matrices, this._camera, x, y) : null;
+  }
+
+  /**
+   * Return the pull of a joint that was grabbed, if its end is pulled.
+   * @param {Joint | null} joint
+   * @param {number} x
+   * @param {number} y
+   * @returns {Pull | undefined}
+   */
+  _pull(joint, x, y) {
+    if (joint === null || !this.scene.canReach?.() || !this.figure.isEnd(joint)) return undefined;
+    const start = (this.scene.dragPose ?? this.scene.pose)(),
+      tip = apply(this.figure.solve(start)[this.figure.indexOf(joint.id)], joint.tip);
+    return { joint, start, from: this._camera.pointBeside(x, y, tip) };
+  }
+
+  /**
+   * @param {Pull} pull
+   * @param {number} x
+   * @param {number} y
+   */
+  _reach({ joint, from, start }, x, y) {
+    const away = subtract(this._camera.pointBeside(x, y, from), from);
+    this.scene.onReach?.(joint.id, turnVector(rigidInverse(this.figure.rootOf(start)), away), start);
   }
 }
+
+/** @param {Joint | null} joint */
+const servoOf = (joint) => joint?.servo ?? joint?.follows ?? null;

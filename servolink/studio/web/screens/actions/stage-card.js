@@ -22,7 +22,8 @@ import {
   showsGhost,
   toggleGhost,
 } from "../../state/shown-action.js";
-import { bodyNow } from "../../state/twin.js";
+import { canReach, dragsLimb, endReach, missed, reach, toggleLimb } from "../../state/reach.js";
+import { bodyNow, hasTwin } from "../../state/twin.js";
 import { chooseServo, chosen, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { trialOf } from "./commands.js";
@@ -48,7 +49,12 @@ export function StageCard({ motion }) {
     <div class="tl col"><${ViewChoice} of="actions" /></div>
     <div class="tr"><${GhostChoice} /></div>
     <div class="bl col">
-      <span class="chip hint hide-n"><${Icon} name="hand" />${t("actions.drag")}</span>
+      ${missed.value > 0 && html`<span class="chip warn" role="status">${t("twin.missed", { mm: Math.ceil(missed.value) })}</span>`}
+      ${
+        hasTwin.value
+          ? html`<label class="sw"><input type="checkbox" checked=${dragsLimb.value} onChange=${toggleLimb} /><span>${t("twin.limb")}</span></label>`
+          : html`<span class="chip hint hide-n"><${Icon} name="hand" />${t("actions.drag")}</span>`
+      }
       ${one && html`<${TryOnTwin} type="action" id=${one.action_id} />`}
     </div>
     <div class="br"><${RunHold} label=${t("actions.hold_to_try")} stored=${stored} motion=${motion} onBegin=${trial} /></div>
@@ -85,7 +91,16 @@ function scene() {
     onPick: chooseServo,
     onGrab: () => (dragged = action.value?.action_id),
     onDrag: (id, angle) => dragged === action.value?.action_id && turn(id, angle, "drag"),
-    onRelease: settle,
+    canReach,
+    onReach: (joint, move, start) => {
+      dragged ??= action.value?.action_id;
+      reach({ joint, move, start }, (angles) => dragged === action.value?.action_id && pull(joint, angles));
+    },
+    onRelease: () => {
+      dragged = undefined;
+      endReach();
+      settle();
+    },
   };
 }
 
@@ -103,6 +118,16 @@ export function turn(id, angle, merge = "") {
     values,
     merge: merge && `${merge} ${id}`,
   });
+}
+
+/**
+ * Turn all servos that bring the end of a limb to its place; nothing moves.
+ * @param {string} joint
+ * @param {import("../../state/records.js").Pose} angles
+ */
+function pull(joint, angles) {
+  const degrees = Object.fromEntries(Object.entries(angles).map(([id, angle]) => [id, within(Number(id), angle)]));
+  changeAction("actions.did_pull", (one) => withDegrees(one, degrees), { merge: `pull ${joint}` });
 }
 
 /**

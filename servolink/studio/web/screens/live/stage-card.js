@@ -9,6 +9,7 @@ import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { targets } from "../../state/motion.js";
 import { actualPose, isFresh, isLive, isOthers, mayMove, readAt, servos } from "../../state/robot.js";
+import { canReach, endReach, reach } from "../../state/reach.js";
 import { chooseMode, chooseServo, chosen, draft, dropTargets, mode, views } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { drag } from "./servo-row.js";
@@ -92,6 +93,14 @@ function scene(motion) {
     onPick: chooseServo,
     onDrag: canDrag ? (id, angle) => drag(id, Math.round(angle), motion) : undefined,
     onGrab: () => mode.value === "robot" && motion.begin(),
-    onRelease: () => mode.value === "robot" && motion.end(),
+    canReach: () => canDrag && mode.value === "preview" && canReach(),
+    onReach: (joint, move, start) =>
+      reach({ joint, move, start }, (angles) => {
+        if (mode.value === "preview") for (const [id, angle] of Object.entries(angles)) drag(Number(id), angle, motion);
+      }),
+    onRelease: () => {
+      endReach();
+      if (mode.value === "robot") motion.end();
+    },
   };
 }
