@@ -251,7 +251,7 @@ def test_a_home_is_private_even_if_its_user_has_no_name(monkeypatch: pytest.Monk
 def zipped(name: str, content: bytes, kind: int = zipfile.ZIP_DEFLATED) -> bytes:
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", kind) as archive:
-        archive.writestr(name, content)
+        archive.writestr(zipfile.ZipInfo(name), content, kind)  # of a fixed date: these bytes name tests
     return packed.getvalue()
 
 
