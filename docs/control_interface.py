@@ -186,12 +186,14 @@ def _types() -> list[type]:
     """Return each type of the hub that is not shown where it is used, by name."""
     used_once = {*NOTIFICATIONS.values(), *(method.params for method in METHODS.values())}
     found = dict[str, type]()
+    walked = set[type]()  # blocks can hold blocks
     waiting: list[Any] = [*used_once, *(method.result for method in METHODS.values())]
     while waiting:
         for struct in _structs(types.type_info(waiting.pop())):
+            walked.add(struct.cls)
             for field in struct.fields:
-                inside = [inner.cls for inner in _structs(field.type) if inner.cls.__name__ not in found]
-                waiting += inside
+                inside = [inner.cls for inner in _structs(field.type)]
+                waiting += [cls for cls in inside if cls not in walked]
                 found |= {cls.__name__: cls for cls in inside if cls in used_once}
             if struct.cls.__module__.startswith("servolink.control.") and struct.cls not in used_once:
                 found[struct.cls.__name__] = struct.cls

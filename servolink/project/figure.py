@@ -152,13 +152,11 @@ def figure_to_json(figure: Figure) -> dict[str, Any]:
     return form
 
 
-def refuse_newer(value: Any) -> None:
-    """Raise EncodeError for a figure in a future version of the format."""
-    version = value.get("figure") if isinstance(value, dict) else None
+def refuse_newer(value: Any, name: str = "figure") -> None:
+    """Raise EncodeError for a figure, or another part of a project `name`, in a future version of the format."""
+    version = value.get(name) if isinstance(value, dict) else None
     if type(version) is int and version > VERSION:
-        raise EncodeError(
-            f"{version} is newer than {VERSION}, the newest this servolink reads; update servolink", "figure"
-        )
+        raise EncodeError(f"{version} is newer than {VERSION}, the newest this servolink reads; update servolink", name)
 
 
 def checked_figure(figure: Figure) -> Figure:

@@ -14,6 +14,7 @@ from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import quote
 from servolink.files import read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE, read_json, write_json
+from servolink.project.blocks import Blocks, blocks_to_json, checked_blocks
 from servolink.project.figure import Figure, checked_figure, figure_to_json, refuse_newer
 from servolink.project.model import Project
 from servolink.protocol.json_errors import convert, quote_json
@@ -38,6 +39,11 @@ _HEAD = (
         Annotated[Figure | UnsetType, Meta(description="shape of the robot; never sent to a board")],
         UNSET,
     ),
+    (
+        "blocks",
+        Annotated[Blocks | UnsetType, Meta(description="programs made of blocks; never sent to a board")],
+        UNSET,
+    ),
 )
 """Fields of a file beyond the fields of the project."""
 
@@ -53,6 +59,8 @@ class ProjectFile(NamedTuple):
     """Whether the file was exported from a board with values outside the ranges written by servolink."""
     figure: Figure | None = None
     """Shape of the robot, stored on no board."""
+    blocks: Blocks | None = None
+    """Programs made of blocks, stored on no board."""
 
 
 def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Project:
@@ -94,23 +102,34 @@ def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> Project
 
 
 def project_from_form(given: Any) -> ProjectFile:
-    """Return the content of a file after the conversion to `file_type`. Raise EncodeError for a wrong figure."""
+    """Return the content of a file converted to `file_type`. Raise EncodeError for a wrong figure or blocks."""
+    field = "figure"
     try:
         figure = None if given.figure is UNSET else checked_figure(given.figure)
+        field = "blocks"
+        blocks = None if given.blocks is UNSET else checked_blocks(given.blocks)
     except EncodeError as error:
-        raise EncodeError(error.text, f"figure.{error.path}") from None
-    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked", figure)
+        raise EncodeError(error.text, f"{field}.{error.path}") from None
+    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked", figure, blocks)
 
 
-def project_to_form(project: Project, *, unchecked: bool = False, figure: Figure | None = None) -> dict[str, Any]:
+def project_to_form(
+    project: Project, *, unchecked: bool = False, figure: Figure | None = None, blocks: Blocks | None = None
+) -> dict[str, Any]:
     """Return the object of a file for `project.sorted()`, ready for `json.dumps`."""
     head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
     drawn = {} if figure is None else {"figure": figure_to_json(figure)}
-    return {**head, **record_to_json(project.sorted()), **drawn}
+    made = {} if blocks is None else {"blocks": blocks_to_json(blocks)}
+    return {**head, **record_to_json(project.sorted()), **drawn, **made}
 
 
 def save_project(
-    path: str | os.PathLike[str], project: Project, *, unchecked: bool = False, figure: Figure | None = None
+    path: str | os.PathLike[str],
+    project: Project,
+    *,
+    unchecked: bool = False,
+    figure: Figure | None = None,
+    blocks: Blocks | None = None,
 ) -> None:
     """Write `project` to the file `path`, whole or not at all.
 
@@ -120,6 +139,7 @@ def save_project(
         unchecked: Whether to mark the file as an export with values outside the ranges written by servolink:
             `servolink apply` then writes the values unchanged.
         figure: Shape of the robot; if None, a replaced project file keeps the previous figure.
+        blocks: Programs made of blocks; if None, a replaced project file keeps the previous blocks.
 
     Raises:
         ProjectError: The writing fails, or `load_project` would refuse the file.
@@ -129,7 +149,7 @@ def save_project(
     file = _checked_path(path, "save_project(path, project)")
     if not isinstance(project, Project):
         raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
-    content = _content(file, project, unchecked=unchecked, figure=figure)
+    content = _content(file, project, unchecked=unchecked, figure=figure, blocks=blocks)
     try:
         parse_project_file(content)
     except ProjectError as error:
@@ -140,11 +160,16 @@ def save_project(
 def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
     """Write the file `path` as by `save_project`, even with errors that were already present before."""
     file = Path(path)
-    _write(file, _content(file, project, unchecked=unchecked, figure=None))
+    _write(file, _content(file, project, unchecked=unchecked))
 
 
-def _content(file: Path, project: Project, *, unchecked: bool, figure: Figure | None) -> bytes:
-    content = format_project(project, unchecked=unchecked, figure=figure or _figure_in(file)).encode()
+def _content(
+    file: Path, project: Project, *, unchecked: bool, figure: Figure | None = None, blocks: Blocks | None = None
+) -> bytes:
+    before = _replaced(file)
+    content = format_project(
+        project, unchecked=unchecked, figure=figure or before.figure, blocks=blocks or before.blocks
+    ).encode()
     if len(content) > MAX_SIZE:
         raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the limit for reading")
     return content
@@ -157,17 +182,19 @@ def _write(file: Path, content: bytes) -> None:
         raise ProjectError(f"{file}: cannot be written: {reason(error)}") from error
 
 
-def _figure_in(file: Path) -> Figure | None:
-    """Return the figure of a file that may be missing, or anything else."""
+def _replaced(file: Path) -> ProjectFile:
+    """Return the content of a file that may be missing, or anything else."""
     try:
-        return read_project_file(file, unchecked=True).figure
+        return read_project_file(file, unchecked=True)
     except ProjectError:
-        return None
+        return ProjectFile(Project(), unchecked=False)
 
 
-def format_project(project: Project, *, unchecked: bool = False, figure: Figure | None = None) -> str:
+def format_project(
+    project: Project, *, unchecked: bool = False, figure: Figure | None = None, blocks: Blocks | None = None
+) -> str:
     """Return the text of a file for `project.sorted()`: equal for equal projects, even with meaningless values."""
-    return write_json(project_to_form(project, unchecked=unchecked, figure=figure))
+    return write_json(project_to_form(project, unchecked=unchecked, figure=figure, blocks=blocks))
 
 
 def schema_text() -> str:
@@ -201,8 +228,8 @@ def _check_version(value: Any) -> None:
         raise EncodeError(
             f"{version} is newer than {SCHEMA}, the newest this servolink reads; update servolink", "schema"
         )
-    if "figure" in value:
+    for part in {"figure", "blocks"} & value.keys():
         try:
-            refuse_newer(value["figure"])
+            refuse_newer(value[part], part)
         except EncodeError as error:
-            raise EncodeError(error.text, f"figure.{error.path}") from None
+            raise EncodeError(error.text, f"{part}.{error.path}") from None

@@ -50,9 +50,9 @@ def test_a_file_without_figure_is_written_as_before() -> None:
 def test_a_file_keeps_its_figure(tmp_path: Path) -> None:
     path = tmp_path / "robot"
     save_project(path, ROBOT, figure=ARM)
-    assert read_project_file(path) == (ROBOT.sorted(), False, ARM)
+    assert read_project_file(path) == (ROBOT.sorted(), False, ARM, None)
     save_project(path, Project(7))
-    assert read_project_file(path) == (Project(7), False, ARM)
+    assert read_project_file(path) == (Project(7), False, ARM, None)
     other = replace(ARM, name="Other")
     save_project(path, Project(7), figure=other)
     assert read_project_file(path).figure == other
@@ -70,7 +70,7 @@ def test_commands_keep_the_figure(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert call(capsys, "project", "rename", str(path), "action", "Up", "New", *where).code == 0
     assert call(capsys, "plan", str(path), "--url", "virtual://?servos=2").code == 1
     assert call(capsys, "export", str(path), "--yes", "--url", "virtual://?servos=2").code == 0
-    assert read_project_file(path) == (Project(), False, ARM)
+    assert read_project_file(path) == (Project(), False, ARM, None)
     assert read_project_file(out).figure == ARM
 
 

@@ -231,7 +231,7 @@ def replaced(old: str, new: str) -> str:
         ('"active_joystick_table": 4294967296', "active_joystick_table: 4294967296 is outside -2147483648..2147483647"),
         (
             '"action": []',
-            "'action' is not a field; the fields are schema, $schema, values, figure, project_id, ...",
+            "'action' is not a field; the fields are schema, $schema, values, figure, blocks, ...",
         ),
         ('"$schema": 1', "$schema: must be text, not 1"),
         ('"\\u001b[2J": 1', "'\\x1b[2J' is not a field; the fields are schema, ..."),
@@ -418,7 +418,7 @@ def test_swapped_arguments_are_refused_with_the_right_order(tmp_path: Path) -> N
 def test_an_export_with_values_that_are_not_written_unasked_can_be_loaded(tmp_path: Path) -> None:
     odd = Project(actions=(Action(1, "\x1b[2J"),), macros=(Macro(2, "", (MacroCommand(1, 9, ratio=0),)),))
     save_project(tmp_path / "x", odd, unchecked=True)
-    assert read_project_file(tmp_path / "x") == (odd, True, None)
+    assert read_project_file(tmp_path / "x") == (odd, True, None, None)
     (tmp_path / "x").write_text('{"schema": 1, "values": "odd"}', encoding="utf-8")
     with pytest.raises(ProjectError, match="values: must be one of unchecked, not 'odd'"):
         load_project(tmp_path / "x")

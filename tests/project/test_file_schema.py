@@ -7,15 +7,18 @@ from typing import Any
 
 import msgspec
 
+from servolink.project import blocks
 from servolink.project.figure import BodyFields, Feet, Figure, FixedBase, Joint, Shape, View
 from servolink.project.project_file import SHIPPED, format_project, schema_text
 from tests.project.test_file import ROBOT
 
-_FIGURE = {
+_BLOCKS = [part for part in vars(blocks).values() if isinstance(part, type) and part.__module__ == blocks.__name__]
+_BESIDE = {
     field.encode_name
-    for part in (BodyFields, Feet, Figure, FixedBase, Joint, Shape, View)
+    for part in (BodyFields, Feet, Figure, FixedBase, Joint, Shape, View, *_BLOCKS)
     for field in msgspec.structs.fields(part)
-} | {"mode"}
+} - {"servo_id", "degree", "interval_ms", "delay_ms", "ratio_percent", "loop", "button_id"} | {"mode", "type"}
+"""Fields of the figure and of the blocks, unless the records have them too."""
 
 
 def test_the_shipped_schema_is_that_of_the_types() -> None:
@@ -25,9 +28,10 @@ def test_the_shipped_schema_is_that_of_the_types() -> None:
 
 def test_it_describes_each_field_of_a_file_and_no_other() -> None:
     described = json.loads(schema_text())["$defs"]
-    fields = {key for part in described.values() for key in part["properties"]} - _FIGURE
+    fields = {key for part in described.values() for key in part["properties"]} - _BESIDE
     assert all(not part["additionalProperties"] for part in described.values())
-    assert fields - {"$schema"} == set(_keys(json.loads(format_project(ROBOT, unchecked=True))))
+    records = set(_keys(json.loads(format_project(ROBOT, unchecked=True))))
+    assert fields - {"$schema"} == records - {"type"}
 
 
 def test_it_says_what_a_step_can_be() -> None:

@@ -57,7 +57,7 @@ def run_apply(args: argparse.Namespace) -> int:
     """Show the changes of each board, ask, and write to all boards with changes."""
     from servolink.project.project_file import read_project_file
 
-    project, unchecked, _ = read_project_file(args.file)  # a missing file ends the command before a question is asked
+    project, unchecked, *_ = read_project_file(args.file)  # a missing file ends the command before a question is asked
     refuse_without_answer(args)
 
     async def main(interruption: Interruption) -> int:

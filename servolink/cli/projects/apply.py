@@ -43,7 +43,7 @@ _NAMED = 5  # records that the question names
 )
 def run_plan(args: argparse.Namespace) -> int:
     """Print the differences; return 0 if there are none, else 1."""
-    project, unchecked, _ = read_project_file(args.file)
+    project, unchecked, *_ = read_project_file(args.file)
 
     async def talk(board: Board, interruption: Interruption) -> int:
         with shown_progress(board, quiet=args.json) as on_progress:
@@ -137,7 +137,7 @@ def _memory_text(memory: Memory | None) -> str:
     ),
 )
 def _apply(args: argparse.Namespace) -> int:
-    project, unchecked, _ = read_project_file(args.file)  # a missing file ends the command before a question is asked
+    project, unchecked, *_ = read_project_file(args.file)  # a missing file ends the command before a question is asked
     refuse_without_answer(args)
 
     async def talk(board: Board, interruption: Interruption) -> int:

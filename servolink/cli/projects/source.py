@@ -125,7 +125,7 @@ def _refuse_errors(args: argparse.Namespace, project: Project) -> None:
 
 
 def _write(args: argparse.Namespace, target: Path, project: Project, like: ProjectFile) -> None:
-    """Write `project` with the mark and the figure of the file `like`."""
+    """Write `project` with the mark, the figure and the blocks of the file `like`."""
     if target.exists() and not (args.force or getattr(args, "in_place", False)):
         raise ProjectError(f"{target}: exists already; --force replaces it")
-    save_project(target, project, unchecked=like.unchecked, figure=like.figure)
+    save_project(target, project, unchecked=like.unchecked, figure=like.figure, blocks=like.blocks)

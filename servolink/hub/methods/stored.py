@@ -144,7 +144,7 @@ def _wanted_id(marker: int, url: str) -> int:
 @METHODS.add("project.plan", Role.EDIT, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
     """Return the changes of `project.apply` and their cost. Nothing is changed, and other programs wait meanwhile."""
-    project, unchecked, _ = project_from_form(params.project)
+    project, unchecked, *_ = project_from_form(params.project)
 
     async def read(board: Board) -> Plan:
         async with caller.control.exclusive("a project is being compared"):
@@ -171,7 +171,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     If it is interrupted, by the end of this program too, apply the same project again, or roll back.
     """
     board = await caller.control.board()
-    project, unchecked, _ = project_from_form(params.project)
+    project, unchecked, *_ = project_from_form(params.project)
     async with caller.control.exclusive("a project is being written"):
         with caller.control.moving():  # corrections turn servos, and half an import helps nobody
             result = await board.apply_project(
