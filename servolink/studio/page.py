@@ -19,6 +19,7 @@ from servolink.errors import OpenError
 from servolink.json_text import read_json
 from servolink.profiles.profile import BoardProfile, ProfileInUse
 from servolink.studio import (  # modules that add their methods on import
+    block_methods,
     board_methods,
     draft_methods,
     figure_methods,
@@ -36,6 +37,7 @@ from servolink.studio.studio_methods import METHODS, MOST_NAME, PageCaller, Stud
 __all__ = [
     "MOST_MESSAGE",
     "MOST_UNREAD",
+    "block_methods",
     "board_methods",
     "draft_methods",
     "figure_methods",

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
 from servolink.control.messages import ProjectExported, ProjectForm
 from servolink.control.roles import Role
 from servolink.errors import ProjectError
+from servolink.json_text import write_json
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.model import Project
 from servolink.project.preflight import preflight
-from servolink.project.project_file import format_project, parse_project_file, project_from_form, project_to_form
+from servolink.project.project_file import ProjectFile, parse_project_file, project_from_form, project_to_form
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.studio.studio_methods import METHODS, PageCaller
@@ -63,15 +64,18 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 async def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names the fault and the place."""
     file = await asyncio.to_thread(parse_project_file, params.text)
-    return ProjectExported(project_to_form(file.project, unchecked=file.unchecked, figure=file.figure))
+    return ProjectExported(_form_of(file))
 
 
 @METHODS.add("studio.file.write", Role.WATCH)
 async def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
     """Return the text of the file for a project, as `servolink export` writes it."""
     file = project_from_form(params.project)
-    text = await asyncio.to_thread(format_project, file.project, unchecked=file.unchecked, figure=file.figure)
-    return FileContent(text)
+    return FileContent(await asyncio.to_thread(lambda: write_json(_form_of(file))))
+
+
+def _form_of(file: ProjectFile) -> dict[str, Any]:
+    return project_to_form(file.project, unchecked=file.unchecked, figure=file.figure, blocks=file.blocks)
 
 
 @METHODS.add("studio.check", Role.WATCH)

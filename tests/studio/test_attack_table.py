@@ -24,9 +24,10 @@ ROLES: dict[RoleName, str] = {
     "watch": """
         battery board.facts board.state buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give
         limits.tighten project.export recorder.list recorder.status records.get records.list rename servos.ack
-        servos.list servos.parameters servos.unwatch servos.watch status stop studio.about studio.check studio.draft.get
-        studio.figure.get studio.file.read studio.file.write studio.fleet studio.fleet.groups studio.fleet.stop
-        studio.rename studio.twin.reach studio.twin.stop studio.twin.try studio.twin.verdicts tap.start tap.stop
+        servos.list servos.parameters servos.unwatch servos.watch status stop studio.about studio.blocks.get
+        studio.check studio.draft.get studio.figure.get studio.file.read studio.file.write studio.fleet
+        studio.fleet.groups studio.fleet.stop studio.rename studio.twin.reach studio.twin.stop studio.twin.try
+        studio.twin.verdicts tap.start tap.stop
     """,
     "run": """
         lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
@@ -34,8 +35,8 @@ ROLES: dict[RoleName, str] = {
     "move": "move move.end release servo.set stream.begin stream.send",
     "edit": """
         board.hold board.mode board.release line.test project.apply project.backups project.plan project.rollback
-        records.delete records.put studio.backup studio.boards studio.doctor studio.draft.save studio.figure.save
-        studio.firmware studio.fleet.run studio.fleet.runnable studio.give_back studio.limits.save
+        records.delete records.put studio.backup studio.blocks.save studio.boards studio.doctor studio.draft.save
+        studio.figure.save studio.firmware studio.fleet.run studio.fleet.runnable studio.give_back studio.limits.save
         studio.links studio.links.change studio.share studio.use
     """,
 }

@@ -1,0 +1,73 @@
+"""Programs made of blocks: kept on this computer for each board, shared by all pages of a studio."""
+
+from __future__ import annotations
+
+import asyncio
+from hashlib import sha256
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta, Struct
+
+from servolink.control.messages import NoParams
+from servolink.control.roles import Role
+from servolink.project.blocks import Blocks, blocks_to_json, checked_blocks
+from servolink.protocol.json_errors import convert
+from servolink.studio.kept import read_kept, write_kept
+from servolink.studio.studio_methods import METHODS, PageCaller
+
+_turn = asyncio.Lock()
+
+
+class BlocksNow(Struct, frozen=True):
+    """Blocks of the board; also the notification `studio.blocks`, after another page has saved blocks."""
+
+    blocks: dict[str, Any] | None
+    """Blocks in the form of project files; null if nobody has saved any."""
+    tag: str
+    """Text that changes with the blocks; empty without any."""
+
+
+class BlocksSaved(BlocksNow, frozen=True):
+    """Blocks of the board after saving."""
+
+    saved: bool
+    """Whether these are the blocks that were to be saved."""
+
+
+class BlocksSave(Struct, forbid_unknown_fields=True):
+    """Blocks to be saved."""
+
+    blocks: Blocks
+    known: Annotated[str, Meta(max_length=64)]
+    """Tag of the blocks that these replace. If others are kept by now, nothing is saved, and those are returned."""
+
+
+@METHODS.add("studio.blocks.get", Role.WATCH)
+async def blocks_get(caller: PageCaller, params: NoParams) -> BlocksNow:
+    """Return the blocks of the board, null for none."""
+    return _now(await asyncio.to_thread(_read, caller.hub))
+
+
+@METHODS.add("studio.blocks.save", Role.EDIT, in_order=True)
+async def blocks_save(caller: PageCaller, params: BlocksSave) -> BlocksSaved:
+    """Keep the blocks, unless another page has changed them. EncodeError names the faulty place in the blocks."""
+    blocks = checked_blocks(params.blocks)
+    async with _turn:
+        kept = _now(await asyncio.to_thread(_read, caller.hub))
+        if kept.tag != params.known:
+            return BlocksSaved(kept.blocks, kept.tag, saved=False)
+        await asyncio.to_thread(write_kept, "blocks", caller.hub, blocks_to_json(blocks))
+    now = _now(blocks)
+    caller.tell_others("studio.blocks", now)
+    return BlocksSaved(now.blocks, now.tag, saved=True)
+
+
+def _read(board: str) -> Blocks | None:
+    return read_kept("blocks", board, lambda value: checked_blocks(convert(value, Blocks)))
+
+
+def _now(blocks: Blocks | None) -> BlocksNow:
+    if blocks is None:
+        return BlocksNow(None, "")
+    return BlocksNow(blocks_to_json(blocks), sha256(msgspec.json.encode(blocks)).hexdigest()[:16])
