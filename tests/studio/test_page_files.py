@@ -33,7 +33,9 @@ def texts(language: str) -> dict[str, str]:
 
 def test_libraries_are_those_that_were_recorded() -> None:
     recorded = json.loads((VENDOR / "vendor.json").read_text(encoding="utf-8"))
-    found = {path.name: sha256(path.read_bytes()) for path in VENDOR.iterdir() if path.suffix in {".js", ".css"}}
+    kinds = {".js", ".css", ".svg"}
+    paths = [path for folder in (VENDOR, VENDOR / "blockly") for path in folder.iterdir() if path.suffix in kinds]
+    found = {path.relative_to(VENDOR).as_posix(): sha256(path.read_bytes()) for path in paths}
     assert found == {name: file["sha256"] for name, file in recorded.items()}
 
 
@@ -105,11 +107,12 @@ def test_the_first_load_of_the_page_is_small() -> None:
     asked_later = {f"/{path.relative_to(WEB).as_posix()}" for path in MODULES} - modules_at_first() - _CHINESE | {
         _LICENCES
     }
+    asked_later |= {name for name in files if name.startswith("/vendor/blockly/")}
     assert 100_000 < sum(len(gzip.compress(files[name].content)) for name in files.keys() - asked_later) < _GZIPPED
 
 
 def modules_at_first() -> set[str]:
-    """Return the modules that the browser loads before it draws the page."""
+    """Return the modules that the browser loads before it draws the page; Blockly is not among them."""
     found: set[Path] = set()
     waiting = [WEB / "app.js", WEB / "link/beat-worker.js"]
     while waiting:
@@ -117,6 +120,7 @@ def modules_at_first() -> set[str]:
         if path not in found:
             found.add(path)
             imported = _IMPORT.findall(path.read_text(encoding="utf-8"))
+            assert not any("blockly" in name for name in imported), path
             waiting += [(path.parent / name).resolve() for name in imported if "vendor" not in name]
     return {f"/{path.relative_to(WEB).as_posix()}" for path in found}
 
