@@ -23,6 +23,55 @@ from servolink import sync
 PICTURES = Path(__file__).parent / "pictures/studio"
 POSES = {"Arm out": {"R arm": 80}, "Up": {"R arm": 80, "R elbow": 75}, "Over": {"R arm": 80, "R elbow": 20}}
 """The actions of the tutorial: targets by servo, degrees."""
+STACKS = [
+    {
+        "x": 24,
+        "y": 24,
+        "blocks": [
+            {
+                "type": "macro",
+                "id": "hello",
+                "caption": "Cheer",
+                "blocks": [
+                    {
+                        "type": "pose",
+                        "id": "high",
+                        "caption": "Arm high",
+                        "interval_ms": 800,
+                        "blocks": [
+                            {"type": "servo", "id": "arm", "servo_id": 2, "degree": 80},
+                            {"type": "servo", "id": "elbow", "servo_id": 3, "degree": 60},
+                        ],
+                    },
+                    {
+                        "type": "repeat",
+                        "id": "again",
+                        "loop": 3,
+                        "blocks": [
+                            {"type": "run_action", "id": "over", "target": "action 3", "ratio_percent": 100},
+                            {"type": "wait", "id": "pause", "delay_ms": 250},
+                        ],
+                    },
+                    {"type": "if", "id": "sees", "servo_id": 1, "degree": 30, "blocks": []},
+                ],
+            }
+        ],
+    },
+    {
+        "x": 420,
+        "y": 24,
+        "blocks": [
+            {
+                "type": "button",
+                "id": "eight",
+                "button_id": 8,
+                "event": "press",
+                "blocks": [{"type": "run_macro", "id": "run", "target": "block hello", "ratio_percent": 100}],
+            }
+        ],
+    },
+]
+"""The blocks of the picture, one of which no board can run."""
 _SIZE = ViewportSize(width=1440, height=900)
 _ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _UNHURRIED = """draw => {
@@ -49,6 +98,7 @@ def main() -> None:
         build_macro(page)
         put_on_button(page)
         plan(page)
+        show_blocks(page)
         paste(page)
         browser.close()
 
@@ -136,6 +186,14 @@ def paste(page: Page) -> None:
     for name, width, height in (("paste", 1440, 900), ("paste-tablet", 1024, 768), ("paste-phone", 390, 844)):
         page.set_viewport_size(ViewportSize(width=width, height=height))
         take(page, name)
+
+
+def show_blocks(page: Page) -> None:
+    """See blocks, and the reason why the board cannot run one of them."""
+    _show(page, "Blocks")
+    page.locator(".blocklyToolbox").wait_for()
+    page.evaluate("async (stacks) => (await import('/state/blocks.js')).changeStacks(stacks)", STACKS)
+    take(page, "blocks")
 
 
 def _show(page: Page, screen: str) -> None:

@@ -27,13 +27,13 @@ Version: TypeAlias = Annotated[Literal[1], Meta(description="version of the form
 
 
 class _Block(Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
-    """A block."""
+    """Base class of all blocks, with the id."""
 
     id: BlockId
 
 
 class ServoBlock(_Block, frozen=True, tag="servo"):
-    """Target of one servo in a pose."""
+    """Target of a single servo in a pose."""
 
     servo_id: Number
     degree: Number
@@ -62,26 +62,26 @@ class RunMacroBlock(_Block, frozen=True, tag="run_macro"):
 
 
 class WaitBlock(_Block, frozen=True, tag="wait"):
-    """Pause."""
+    """Pause between two commands of a macro."""
 
     delay_ms: Annotated[Number, Meta(description="how long to wait, ms")]
 
 
 class RepeatBlock(_Block, frozen=True, tag="repeat"):
-    """Repetition of commands."""
+    """Repetition of the commands inside the block."""
 
     loop: Annotated[Number, Meta(description="number of repetitions")]
     blocks: tuple[CommandBlock, ...] = ()
 
 
 class ForeverBlock(_Block, frozen=True, tag="forever"):
-    """Endless repetition, which no board can play."""
+    """Endless repetition, impossible for a board."""
 
     blocks: tuple[CommandBlock, ...] = ()
 
 
 class IfBlock(_Block, frozen=True, tag="if"):
-    """Condition, which no board can check."""
+    """Condition on the angle of a servo, impossible for a board."""
 
     servo_id: Number
     degree: Number
@@ -89,7 +89,7 @@ class IfBlock(_Block, frozen=True, tag="if"):
 
 
 class MacroBlock(_Block, frozen=True, tag="macro"):
-    """Macro with a name."""
+    """Macro with a name and the commands inside."""
 
     caption: Name
     blocks: tuple[CommandBlock, ...] = ()
@@ -108,7 +108,7 @@ AnyBlock: TypeAlias = CommandBlock | ServoBlock | MacroBlock | ButtonBlock
 
 
 class Stack(Struct, frozen=True, forbid_unknown_fields=True):
-    """Blocks that hang together, and their place on the screen."""
+    """Connected blocks with their position on the screen."""
 
     x: Place
     y: Place
@@ -164,5 +164,5 @@ def blocks_to_json(blocks: Blocks) -> dict[str, Any]:
 
 
 def _family(block: AnyBlock) -> type[Struct]:
-    """Return a type equal for blocks that can follow each other."""
+    """Return the same type for all blocks of a family: only members of a family can be connected in a row."""
     return type(block) if isinstance(block, ServoBlock | MacroBlock | ButtonBlock) else _Block

@@ -121,7 +121,7 @@ def test_a_macro_is_made_and_written_by_the_keyboard_alone(studio: Studio, brows
             press_on(page, action)
         press_on(page, "Add a pause")
         assert "By hand" not in {macro.macro_caption for macro in studio.board.macros()}
-        page.keyboard.press("7")
+        page.keyboard.press("8")
         page.get_by_text("By hand").first.wait_for()
         press_on(page, "Write to the board")
         until(lambda: "By hand" in {macro.macro_caption for macro in studio.board.macros()})

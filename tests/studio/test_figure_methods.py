@@ -1,4 +1,7 @@
-"""The figure of a robot is kept for its board, and all pages of a studio have the same one."""
+"""The figure of a robot is kept for its board, and all pages of a studio have the same one.
+
+Module: servolink.studio.kept.
+"""
 
 from __future__ import annotations
 

@@ -29,6 +29,7 @@ export const ICONS = {
       },
     ],
   ],
+  blocks: [["path", { d: "M4 4h5v2.5h4V4h7v6h-5v2.5h-4V10H4zM4 14h5v2.5h4V14h7v6H4z" }]],
   record: [
     ["path", { d: "M3 17l4-7 4 4 4-9 3 6h3" }],
     ["path", { d: "M3 21h18" }],

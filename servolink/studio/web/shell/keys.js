@@ -71,6 +71,7 @@ const PAGES = {
   actions: "tutorial/first-robot.md",
   macros: "tutorial/first-robot.md",
   buttons: "tutorial/first-robot.md",
+  blocks: "how-to/blocks.md",
   record: "how-to/recordings.md",
   project: "how-to/save-and-restore.md",
   board: "how-to/board-profiles.md",
@@ -97,8 +98,15 @@ export function KeyList() {
   </${Dialog}>`;
 }
 
-/** Return whether something is open that Escape closes. */
-const isOpen = () => document.querySelector("dialog[open], [role=menu]") !== null;
+/** Return whether something is open that Escape closes, or the focus is on blocks, where Escape has meanings of its own. */
+const isOpen = () => document.querySelector("dialog[open], [role=menu]") !== null || isOnBlocks(document.activeElement);
+
+/**
+ * Return whether an element belongs to the blocks, which have keys of their own.
+ * @param {EventTarget | null} target
+ */
+const isOnBlocks = (target) =>
+  target instanceof Element && target.closest(".blockspace, .blocklyWidgetDiv, .blocklyDropDownDiv") !== null;
 
 /** Return whether nothing moves, and this page moves nothing: Preview, no lease, and servos that were read and rest. */
 const isAtRest = () => !stopsFleet() && mode.value === "preview" && lease.value === null && isFresh.value && isStill();
@@ -118,14 +126,28 @@ export function listenToKeys(tools) {
     { capture: true },
   );
   addEventListener("keydown", (event) => {
-    if (isTyping(event.target) || !(event.ctrlKey || event.metaKey) || event.altKey || event.key.toLowerCase() !== "z")
+    if (
+      isTyping(event.target) ||
+      isOnBlocks(event.target) ||
+      !(event.ctrlKey || event.metaKey) ||
+      event.altKey ||
+      event.key.toLowerCase() !== "z"
+    )
       return;
     event.preventDefault();
     if (event.shiftKey) redoEdit();
     else undoEdit();
   });
   addEventListener("keydown", (event) => {
-    if (isTyping(event.target) || event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    if (
+      isTyping(event.target) ||
+      isOnBlocks(event.target) ||
+      event.ctrlKey ||
+      event.metaKey ||
+      event.altKey ||
+      event.repeat
+    )
+      return;
     const entry = entries()[Number(event.key) - 1];
     if (event.key === "?") showKeys(true);
     else if (event.key.toLowerCase() === "l" && isMine.value) tools.motion.leave();

@@ -18,6 +18,7 @@ export const ENTRIES = [
   { name: "macros", icon: "macros", title: "screen.macros" },
   { name: "buttons", icon: "buttons", title: "screen.buttons" },
   { name: "teach", icon: "teach", title: "screen.teach" },
+  { name: "blocks", icon: "blocks", title: "screen.blocks" },
   { name: "record", icon: "record", title: "screen.record" },
   { name: "project", icon: "project", title: "screen.project", isBelow: true },
   { name: "board", icon: "board", title: "screen.board", isBelow: true },

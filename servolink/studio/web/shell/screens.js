@@ -12,6 +12,7 @@ const LOADERS = {
   macros: async () => (await import("../screens/macros/index.js")).MacrosScreen,
   buttons: async () => (await import("../screens/buttons/index.js")).ButtonsScreen,
   teach: async () => (await import("../screens/teach/index.js")).TeachScreen,
+  blocks: async () => (await import("../screens/blocks/index.js")).BlocksScreen,
   record: async () => (await import("../screens/record/index.js")).RecordScreen,
   project: async () => (await import("../screens/project/index.js")).ProjectScreen,
   servos: async () => (await import("../screens/servos/index.js")).ServosScreen,

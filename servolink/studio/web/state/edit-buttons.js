@@ -1,10 +1,10 @@
 // Changes of buttons and their tables. Projects are never changed: each function returns a new one.
 
-import { freeId, withRecord } from "../../state/records.js";
+import { freeId, withRecord } from "./records.js";
 
-/** @typedef {import("../../state/records.js").Project} Project */
-/** @typedef {import("../../state/records.js").Table} Table */
-/** @typedef {import("../../state/records.js").Button} Button */
+/** @typedef {import("./records.js").Project} Project */
+/** @typedef {import("./records.js").Table} Table */
+/** @typedef {import("./records.js").Button} Button */
 /** @typedef {"button_press_macro" | "button_long_press_macro" | "button_up_macro"} Slot */
 
 /** Fields of a button with the macro of each kind of press. */

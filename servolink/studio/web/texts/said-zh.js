@@ -91,8 +91,8 @@ const MESSAGES = {
   "there is no backup {number}; look at the list of backups again": ["没有备份 {number}，请重新查看备份列表", "沒有備份 {number}，請重新查看備份清單"],
   // servolink/studio/recording_methods.py
   "the recording cannot be read: {reason}": ["无法读取记录文件：{reason}", "無法讀取錄製檔：{reason}"],
-  // servolink/studio/figure_methods.py
-  "the figure cannot be kept: {reason}": ["无法保存模型：{reason}", "無法儲存模型：{reason}"],
+  // servolink/studio/kept.py
+  "the {kind} of a board cannot be kept: {reason}": ["无法保存主板的 {kind}：{reason}", "無法儲存控制板的 {kind}：{reason}"],
   // servolink/project/validate.py
   "the project takes {size} bytes; the board has {memory}": ["项目需要 {size} 字节，主板有 {memory}", "專案需要 {size} 位元組，控制板有 {memory}"],
   "button {id} starts no macro": ["按键 {id} 不启动任何宏", "按鈕 {id} 不會啟動任何巨集"],

@@ -8,11 +8,11 @@ import { edit, settle } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
 import { chooseMacro } from "../../state/view.js";
 import { seconds, t } from "../../texts/text.js";
-import { buttonOf, SLOTS, withButton } from "./edits.js";
+import { buttonOf, SLOTS, withButton } from "../../state/edit-buttons.js";
 
 /** @typedef {import("../../state/records.js").Project} Project */
 /** @typedef {import("../../state/records.js").Table} Table */
-/** @typedef {import("./edits.js").Slot} Slot */
+/** @typedef {import("../../state/edit-buttons.js").Slot} Slot */
 /** @typedef {import("../../texts/text.js").Key} Key */
 
 /** @type {Record<Slot, { icon: string, title: Key, hint: Key }>} */

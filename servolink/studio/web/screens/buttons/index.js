@@ -23,7 +23,7 @@ import { toast } from "../../state/toasts.js";
 import { chooseMode, mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
 import { Assign, macroName } from "./assign.js";
-import { buttonOf, isSet } from "./edits.js";
+import { buttonOf, isSet } from "../../state/edit-buttons.js";
 import { useGamepad } from "./gamepad.js";
 import { Grid } from "./grid.js";
 import { isGamepad, PLACES } from "./layout.js";

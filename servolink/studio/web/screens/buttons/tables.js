@@ -8,7 +8,7 @@ import { safeText } from "../../parts/safe-text.js";
 import { edit } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
 import { t } from "../../texts/text.js";
-import { withNewTable, withoutTable, withTableName } from "./edits.js";
+import { withNewTable, withoutTable, withTableName } from "../../state/edit-buttons.js";
 
 /** @typedef {import("../../state/records.js").Project} Project */
 /** @typedef {import("../../state/records.js").Table} Table */

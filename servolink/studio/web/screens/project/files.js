@@ -3,6 +3,7 @@
 import { RequestError } from "../../link/link.js";
 import { safeText } from "../../parts/safe-text.js";
 import { saveBytes } from "../../parts/save-bytes.js";
+import { blocksForFile, takeBlocks } from "../../state/blocks.js";
 import { ownFigure, saveFigure } from "../../state/figure.js";
 import { draft, edit } from "../../state/project.js";
 import { welcome } from "../../state/robot.js";
@@ -26,9 +27,10 @@ export async function openFile(link, file) {
     if (JSON.stringify(text).length > MOST_BYTES) throw new RangeError(t("project.too_large"));
     if (!isJson(text)) throw new RangeError(t("project.not_project"));
     const answer = await link.call("studio.file.read", { text }),
-      { figure, ...project } = answer.project;
+      { figure, blocks, ...project } = answer.project;
     if (figure) await takeFigure(link, figure);
     edit(["project.opened", { name }], (before) => ({ ...before, ...project }));
+    if (blocks) await takeBlocks(link, blocks);
     toast({ kind: "ok", title: t("project.opened", { name }), detail: t("project.opened_detail") });
   } catch (error) {
     toast({ kind: "bad", title: t("project.not_opened", { name }), detail: messageOf(error) });
@@ -57,9 +59,9 @@ async function takeFigure(link, figure) {
  */
 export async function saveFile(link) {
   try {
-    const { text } = await link.call("studio.file.write", {
-      project: { ...draft.value, figure: ownFigure.value ?? undefined },
-    });
+    const figure = ownFigure.value ?? undefined,
+      blocks = await blocksForFile(link);
+    const { text } = await link.call("studio.file.write", { project: { ...draft.value, figure, blocks } });
     saveBytes(`${(welcome.value?.name ?? "robot").replace(/[^\w-]/g, "_")}.servolink.json`, "application/json", [text]);
   } catch (error) {
     toast({ kind: "bad", title: t("project.not_saved"), detail: messageOf(error) });
