@@ -1,4 +1,4 @@
-"""Repairs to the theme's HTML for those who do not see well: names of landmarks, levels of captions, valid signatures.
+"""Repairs to the theme's HTML for those who do not see well: landmarks, captions, tables, signatures.
 
 `tests/test_site.py` has axe-core look at the result.
 """
@@ -10,6 +10,7 @@ import re
 _REPAIRS = (
     ('<p class="caption" role="heading">', '<p class="caption" role="heading" aria-level="2">'),
     ('<aside class="sidebar-drawer"', '<aside class="sidebar-drawer" aria-label="Pages"'),
+    ('<th class="head"><p></p></th>', '<td class="head"></td>'),
     ('<aside class="toc-drawer', '<aside aria-label="This page" class="toc-drawer'),
 )
 _PARAMETERS = re.compile(r"<dl>\n(.*?)</dl>", re.DOTALL)

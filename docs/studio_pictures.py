@@ -117,13 +117,16 @@ def _studio() -> Iterator[str]:
 
 
 def take_live(page: Page) -> None:
-    """Show the robot after it has waved."""
+    """Show the robot after it has waved, in both themes."""
     page.get_by_role("button", name="R arm").click()
     with sync.connect("share://virtual") as board:
         for action in ("Stand", "Arm up", "Wave out", "Wave in", "Wave out", "Wave in"):
             board.run_action(action, wait=True)
     page.get_by_text("has control").first.wait_for(state="detached")
     take(page, "live")
+    page.get_by_role("button", name="Light or dark").click()
+    take(page, "live-dark")
+    page.get_by_role("button", name="Light or dark").click()
 
 
 def take_live_in_chinese(page: Page) -> None:

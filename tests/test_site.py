@@ -16,7 +16,7 @@ from tests.studio.browser import CHROMIUM, OPTIONS, PATIENCE, SIZES, found_by_ax
 from tests.studio.node_tools import AXE, install, needs_npm
 
 SITE = Path(__file__).parents[1] / "docs/_build"
-PAGES = ("index", "how-to/studio", "reference/api/board", "reference/commands/move")
+PAGES = ("index", "how-to/studio", "reference/api/board", "reference/commands/move", "search")
 
 pytestmark = [
     *in_browser,
