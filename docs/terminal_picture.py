@@ -1,4 +1,4 @@
-"""The picture of the demo on the first page: `python -m docs.terminal_picture` runs the demo and draws it again."""
+"""The pictures of terminals in these pages: `python -m docs.terminal_picture` runs the commands and draws them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 from rich.text import Text
 
-PICTURE = Path(__file__).parent / "pictures/demo.svg"
+FOLDER = Path(__file__).parent / "pictures"
+COMMANDS = {
+    "demo": "demo --fast",
+    "watch": "watch --board virtual:// --seconds 1",
+    "plan": "plan servolink/studio/demo.servolink.json --board virtual://",
+}
+"""Words after `servolink`, by the name of the picture."""
 WIDTH = 80
 
 _THEME = TerminalTheme(
@@ -26,18 +32,20 @@ _THEME = TerminalTheme(
     [(20, 24, 31), (240, 113, 120), (126, 211, 133), (255, 203, 107), (110, 168, 254), (199, 146, 234), (86, 199, 214)],
     [(84, 94, 110), (255, 139, 146), (150, 230, 156)],
 )
+_ROWS = 16
+_LIVE_END = re.compile(r"\x1b\[\?(?:1049l|25h)")
 _FRAME_END = re.compile(r"\r(?:\x1b\[2K\x1b\[1A)*\x1b\[2K")
 _WEB_FONT = re.compile(r"\s*@font-face \{.*?\}", re.DOTALL)
 
 
-def run_demo() -> str:
-    """Run the demo on a terminal of its own and return what it wrote, with escape sequences."""
+def run(words: str) -> str:
+    """Run a command on a terminal of its own and return the text it wrote, with escape sequences."""
     terminal, inner = pty.openpty()
     fcntl.ioctl(inner, termios.TIOCSWINSZ, struct.pack("HHHH", 60, WIDTH, 0, 0))
     environment = {name: value for name, value in os.environ.items() if name != "NO_COLOR"} | {"TERM": "xterm-256color"}
-    demo = [sys.executable, "-m", "servolink", "demo", "--fast"]
+    command = [sys.executable, "-m", "servolink", *words.split()]
     output = io.BytesIO()
-    with subprocess.Popen(demo, stdin=inner, stdout=inner, stderr=inner, env=environment):  # noqa: S603 - our own
+    with subprocess.Popen(command, stdin=inner, stdout=inner, stderr=inner, env=environment, cwd=FOLDER.parents[1]):  # noqa: S603 - our own
         os.close(inner)
         while chunk := _read(terminal):
             output.write(chunk)
@@ -63,14 +71,25 @@ def steps(output: str, *numbers: int) -> str:
     return "\n\n...\n\n".join(shown).replace("\r\n", "\n").strip()
 
 
-def draw(shown: str) -> str:
-    """Return the text of a terminal as SVG."""
+def end(output: str) -> str:
+    """Return what the terminal shows in the end, without the middle of a long text."""
+    rows = _LIVE_END.split(output)[-1].strip().splitlines()
+    if len(rows) > 2 * _ROWS:
+        rows[_ROWS:-_ROWS] = ["..."]
+    return "\n".join(rows)
+
+
+def picture(name: str) -> str:
+    """Run a command, and return its terminal as SVG."""
+    words = COMMANDS[name]
+    output = run(words)
+    shown = f"...\n\n{steps(output, 2, 6)}" if name == "demo" else end(output)
     console = Console(record=True, width=WIDTH, file=io.StringIO(), force_terminal=True)
-    console.print(Text.from_ansi(f"$ servolink demo\n...\n\n{shown}"))
-    svg = console.export_svg(title="servolink demo", theme=_THEME, unique_id="demo")
+    console.print(Text.from_ansi(f"$ servolink {words.removesuffix(' --fast')}\n{shown}"))
+    svg = console.export_svg(title=f"servolink {name}", theme=_THEME, unique_id=name)
     return _WEB_FONT.sub("", svg)
 
 
 if __name__ == "__main__":
-    PICTURE.parent.mkdir(exist_ok=True)
-    PICTURE.write_text(draw(steps(run_demo(), 2, 6)), encoding="utf-8")
+    for name in COMMANDS:
+        (FOLDER / f"{name}.svg").write_text(picture(name), encoding="utf-8")
