@@ -18,7 +18,7 @@ from servolink.protocol.records import Action, Macro
 from servolink.twin.body import Body, read_body
 from servolink.twin.forecast import VARIATIONS, forecast
 from servolink.twin.simulation import STEP, TICK, Physics, Simulation, mujoco
-from servolink.twin.trial import AS_WRITTEN, run_seconds, run_trial, start
+from servolink.twin.trial import AS_WRITTEN, RunningTrial, run_seconds, run_trial, start
 
 DEMO = Path(str(files("servolink.studio") / "demo.servolink.json"))
 MOST = 1.3
@@ -64,11 +64,13 @@ def run(*, short: bool) -> Result:
 
 
 def _commands(physics: Physics, project: Project, macro: Macro) -> list[Any]:
-    """Return the commands of all servos in each tick of a run."""
-    end = run_seconds(project, macro) + 2
+    """Return the commands of all servos in each tick of a trial."""
+    trial = RunningTrial(physics, project, macro)
+    while not trial.is_over:
+        trial.advance()
     simulation: Simulation = start(physics, project, macro, AS_WRITTEN)
     found = []
-    while simulation.now < end:
+    while simulation.now < trial.now:
         simulation.tick()
         found.append(physics.data.ctrl.copy())
     return found

@@ -30,7 +30,7 @@ VARIATIONS: Final = (
 )
 """The body as written, and each combination of the lowest and highest mass, stiffness and friction."""
 
-_WORTH_PROCESSES = 30.0  # simulated seconds; for less, starting processes takes longer than they save
+_WORTH_PROCESSES = 100.0  # simulated seconds; for less, starting processes takes longer than they save
 
 
 class _Task(NamedTuple):

@@ -138,8 +138,18 @@ class Simulation:
 
     def tick(self) -> None:
         """Advance board and body by a tick."""
-        self.hardware.advance(self.now)
-        self.turn()
+        now = self.now
+        is_held = not self._released and all(servo.is_hold for _, servo in self._servos)
+        if self.hardware.next_due(now) == now or not is_held:
+            self.hardware.advance(now)
+            self.turn()
+            return
+        control = self.physics.data.ctrl
+        for at, servo in self._servos:
+            if servo.moving:
+                servo.advance(now)
+                control[at] = servo.angle / _DEGREES
+        self._step()
 
     def turn(self) -> None:
         """Advance the body by a tick, with the angles of the servos of the board as commands."""
@@ -150,6 +160,9 @@ class Simulation:
             if servo.is_hold == (at in self._released):
                 self._change(at, released=not servo.is_hold)
             control[at] = servo.angle / _DEGREES
+        self._step()
+
+    def _step(self) -> None:
         self.physics.advance(self._steps)
         self._ticks += 1
 

@@ -24,10 +24,12 @@ AFTERWARDS: Final = 2.0
 """Seconds after the end of a run, in which the robot can still fall."""
 FALLEN: Final = 45.0
 """Lean in degrees of a robot that has fallen."""
-SPACING: Final = 0.03
+SPACING: Final = 0.05
 """Seconds between two measurements, a whole number of ticks."""
 
-_SUPPORT = 4  # measurements whose points of support count together: a foot that bounces still supports
+_STILL = 0.01  # rad/s and m/s of the fastest part of a robot at rest
+_SAFE = 0.003  # metres of the margin of a robot at rest: nearer to the edge, it may be about to tip over
+_SUPPORT = 3  # measurements whose points of support count together: a foot that bounces still supports
 _DIRECTIONS = 64  # in which the margin of the centre of mass is measured
 
 
@@ -137,8 +139,10 @@ class RunningTrial:
 
     @property
     def is_over(self) -> bool:
-        """Whether the robot has fallen, or the time is over."""
-        return self.fall is not None or self.now >= self._end
+        """Whether the robot has fallen, or the time is over, or nothing moves any more after the end of the run."""
+        if self.fall is not None or self.now >= self._end:
+            return True
+        return self.now > self._end - AFTERWARDS + SPACING and self._watch.is_at_rest
 
     def advance(self, seconds: float = SPACING) -> None:
         """Go on by some seconds, a whole number of ticks, and measure once."""
@@ -162,6 +166,8 @@ class Watch:
 
         self.has_fallen = False
         """Whether the robot leans too far, or its base has come to the floor."""
+        self.is_at_rest = False
+        """Whether nothing moves, and the centre of mass is above the support."""
         self._physics = physics
         self._np = np
         body, model = physics.body, physics.model
@@ -191,6 +197,7 @@ class Watch:
         if new := set(self._pairs()) - self._known:
             self._note_collisions(now)
             self._known |= new
+        self.is_at_rest = bool(np.abs(data.qvel).max() < _STILL)
         if self._physics.body.bolted:
             return
         cosine = (data.xmat[self._upright][:, 6:] * self._up).sum(axis=1).max()
@@ -200,7 +207,8 @@ class Watch:
         pairs = data.contact.geom
         on_floor = pairs[:, 0] == self._floor  # MuJoCo names a plane before other shapes
         self._support.append(data.contact.pos[on_floor, :2])
-        self._measure_margin()
+        if self._measure_margin() < _SAFE:
+            self.is_at_rest = False
         self.has_fallen = tilt > FALLEN or bool(self._is_trunk[pairs[on_floor, 1]].any())
 
     def trial(self, fall: Fall | None) -> TrialResult:
@@ -227,10 +235,12 @@ class Watch:
             if FLOOR not in pair or not {*pair} & {*self._physics.body.feet}:
                 self._touched.setdefault(pair, now)
 
-    def _measure_margin(self) -> None:
-        """Compare the centre of mass with the hull of the points of support, in all directions."""
+    def _measure_margin(self) -> float:
+        """Return the margin of the centre of mass to the hull of the points of support, in all directions."""
         support = self._np.concatenate(self._support)
-        if len(support):
-            centre = self._physics.data.subtree_com[1, :2]
-            reach = (support @ self._directions).max(axis=0) - centre @ self._directions
-            self._margin = min(self._margin, float(reach.min()))
+        if not len(support):
+            return -math.inf
+        centre = self._physics.data.subtree_com[1, :2]
+        margin = float(((support @ self._directions).max(axis=0) - centre @ self._directions).min())
+        self._margin = min(self._margin, margin)
+        return margin

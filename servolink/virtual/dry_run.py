@@ -13,7 +13,7 @@ from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.simulated_servo import SimulatedServo
+from servolink.virtual.simulated_servo import HIGHEST, LOWEST, SimulatedServo
 
 LONGEST = 600.0
 """Longest dry run, in simulated seconds; a longer run is cut off."""
@@ -105,6 +105,12 @@ class _RecordingServo(SimulatedServo):
         self.advance(now)
         self._record(DryMove(self.servo_id, now, now + duration, self.angle, target))
         super().move(target, duration, now)
+
+    def _elapse(self, until: float) -> None:
+        """Advance the angle alone: a dry run has neither currents nor temperatures."""
+        if self._motion is not None and self._now is not None:
+            self.angle = max(LOWEST, min(HIGHEST, self.angle + self._motion.speed * (until - self._now)))
+        self._now = until
 
 
 def _cut(moves: Iterable[DryMove]) -> tuple[DryMove, ...]:
