@@ -21,7 +21,7 @@ from servolink.transports.registry import create
 from tests.transports.wires import LIMIT, WIRES, Ear, Wire, on_loop
 
 FRAME = bytes.fromhex("134c051d2f2700009e")
-CONNECTIONS = 25  # enough to see a leak
+CONNECTIONS = 12  # enough to see a leak
 
 
 @pytest.fixture(params=WIRES)
