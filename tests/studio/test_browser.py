@@ -123,6 +123,7 @@ def test_a_preview_moves_nothing_until_it_is_held(studio: Studio, browser: Any) 
 def test_escape_stops_all_servos(studio: Studio, browser: Any) -> None:
     with opened(browser, studio.url) as page:
         playwright.expect(page.locator(".sv")).to_have_count(16)
+        page.locator(".stage .seg").get_by_text("Robot").click()
         page.keyboard.press("Escape")
         playwright.expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
         assert is_stopped(studio)

@@ -195,7 +195,7 @@ def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, brow
     with opened(browser, studio.url, size) as page:
         page.evaluate(axe)
         expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
-        page.keyboard.press("Escape")
+        page.locator(".stop:visible").click()
         expect(page.get_by_text("Stopped", exact=True)).to_be_visible()
         assert page.evaluate(_COVERED) == []  # also by the message
         for screen in SCREENS:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.processes import until
-from tests.studio.browser import Studio, in_browser, is_stopped, opened, show
+from tests.studio.browser import LISTEN, Studio, in_browser, is_stopped, opened, show
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
 expect = playwright.expect
@@ -52,12 +52,15 @@ def test_escape_closes_in_preview_and_stops_all_the_same_when_something_may_move
     with opened(browser, studio.url) as page:
         expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
         page.wait_for_function("begun => performance.now() > begun + 1200", arg=page.evaluate("performance.now()"))
+        page.evaluate(LISTEN)
+        page.keyboard.press("Escape")
         page.keyboard.press("?")
         expect(page.get_by_role("dialog")).to_be_visible()
         page.keyboard.press("Escape")
         expect(page.get_by_role("dialog")).to_have_count(0)
+        assert "stop" not in page.evaluate("window.sent")
         assert not is_stopped(studio)
-        studio.board.move({2: 60}, duration=5)  # by another program, which has taken no lease
+        studio.board.move({2: 60}, duration=20)  # by another program, so slowly that two readings hardly differ
         until(lambda: studio.angle(2) > 10)
         page.keyboard.press("?")
         expect(page.get_by_role("dialog")).to_be_visible()

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import "./page.mjs";
+import { FakeLink } from "./page.mjs";
 
 const web = "../../../servolink/studio/web/";
 const { UndoList } = await import(`${web}state/undo.js`);
@@ -65,4 +65,24 @@ test("servos count as stopped only when they stay so", () => {
   assert.ok(isAllStopped.value);
   read(600, [[true, true], [false, false]]); // prettier-ignore
   assert.equal(stoppedCount.value, 0);
+});
+
+test("a servo that turns slowly does not rest, and one that trembles does", async (context) => {
+  const robot = await import(`${web}state/robot.js`);
+  const link = new FakeLink();
+  let now = 10_000;
+  context.mock.method(performance, "now", () => now);
+  robot.follow(link, () => {});
+  const read = (angle) => {
+    now += 100;
+    link.hear("servos", {
+      number: 1,
+      seconds: now / 1000,
+      servos: [{ servo_id: 1, angle, is_start: true, is_hold: true }],
+    });
+  };
+  for (let angle = 0; angle < 20; angle += 0.25) read(Math.round(angle));
+  assert.ok(!robot.isStill()); // 2.5 degrees in a second
+  for (let count = 0; count < 40; count++) read(20 + (count % 2));
+  assert.ok(robot.isStill());
 });

@@ -1,6 +1,7 @@
 // Text that is being typed into a field stays there, whatever else changes on the page meanwhile.
 
 import { html, useState } from "../html.js";
+import { mayEdit } from "../state/robot.js";
 
 /**
  * Return the text of a field: `text`, or what is being typed, until `end` is called or the field is left; and the
@@ -27,5 +28,6 @@ export function NameField({ name, placeholder, label, onChange }) {
     field.value = onChange(field.value.trim());
     end();
   };
+  if (!mayEdit.value) return html`<h2 class="grow ell">${name || placeholder}</h2>`;
   return html`<input class="inp title" maxlength="32" value=${value} placeholder=${placeholder} aria-label=${label} onChange=${rename} ...${handlers} />`;
 }

@@ -5,6 +5,7 @@ import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { conflict, differences, draft, edit, keeping, redo, redoLabel, undo, undoLabel } from "../state/project.js";
 import { withEdit } from "../state/records.js";
+import { mayEdit } from "../state/robot.js";
 import { toast } from "../state/toasts.js";
 import { t } from "../texts/text.js";
 
@@ -14,7 +15,7 @@ const LASTS = 20_000; // milliseconds in which people can keep their own edit
 
 /** Buttons to undo and redo edits, and the number of differences from the board. */
 export function Edits() {
-  if (draft.value === null) return null;
+  if (draft.value === null || !mayEdit.value) return null;
   const count = differences.value.length;
   return html`<div class="row edits">
       <${EditButton} icon="undo" label=${undoLabel.value} none="edit.undo" what="edit.undo_what" onClick=${undoEdit} />

@@ -76,6 +76,7 @@ const PAGES = {
   project: "how-to/save-and-restore.md",
   board: "how-to/board-profiles.md",
   servos: "how-to/trim.md",
+  fleet: "how-to/fleet-classroom.md",
 };
 
 /** What the screen is for, and where the documentation tells more. */
@@ -98,9 +99,6 @@ export function KeyList() {
   </${Dialog}>`;
 }
 
-/** Return whether something is open that Escape closes, or the focus is on blocks, where Escape has meanings of its own. */
-const isOpen = () => document.querySelector("dialog[open], [role=menu]") !== null || isOnBlocks(document.activeElement);
-
 /**
  * Return whether an element belongs to the blocks, which have keys of their own.
  * @param {EventTarget | null} target
@@ -112,8 +110,8 @@ const isOnBlocks = (target) =>
 const isAtRest = () => !stopsFleet() && mode.value === "preview" && lease.value === null && isFresh.value && isStill();
 
 /**
- * Listen to the keys of every screen. STOP works in text fields and dialogs too; Escape only closes what is open, if
- * nothing moves.
+ * Listen to the keys of every screen. STOP works in text fields and dialogs too. Escape closes what is open, and stops
+ * unless this page is in Preview and nothing moves.
  * @param {Tools} tools
  */
 export function listenToKeys(tools) {
@@ -121,7 +119,7 @@ export function listenToKeys(tools) {
   addEventListener(
     "keydown",
     (event) => {
-      if (event.key === "Escape" && !event.repeat && !(isOpen() && isAtRest())) stop(tools);
+      if (event.key === "Escape" && !event.repeat && !isAtRest()) stop(tools);
     },
     { capture: true },
   );

@@ -4,7 +4,7 @@ import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { needing, shownScreen } from "../state/fleet.js";
 import { differences } from "../state/project.js";
-import { hasBoard, hasFleet } from "../state/robot.js";
+import { hasBoard, hasFleet, mayMove } from "../state/robot.js";
 import { screen, showKeys, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { LanguageChoice } from "./language-choice.js";
@@ -26,9 +26,13 @@ export const ENTRIES = [
   { name: "fleet", icon: "fleet", title: "screen.fleet", isBelow: true },
 ];
 
-/** Return the screens that this page has: without a board there are its choice and the fleet. */
+/** Return the screens of this page: without a board its choice and the fleet, and none for moving if it may not move. */
 export const entries = () =>
-  ENTRIES.filter(({ name }) => (name === "fleet" ? hasFleet.value : hasBoard.value || name === "board"));
+  ENTRIES.filter(({ name }) => {
+    if (name === "fleet") return hasFleet.value;
+    if (name === "teach" || name === "servos") return hasBoard.value && mayMove.value;
+    return hasBoard.value || name === "board";
+  });
 
 /** Links to all screens, at the side or below. */
 export function Rail() {

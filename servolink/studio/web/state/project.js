@@ -5,7 +5,7 @@ import { differencesOf, rebased } from "./differences.js";
 import { Drafts } from "./drafts.js";
 import { withDurations } from "./durations.js";
 import { recordOf, targetOf, withEdit } from "./records.js";
-import { captions, isLive, linkState, welcome } from "./robot.js";
+import { captions, isLive, linkState, mayEdit, welcome } from "./robot.js";
 import { UndoList } from "./undo.js";
 
 /** @typedef {import("./records.js").Project} Project */
@@ -176,7 +176,7 @@ function takeTheirs(theirs, isConflict) {
  */
 export function edit(label, change, merge = "") {
   const before = draft.value;
-  if (before === null) return false;
+  if (before === null || (welcome.value !== null && !mayEdit.value)) return false;
   const after = withDurations(before, change(before));
   if (after === before) return false;
   steps.add(label, before, after, merge);

@@ -27,8 +27,10 @@ const hidden = signal(/** @type {ReadonlySet<number>} */ (new Set()));
 
 /** The servos that are plotted. */
 export const plotted = computed(() => servoIds.value.filter((id) => !hidden.value.has(id)));
-/** Whether this page may record. */
-export const mayRecord = computed(() => isLive.value && (welcome.value?.role ?? "watch") !== "watch");
+/** Whether this page has the right to record. */
+export const mayRun = computed(() => (welcome.value?.role ?? "watch") !== "watch");
+/** Whether this page may record now. */
+export const mayRecord = computed(() => isLive.value && mayRun.value);
 
 /**
  * Plot these servos, or do not.

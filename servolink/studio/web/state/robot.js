@@ -54,6 +54,8 @@ export const isMine = computed(() => lease.value !== null && lease.value.session
 export const isOthers = computed(() => lease.value !== null && !isMine.value);
 /** Whether the studio uses a board. */
 export const hasBoard = computed(() => welcome.value?.name !== "");
+/** Whether this page may edit the draft and the board. */
+export const mayEdit = computed(() => welcome.value?.role === "edit");
 /** Whether the studio sees a fleet. */
 export const hasFleet = computed(() => welcome.value?.has_fleet === true);
 /** Whether this page may choose robots: it may edit, and was not opened through a link. */
@@ -150,19 +152,22 @@ async function refresh(link) {
   });
 }
 
-const TREMBLES = 1; // degrees between two readings of a servo that rests
+const TREMBLES = 1; // degrees by which a servo that rests differs from where it came to rest
 const RESTS = 1000; // milliseconds without a turn, after which a servo rests
 let turnedAt = -Infinity; // milliseconds of `performance.now()`
+/** Angle of each servo when it turned last; two readings in a row hardly differ while a servo turns slowly. */
+const restsAt = /** @type {Map<number, number>} */ (new Map());
 
 /** Return whether no servo has turned lately. */
 export const isStill = () => performance.now() - turnedAt > RESTS;
 
 /** @param {{ seconds: number, servos: Servo[] }} frame */
 function take(frame) {
-  const before = servos.peek();
-  const turns = (/** @type {Servo} */ { servo_id: id, angle }) =>
-    Math.abs(angle - (before.get(id)?.angle ?? angle)) > TREMBLES;
-  if (!isRead.peek() || frame.servos.some(turns)) turnedAt = performance.now();
+  const turned = frame.servos.filter(
+    ({ servo_id: id, angle }) => !(Math.abs(angle - (restsAt.get(id) ?? NaN)) <= TREMBLES),
+  );
+  for (const { servo_id: id, angle } of turned) restsAt.set(id, angle);
+  if (!isRead.peek() || turned.length > 0) turnedAt = performance.now();
   history.add(frame.seconds, frame.servos);
   const ids = frame.servos.map((servo) => servo.servo_id).sort((a, b) => a - b);
   batch(() => {

@@ -334,7 +334,7 @@ export const texts = {
   "project.roll_back_changes": "{count} change on the board. Edits that were not written stay here.|{count} changes on the board. Edits that were not written stay here.",
 
   "keys.everywhere": "Everywhere",
-  "keys.stop": "STOP",
+  "keys.stop": "STOP; in Preview, while nothing moves, it only closes",
   "keys.list": "This list",
   "keys.figure": "Figure and servos",
   "keys.one_degree": "1 degree",

@@ -334,7 +334,7 @@ export const texts = {
   "project.roll_back_changes": "主板上将有 {count} 处修改。未写入的修改会保留。",
 
   "keys.everywhere": "全局",
-  "keys.stop": "急停",
+  "keys.stop": "急停；预览模式下没有运动时，仅关闭窗口",
   "keys.list": "此列表",
   "keys.figure": "姿势与舵机",
   "keys.one_degree": "1 度",

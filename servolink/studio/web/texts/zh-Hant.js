@@ -334,7 +334,7 @@ export const texts = {
   "project.roll_back_changes": "控制板上會有 {count} 項變更。還沒寫入的編輯會保留。",
 
   "keys.everywhere": "任何畫面",
-  "keys.stop": "停止",
+  "keys.stop": "停止；預覽模式下沒有動作時，只關閉視窗",
   "keys.list": "這份清單",
   "keys.figure": "模型與舵機",
   "keys.one_degree": "1 度",

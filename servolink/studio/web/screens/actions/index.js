@@ -13,7 +13,7 @@ import { nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { draft } from "../../state/project.js";
 import { LONGEST, poseOf, secondsOf } from "../../state/records.js";
-import { isLive } from "../../state/robot.js";
+import { isLive, mayEdit } from "../../state/robot.js";
 import {
   action,
   actionBefore,
@@ -53,13 +53,16 @@ const NoActions = () => html`<div class="card empty">
   <${Icon} name="actions" />
   <h1>${t("actions.none")}</h1>
   <p>${t("actions.none_detail")}</p>
-  <div class="row wrap">
+  ${
+    mayEdit.value &&
+    html`<div class="row wrap">
     <button class="btn pri" onClick=${addTaken}><${Icon} name="camera" />${t("actions.take_first")}</button>
     <button class="btn" onClick=${() => addAction("actions.did_add", t("actions.new_name", { number: 1 }), [])}>
       <${Icon} name="plus" />${t("actions.start_empty")}
     </button>
     <${PasteButton} isWide />
-  </div>
+  </div>`
+  }
 </div>`;
 
 // Toolbar of changes to the whole action.
@@ -69,7 +72,7 @@ function Toolbar() {
   const one = action.value,
     hasSides = mirror.value.size > 0,
     reason = hasSides ? undefined : t("actions.no_sides");
-  if (one === null) return null;
+  if (one === null || !mayEdit.value) return null;
   return html`<div class="card toolbar" role="toolbar" aria-label=${t("actions.tools")}>
     <button class="btn" disabled=${!hasSides} title=${reason} onClick=${mirrorAction}>
       <${Icon} name="mirror" />${t("actions.mirror")} <kbd class="hide-t hide-n">M</kbd>
@@ -99,8 +102,7 @@ function PoseList() {
   return html`<section class="card list" aria-label=${t("screen.actions")}>
     <header>
       <h2>${t("screen.actions")} <span class="mut num count">${actions.length}</span></h2>
-      <button class="btn s ic" aria-label=${t("actions.new")} title=${t("actions.new")} onClick=${addTaken}><${Icon} name="plus" /></button>
-      <${PasteButton} />
+      ${mayEdit.value && html`<button class="btn s ic" aria-label=${t("actions.new")} title=${t("actions.new")} onClick=${addTaken}><${Icon} name="plus" /></button><${PasteButton} />`}
     </header>
     <div class="find hide-n">
       <input class="inp s" type="search" value=${searchText.value} placeholder=${t("actions.find")} aria-label=${t("actions.find")}

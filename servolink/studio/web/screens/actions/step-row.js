@@ -7,6 +7,7 @@ import { limitsOf, nameOf } from "../../state/figure.js";
 import { capOf, within } from "../../state/limits.js";
 import { settle } from "../../state/project.js";
 import { LONGEST } from "../../state/records.js";
+import { mayEdit } from "../../state/robot.js";
 import { changeAction, ghostAction, startPose } from "../../state/shown-action.js";
 import { chooseServo, chosen } from "../../state/view.js";
 import { degrees, seconds, t } from "../../texts/text.js";
@@ -32,14 +33,16 @@ export function StepRow({ id, step, speed, longest }) {
   };
   const [low, high] = limitsOf(id);
   return html`<div ref=${row} class="step ${step ? "" : "off"} ${isChosen ? "sel" : ""}" onPointerDown=${() => chooseServo(id)}>
-    <input type="checkbox" checked=${step !== undefined} aria-label=${t("actions.takes_part", { id, name })} onChange=${join} />
+    ${mayEdit.value ? html`<input type="checkbox" checked=${step !== undefined} aria-label=${t("actions.takes_part", { id, name })} onChange=${join} />` : html`<span></span>`}
     <span class="sid">${id}</span>
     <button class="nm ell" aria-pressed=${String(isChosen)} onClick=${() => chooseServo(id)}>${name}</button>
+    ${!step && html`<span class="mut stays">${t("actions.stays")}</span>`}
+    ${step && !mayEdit.value && html`<span class="num">${degrees(step.degree)}</span><span class="num">${seconds(step.interval_ms / 1000)}</span>`}
     ${
-      step
-        ? html`<${NumberField} classes="s deg" value=${step.degree} format=${degrees} low=${low} high=${high} label=${t("actions.target_of", { name })} onChange=${(/** @type {number} */ degree) => turn(id, degree)} />
-          <${TimeBar} id=${id} step=${step} speed=${speed} longest=${longest} />`
-        : html`<span class="mut stays">${t("actions.stays")}</span>`
+      step &&
+      mayEdit.value &&
+      html`<${NumberField} classes="s deg" value=${step.degree} format=${degrees} low=${low} high=${high} label=${t("actions.target_of", { name })} onChange=${(/** @type {number} */ degree) => turn(id, degree)} />
+      <${TimeBar} id=${id} step=${step} speed=${speed} longest=${longest} />`
     }
   </div>`;
 }

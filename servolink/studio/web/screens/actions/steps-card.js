@@ -10,6 +10,7 @@ import { speedsOf, tooFast } from "../../state/edit-action.js";
 import { limbName, limbs, nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { fitCaption } from "../../state/records.js";
+import { mayEdit } from "../../state/robot.js";
 import { action, changeAction, ghostAction, nameOfAction, startPose } from "../../state/shown-action.js";
 import { t } from "../../texts/text.js";
 import { duplicate, moreTime, remove } from "./commands.js";
@@ -29,11 +30,14 @@ export function StepsCard() {
   const groups = strangers.length > 0 ? [...limbs.value, { limb: "?", ids: [...new Set(strangers)] }] : limbs.value;
   return html`<section class="card steps" aria-label=${nameOfAction(one)}>
     <header><${Name} />
-      <${Menu} label=${t("actions.more")} items=${[
-        { label: t("actions.duplicate"), run: duplicate },
-        { label: t("paste.copy"), run: () => copyMotion("action", one.action_id) },
-        { label: t("actions.delete"), run: remove, danger: true },
-      ]} />
+      ${
+        mayEdit.value &&
+        html`<${Menu} label=${t("actions.more")} items=${[
+          { label: t("actions.duplicate"), run: duplicate },
+          { label: t("paste.copy"), run: () => copyMotion("action", one.action_id) },
+          { label: t("actions.delete"), run: remove, danger: true },
+        ]} />`
+      }
     </header>
     <${Warning} />
     <div class="step titles" aria-hidden="true">

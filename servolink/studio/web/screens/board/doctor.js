@@ -3,7 +3,7 @@
 import { html } from "../../html.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
-import { isLive, welcome } from "../../state/robot.js";
+import { isLive, mayEdit } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
 import { FINDINGS } from "../../texts/doctor.js";
 import { language, number, t } from "../../texts/text.js";
@@ -24,9 +24,10 @@ export function Doctor({ link }) {
   const findings = /** @type {{ findings: Finding[] } | null} */ (report.answer)?.findings ?? null;
   const status = /** @type {Status | null} */ (line.answer);
   const all = [...(findings ?? []), ...ofLine(status), ...ofConnection()];
+  if (!mayEdit.value) return null;
   return html`<section class="card">
     <header><h2>${t("board.doctor")}</h2>
-      <button class="btn s" disabled=${report.isAsking || welcome.value?.role !== "edit"} onClick=${again}>${t("board.examine")}</button>
+      <button class="btn s" disabled=${report.isAsking} onClick=${again}>${t("board.examine")}</button>
     </header>
     ${findings === null && html`<p class="pad0 mut">${report.error ? safeText(report.error) : t("board.not_examined")}</p>`}
     ${findings !== null && all.length === 0 && html`<div class="pad0"><${Note} kind="ok" title=${t("board.nothing_wrong")} detail=${t("board.nothing_wrong_detail")} /></div>`}

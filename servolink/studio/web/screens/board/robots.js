@@ -5,7 +5,7 @@ import { LinkLost } from "../../link/link.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
-import { hasBoard, isLive, welcome } from "../../state/robot.js";
+import { hasBoard, isLive, isLocalEditor, welcome } from "../../state/robot.js";
 import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { useAnswer } from "./asking.js";
@@ -30,7 +30,7 @@ export function RobotList({ link }) {
   const others = boards.filter((board) => !board.is_ours);
   return html`<section class="card">
     <header><h2>${t("robots.title")}</h2>
-      <button class="btn s" disabled=${isAsking || answer === null} onClick=${ask}><${Icon} name="search" />${t("robots.look_again")}</button>
+      ${isLocalEditor.value && html`<button class="btn s" disabled=${isAsking || answer === null} onClick=${ask}><${Icon} name="search" />${t("robots.look_again")}</button>`}
     </header>
     ${problem && html`<div class="pad0"><${Note} kind="bad" urgent title=${t("robots.failed")} detail=${safeText(problem)} /></div>`}
     <ul>

@@ -18,7 +18,7 @@ import {
   Presses,
 } from "../../state/pad.js";
 import { draft, isCurrent, stored } from "../../state/project.js";
-import { isLive, mayMove } from "../../state/robot.js";
+import { isLive, mayEdit, mayMove } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
 import { chooseMode, mode } from "../../state/view.js";
 import { t } from "../../texts/text.js";
@@ -82,7 +82,7 @@ function Content({ project, table, motion }) {
       ${isGamepad(ids) && !isNarrow ? html`<${Pad} ...${shown} />` : html`<${Grid} ids=${ids} onAdd=${chooseButton} ...${shown} />`}
       <${EventLog} macroOf=${(/** @type {number} */ id, /** @type {string} */ kind) => macroName(stored.value, startedBy(id, kind))} />
     </section>
-    <${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, secondsOf }} id=${chosenButton.value} />
+    ${mayEdit.value && html`<${Assign} key=${`${table.table_id} ${chosenButton.value}`} ...${{ project, table, secondsOf }} id=${chosenButton.value} />`}
   </div>`;
 }
 

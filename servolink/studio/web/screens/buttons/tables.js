@@ -7,6 +7,7 @@ import { Menu } from "../../parts/menu.js";
 import { safeText } from "../../parts/safe-text.js";
 import { edit } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
+import { mayEdit } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { withNewTable, withoutTable, withTableName } from "../../state/edit-buttons.js";
 
@@ -27,8 +28,8 @@ export function Tables({ project, table, onChoose }) {
         </button>`,
       )}
     </div>
-    <button class="btn s ic" aria-label=${t("buttons.add_table")} title=${t("buttons.add_table")} onClick=${add}><${Icon} name="plus" /></button>
-    ${table && html`<${Menu} label=${t("buttons.table_menu", { table: tableName(table) })} items=${itemsOf(project, table, () => setRenames(true))} />`}
+    ${mayEdit.value && html`<button class="btn s ic" aria-label=${t("buttons.add_table")} title=${t("buttons.add_table")} onClick=${add}><${Icon} name="plus" /></button>`}
+    ${table && mayEdit.value && html`<${Menu} label=${t("buttons.table_menu", { table: tableName(table) })} items=${itemsOf(project, table, () => setRenames(true))} />`}
     ${renames && table && html`<${NameDialog} table=${table} onClose=${() => setRenames(false)} />`}
   </span>`;
 }

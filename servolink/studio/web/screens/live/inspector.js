@@ -41,7 +41,7 @@ export function Inspector({ link, motion }) {
   const release = () => {
     if (confirm(t("live.let_go_warning", { name: nameOf(id) }))) set({ start: false, hold: false });
   };
-  const isOff = !isLive.value || !mayMove.value || isOthers.value;
+  const isOff = !isLive.value || isOthers.value;
   return html`<section class="card insp" data-g=${limbOf(id)} ref=${card}>
     <header>
       <span class="sid">${id}</span>
@@ -52,12 +52,15 @@ export function Inspector({ link, motion }) {
       <dl class="kv">
         ${ROWS.map(([name, title]) => html`<dt>${t(title)}</dt><dd data-part=${name}></dd>`)}
       </dl>
-      <${Exact} id=${id} motion=${motion} />
+      ${
+        mayMove.value &&
+        html`<${Exact} id=${id} motion=${motion} />
       <div class="row wrap actions">
         <button class="btn s" disabled=${isOff} onClick=${release}>${t("live.let_go")}</button>
-        <button class="btn s" disabled=${!isLive.value || !mayMove.value} onClick=${() => set({ start: false, hold: true })}>${t("live.hold_it")}</button>
+        <button class="btn s" disabled=${!isLive.value} onClick=${() => set({ start: false, hold: true })}>${t("live.hold_it")}</button>
         <button class="btn s" disabled=${isOff} onClick=${() => set({ start: true, hold: true })}>${t("live.start_it")}</button>
-      </div>
+      </div>`
+      }
     </div>
   </section>`;
 }
@@ -71,7 +74,7 @@ function Exact({ id, motion }) {
     target = draft.value[id],
     reading = Math.round(servos.peek().get(id)?.angle ?? 0); // from which the arrow keys begin
   const shown = (/** @type {number} */ angle) => (target === undefined && angle === reading ? "" : degrees(angle));
-  const isOff = !isFresh.value || !mayMove.value;
+  const isOff = !isFresh.value;
   const go = async () => {
     if (target !== undefined && (await motion.begin())) motion.towards({ [id]: target });
   };

@@ -20,7 +20,7 @@ export function ServoRow({ id, motion }) {
   const isDragged = useRef(false);
   const [low, high] = limitsOf(id);
   const isKnown = useComputed(() => knows(id));
-  const isOff = !isFresh.value || !isKnown.value || !mayMove.value || (isOthers.value && mode.value === "robot");
+  const isOff = !isFresh.value || !isKnown.value || (isOthers.value && mode.value === "robot");
   /** @param {Event} event */
   const input = (event) => drag(id, Number(/** @type {HTMLInputElement} */ (event.currentTarget).value), motion);
   const begin = () => {
@@ -51,11 +51,14 @@ export function ServoRow({ id, motion }) {
       <div class="zero" style=${{ left: `${share(0, low, high)}%` }}></div>
       <div class="act" data-part="bar"></div>
       <div class="now" data-part="now"></div>
-      <input type="range" min=${low} max=${high} step="1" disabled=${isOff} data-part="slider"
+      ${
+        mayMove.value &&
+        html`<input type="range" min=${low} max=${high} step="1" disabled=${isOff} data-part="slider"
         aria-label=${t("live.target_of", { id, caption: nameOf(id) })}
         onPointerDown=${begin} onPointerUp=${end} onPointerCancel=${end} onLostPointerCapture=${end} onInput=${input}
         onKeyDown=${(/** @type {KeyboardEvent} */ event) => !event.repeat && isArrow(event) && begin()}
-        onKeyUp=${(/** @type {KeyboardEvent} */ event) => isArrow(event) && end()} onBlur=${end} />
+        onKeyUp=${(/** @type {KeyboardEvent} */ event) => isArrow(event) && end()} onBlur=${end} />`
+      }
     </div>
     <div class="mt" role="img" data-part="meters"><span><i data-part="current"></i></span><span><i data-part="temperature"></i></span></div>
   </li>`;
@@ -91,17 +94,17 @@ function show(row, id, isDragged) {
   const wanted = (mode.value === "robot" ? targets.value : draft.value)[id];
   /** @param {string} name */
   const part = (name) => /** @type {HTMLElement} */ (row.querySelector(`[data-part=${name}]`));
-  const slider = /** @type {HTMLInputElement} */ (part("slider"));
+  const slider = /** @type {HTMLInputElement | null} */ (part("slider")); // none on a page that may not move
   if (servo === undefined) {
     row.dataset.state = "unread"; // the style sheet hides everything that looks like an angle
     part("angle").textContent = "\u2013";
     part("target").textContent = "";
     part("meters").title = t("live.unread");
     part("meters").setAttribute("aria-label", t("live.unread"));
-    slider.setAttribute("aria-valuetext", t("live.unread"));
+    slider?.setAttribute("aria-valuetext", t("live.unread"));
     return;
   }
-  slider.removeAttribute("aria-valuetext");
+  slider?.removeAttribute("aria-valuetext");
   const at = share(servo.angle, low, high),
     zero = share(0, low, high);
   part("angle").textContent = degrees(servo.angle);
@@ -116,7 +119,7 @@ function show(row, id, isDragged) {
   part("meters").title = meters;
   part("meters").setAttribute("aria-label", meters);
   row.dataset.state = servo.is_hold ? (servo.is_start ? "ready" : "stopped") : "limp";
-  if (!isDragged) slider.value = String(wanted ?? servo.angle);
+  if (slider && !isDragged) slider.value = String(wanted ?? servo.angle);
 }
 
 /**

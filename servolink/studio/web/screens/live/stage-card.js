@@ -33,11 +33,14 @@ export function StageCard({ motion }) {
     </span></div>
     <div class="bar">
       ${isFresh.value ? null : html`<${AsSeen} />`}
-      <${Segments} label=${t("live.robot_mode")} value=${mode.value} onChoose=${choose}
+      ${
+        mayMove.value &&
+        html`<${Segments} label=${t("live.robot_mode")} value=${mode.value} onChoose=${choose}
         choices=${[
           { value: "preview", label: t("live.preview"), icon: "eye" },
           { value: "robot", label: t("live.robot_mode"), icon: "live" },
-        ]} />
+        ]} />`
+      }
       ${mayMove.value && mode.value === "preview" && html`<${HoldToMove} motion=${motion} />`}
     </div>
   </section>`;

@@ -12,6 +12,7 @@ import { ViewChoice } from "../../parts/view-choice.js";
 import { figure } from "../../state/figure.js";
 import { isRunning, pause, pose, runOnRobot, seek, time, togglePlay } from "../../state/macro-preview.js";
 import { draft, isWritten } from "../../state/project.js";
+import { mayEdit } from "../../state/robot.js";
 import {
   addEmptyMacro,
   course,
@@ -66,11 +67,14 @@ const NoMacros = () => html`<div class="card empty">
   <${Icon} name="macros" />
   <h1>${t("macros.none")}</h1>
   <p>${t("macros.none_detail")}</p>
-  <div class="row wrap">
+  ${
+    mayEdit.value &&
+    html`<div class="row wrap">
     <button class="btn pri" onClick=${addEmptyMacro}><${Icon} name="plus" />${t("macros.new")}</button>
     <a class="btn" href="#actions"><${Icon} name="actions" />${t("macros.make_actions")}</a>
     <${PasteButton} isWide />
-  </div>
+  </div>`
+  }
 </div>`;
 
 // All macros.
@@ -84,8 +88,7 @@ function MacroList() {
   return html`<section class="card list" aria-label=${t("screen.macros")}>
     <header>
       <h2>${t("screen.macros")} <span class="mut num count">${macros.length}</span></h2>
-      <button class="btn s ic" aria-label=${t("macros.new")} title=${t("macros.new")} onClick=${addEmptyMacro}><${Icon} name="plus" /></button>
-      <${PasteButton} />
+      ${mayEdit.value && html`<button class="btn s ic" aria-label=${t("macros.new")} title=${t("macros.new")} onClick=${addEmptyMacro}><${Icon} name="plus" /></button><${PasteButton} />`}
     </header>
     <div class="mlist" ref=${list}>${macros.map(row)}</div>
   </section>`;

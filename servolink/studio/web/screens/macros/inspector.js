@@ -12,6 +12,7 @@ import { nameOf } from "../../state/figure.js";
 import { capOf } from "../../state/limits.js";
 import { draft, settle } from "../../state/project.js";
 import { fitCaption } from "../../state/records.js";
+import { mayEdit } from "../../state/robot.js";
 import {
   changeMacro,
   chosenClip,
@@ -48,7 +49,7 @@ export function Inspector() {
   const command = chosenCommand();
   return html`<section class="card insp">
     <${Whole} />
-    ${command !== null && html`<${One} command=${command} at=${chosenClip.value} />`}
+    ${command !== null && mayEdit.value && html`<${One} command=${command} at=${chosenClip.value} />`}
     <div class="pad0"><${Speeds} /></div>
   </section>`;
 }
@@ -69,11 +70,14 @@ function Whole() {
     time = takes === null ? t("macros.endless") : seconds(takes);
   return html`<header>
       <${NameField} name=${safeText(one.macro_caption)} placeholder=${nameOfMacro(one)} label=${t("actions.name")} onChange=${rename} />
-      <${Menu} label=${t("actions.more")} items=${[
-        { label: t("actions.duplicate"), run: duplicateMacro },
-        { label: t("paste.copy"), run: () => copyMotion("macro", one.macro_id) },
-        { label: t("actions.delete"), run: removeMacro, danger: true },
-      ]} />
+      ${
+        mayEdit.value &&
+        html`<${Menu} label=${t("actions.more")} items=${[
+          { label: t("actions.duplicate"), run: duplicateMacro },
+          { label: t("paste.copy"), run: () => copyMotion("macro", one.macro_id) },
+          { label: t("actions.delete"), run: removeMacro, danger: true },
+        ]} />`
+      }
     </header>
     <p class="pad0 mut num">${t("macros.facts", { time, count: one.commands.length })}</p>`;
 }

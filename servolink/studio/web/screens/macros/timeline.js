@@ -11,7 +11,7 @@ import { nameOf } from "../../state/figure.js";
 import { isLooping, isPlaying, seek, time, toggleLoop, togglePlay } from "../../state/macro-preview.js";
 import { draft } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
-import { servoIds } from "../../state/robot.js";
+import { mayEdit, servoIds } from "../../state/robot.js";
 import { chooseClip, chosenClip, course, insertCommand, macro, nameOfMacro } from "../../state/shown-macro.js";
 import { isFarthest, isNearest, lanes, share, showLanes, span, zoom, zoomIn, zoomOut } from "../../state/timeline.js";
 import { list, seconds, t } from "../../texts/text.js";
@@ -110,9 +110,12 @@ function TimelineBar() {
     <button class="btn ic hide-n" aria-label=${t("macros.loop")} title=${t("macros.loop")} aria-pressed=${String(isLooping.value)} onClick=${toggleLoop}><${Icon} name="loop" /></button>
     <${Clock} />
     <span class="grow"></span>
-    <button class="btn s" aria-label=${t("macros.add_action")} onClick=${() => setAdding("action")}><${Icon} name="plus" />${t("macros.action")}</button>
+    ${
+      mayEdit.value &&
+      html`<button class="btn s" aria-label=${t("macros.add_action")} onClick=${() => setAdding("action")}><${Icon} name="plus" />${t("macros.action")}</button>
     <button class="btn s" aria-label=${t("macros.add_pause")} onClick=${() => insertCommand("delay", PAUSE)}><${Icon} name="plus" />${t("macros.pause")}</button>
-    <button class="btn s" aria-label=${t("macros.add_macro")} onClick=${() => setAdding("macro")}><${Icon} name="plus" />${t("macros.macro")}</button>
+    <button class="btn s" aria-label=${t("macros.add_macro")} onClick=${() => setAdding("macro")}><${Icon} name="plus" />${t("macros.macro")}</button>`
+    }
     <span class="rule hide-n"></span>
     <div class="hide-t hide-n"><${Segments} label=${t("macros.lanes")} small value=${lanes.value} onChoose=${showLanes}
       choices=${[

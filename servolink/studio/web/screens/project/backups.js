@@ -45,7 +45,7 @@ export function Backups({ link, mayWrite }) {
         ${shown.map(
           (backup) => html`<li key=${backup.number}>
           <span><b>${dateAndTime(backup.time)}</b><small class="num">${t("project.backup", { number: backup.number })}</small></span>
-          <button class="btn s" onClick=${() => compare(backup)}>${t("project.roll_back_to")}</button>
+          ${mayWrite && html`<button class="btn s" onClick=${() => compare(backup)}>${t("project.roll_back_to")}</button>`}
         </li>`,
         )}
       </ul>
@@ -65,9 +65,12 @@ function Compared({ backup, changes, link, mayWrite, onClose }) {
     <p class="mut">${changes.length === 0 ? t("project.same_as_backup") : t("project.roll_back_changes", { count: changes.length })}</p>
     <ul class="diffs">${changes.map((change) => html`<${Difference} key=${change.what} change=${change} />`)}</ul>
     <div class="row wrap actions">
-      <button class="btn pri" disabled=${!mayWrite || !isLive.value || progress.value !== null || changes.length === 0} onClick=${go}>
+      ${
+        mayWrite &&
+        html`<button class="btn pri" disabled=${!isLive.value || progress.value !== null || changes.length === 0} onClick=${go}>
         <${Icon} name="rollback" />${t("project.roll_back")}
-      </button>
+      </button>`
+      }
       <button class="btn" onClick=${onClose}>${t("app.close")}</button>
     </div>
   </${Dialog}>`;

@@ -76,7 +76,7 @@ function Head({ link, mayWrite, isCurrent, made }) {
   const count = made?.plan.changes.length ?? differences.value.length,
     isBusy = progress.value !== null;
   const isRefused = made?.found.some(({ severity }) => severity === "error") ?? false;
-  const mayBegin = mayWrite && isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
+  const mayBegin = isLive.value && !isBusy && !isOthers.value && isCurrent && count > 0 && !isRefused;
   const choose = () => {
     const field = /** @type {HTMLInputElement} */ (input.current),
       file = field.files?.[0];
@@ -85,11 +85,14 @@ function Head({ link, mayWrite, isCurrent, made }) {
   };
   return html`<header class="wrap">
     <div class="grow"><h1>${title(count, isRefused)}</h1><p class="mut">${t(isPlanning.value ? "project.comparing" : made || isLive.value ? "project.kept_here" : "project.compared_later")}</p></div>
-    <input type="file" accept=".json,application/json" class="sr" tabindex="-1" aria-label=${t("project.open")} ref=${input} onChange=${choose} />
-    <button class="btn" disabled=${isBusy} onClick=${() => input.current?.click()}>${t("project.open")}</button>
+    ${
+      mayWrite &&
+      html`<input type="file" accept=".json,application/json" class="sr" tabindex="-1" aria-label=${t("project.open")} ref=${input} onChange=${choose} />
+    <button class="btn" disabled=${isBusy} onClick=${() => input.current?.click()}>${t("project.open")}</button>`
+    }
     <button class="btn" onClick=${() => saveFile(link)}><${Icon} name="save" />${t("project.save")}</button>
     <button class="btn" disabled=${isBusy || !isLive.value} onClick=${() => again(link)}><${Icon} name="rollback" />${t("project.read_again")}</button>
-    ${!isBusy && html`<button class="btn pri" disabled=${!mayBegin} onClick=${() => apply(link)}><${Icon} name="project" />${t("project.write")}</button>`}
+    ${mayWrite && !isBusy && html`<button class="btn pri" disabled=${!mayBegin} onClick=${() => apply(link)}><${Icon} name="project" />${t("project.write")}</button>`}
   </header>`;
 }
 

@@ -13,6 +13,7 @@ import {
   mark,
   marks,
   mayRecord,
+  mayRun,
   plotServos,
   plotted,
   refresh,
@@ -72,7 +73,7 @@ function Head({ link }) {
     isRecording = now?.is_recording ?? false;
   const label = isRecording ? t("record.stop") : t("record.start");
   return html`<header class="wrap">
-    <button class="recbtn" aria-pressed=${String(isRecording)} aria-label=${label} title=${label} disabled=${!mayRecord.value} onClick=${() => startOrStop(link)}><i></i></button>
+    ${mayRun.value && html`<button class="recbtn" aria-pressed=${String(isRecording)} aria-label=${label} title=${label} disabled=${!mayRecord.value} onClick=${() => startOrStop(link)}><i></i></button>`}
     <div class="grow" aria-live="polite">
       <h1>${isRecording ? t("record.recording", { time: clock(now?.seconds ?? 0) }) : t("record.ready")}</h1>
       <p class="mut num">${factsOf(now)}</p>
