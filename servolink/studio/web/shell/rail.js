@@ -4,7 +4,7 @@ import { html, useEffect, useRef, useState } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { needing, shownScreen } from "../state/fleet.js";
 import { differences } from "../state/project.js";
-import { hasBoard, hasFleet, mayMove, welcome } from "../state/robot.js";
+import { hasBoard, hasFleet, mayEdit, mayMove, welcome } from "../state/robot.js";
 import { screen, showKeys, showScreen } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { LanguageChoice } from "./language-choice.js";
@@ -30,6 +30,7 @@ export const ENTRIES = [
 export const entries = () =>
   ENTRIES.filter(({ name }) => {
     if (name === "fleet") return hasFleet.value;
+    if (name === "blocks") return hasBoard.value && (welcome.value === null || mayEdit.value);
     if (name === "teach" || name === "servos") return hasBoard.value && (welcome.value === null || mayMove.value);
     return hasBoard.value || name === "board";
   });
