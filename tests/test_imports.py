@@ -8,13 +8,13 @@ import re
 import sys
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 import servolink
 from tests import processes
+from tests.extras import NEEDED, not_importable
 from tests.sampling import every, some
 from tests.syntax import tree_of
 
@@ -246,18 +246,15 @@ print(json.dumps(failures))
 """Imports each module first of all, with an empty package around it that has imported nothing yet."""
 
 
+def test_modules_that_need_extras_exist() -> None:
+    assert NEEDED.keys() <= MODULES.keys()
+
+
 @every(25)
 def test_every_module_can_be_imported_first(step: int) -> None:
+    left_out = not_importable()
     modules = [module for module in MODULES if "." in module and not module.endswith("__main__")]
-    if find_spec("gymnasium") is None:  # in the extra gym
-        modules.remove("servolink.twin.gym")
-    if find_spec("prometheus_client") is None:  # in the extra metrics
-        modules.remove("servolink.fleet.metrics")
-    for library, ending in (("mcp", ("model_tools", "model_serving")), ("PIL", ("picture", "model_tools"))):
-        if find_spec(library) is None:  # in the extra mcp
-            modules = [module for module in modules if not module.endswith(ending)]
-    if find_spec("foxglove") is None:  # in the extra of this name
-        modules = [module for module in modules if not module.startswith("servolink.gateways.live")]
+    modules = [module for module in modules if module not in left_out]
     tried = [modules[at] for at in some(0, len(modules), step)]
     done = processes.run([sys.executable, "-c", IMPORT_EACH, str(PACKAGE), json.dumps(tried)], check=True)
     assert json.loads(done.stdout) == {}

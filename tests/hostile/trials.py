@@ -252,6 +252,8 @@ TRIALS: dict[str, tuple[Trial, ...]] = {
         Trial("virtual --tcp 127.0.0.1:0 --script {script}"),
         Trial("virtual --tcp 127.0.0.1:0 --script {missing}"),
     ),
+    "mcp": (Trial("--url {few} mcp --http {text}"), Trial("--url {few} mcp --speed-cap {text}")),
+    "foxglove": (Trial("foxglove --recording {missing} --listen {text}"), Trial("foxglove --speed {text}")),
     "bench": (Trial("--url {few} bench --requests 1", timed=True),),
     "trim": (
         Trial("--url {few} trim --set 1=+2 --start", timed=True),
