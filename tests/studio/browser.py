@@ -36,6 +36,7 @@ _FILLED = {
     "Macros": ".mrow",
     "Buttons": ".asg",
     "Teach": ".screen .card",
+    "Blocks": ".blocklyToolbox",
     "Record": ".rec .plot canvas",
     "Project": ".screen h2",
     "Board": ".screen h2",
