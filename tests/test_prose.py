@@ -42,10 +42,11 @@ MOST_RIDDLES = 2.0
 """Riddles among the lines of a package, percent."""
 MOST_PRONOUNS = 5.3
 """Pronouns per 100 words of a package."""
-MOST_RIDDLES_IN_DESIGN = 3.0
-"""Riddles among the sentences of the design pages, percent; tables and headings are not measured."""
-MOST_PRONOUNS_IN_DESIGN = 7.5
-"""Pronouns per 100 words of the design pages."""
+MOST_IN_PAGES = {"design": (3.0, 7.5), "how-to": (5.0, 8.5), "reference": (5.5, 7.0)}
+"""Riddles among the sentences of the pages in a folder, percent, and pronouns per 100 words.
+
+Tables and headings are not measured.
+"""
 REMARKS = {
     "cli": (86, 9),
     "client": (172, 13),
@@ -148,12 +149,13 @@ def test_each_package_holds_the_measure(package: str) -> None:
     assert not worse, f"{package}: {worse}; `python -m tests.prose servolink/{package}` prints the worst lines"
 
 
-def test_design_pages_hold_the_measure() -> None:
-    found = figures((ROOT / "docs/design").glob("*.md"))
-    assert found.riddles <= MOST_RIDDLES_IN_DESIGN, (
-        "`python -m tests.prose docs/design/hub.md` prints the worst sentences"
-    )
-    assert found.pronouns <= MOST_PRONOUNS_IN_DESIGN
+@pytest.mark.parametrize("folder", MOST_IN_PAGES)
+def test_pages_hold_the_measure(folder: str) -> None:
+    found = figures((ROOT / "docs" / folder).glob("*.md"))
+    most_riddles, most_pronouns = MOST_IN_PAGES[folder]
+    worst = f"`python -m tests.prose docs/{folder}/PAGE.md` prints the worst sentences of a page"
+    assert found.riddles <= most_riddles, worst
+    assert found.pronouns <= most_pronouns, worst
 
 
 def test_measure_reads_sentences_of_a_page(tmp_path: Path) -> None:
