@@ -80,6 +80,7 @@ _UNHURRIED = """draw => {
 }"""
 """Without a graphics card a figure takes long, and the page would draw it flat."""
 _SETTLED = 700  # milliseconds
+_JUDGED = 180_000  # milliseconds in which the twin has tried everything
 _COLOURS = 256
 
 
@@ -100,6 +101,7 @@ def main() -> None:
         plan(page)
         show_blocks(page)
         paste(page)
+        fall(page)
         browser.close()
 
 
@@ -197,6 +199,22 @@ def show_blocks(page: Page) -> None:
     page.locator(".blocklyToolbox").wait_for()
     page.evaluate("async (stacks) => (await import('/state/blocks.js')).changeStacks(stacks)", STACKS)
     take(page, "blocks")
+
+
+def fall(page: Page) -> None:
+    """Bow too deeply, try it on the twin, and see what the plan says."""
+    _show(page, "Actions")
+    page.get_by_role("button", name="Bow").first.click()
+    for servo, degrees in (("R thigh", 88), ("L thigh", -88)):
+        _fill(page.get_by_label(f"Target of {servo}", exact=True), str(degrees))
+    page.get_by_role("button", name="Try on the twin").click()
+    page.get_by_text("The twin falls at").wait_for(timeout=_JUDGED)
+    page.locator(".pose[aria-pressed=true] .verdict").wait_for(timeout=_JUDGED)
+    take(page, "twin")
+    _show(page, "Project")
+    page.get_by_text("still trying").wait_for(state="detached", timeout=_JUDGED)
+    page.get_by_text("The twin falls in").wait_for(timeout=_JUDGED)
+    take(page, "twin-plan")
 
 
 def _show(page: Page, screen: str) -> None:
