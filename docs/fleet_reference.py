@@ -72,7 +72,7 @@ id of its own:
 - `stop` is always taken. Send it to `servolink/BOARD/stop` or `servolink/_fleet/stop`, where nothing is before it.
   What was sent before a stop does not begin after it, if it has a `pulse`; without one, only what the broker had by
   then is known to be older. So put the `pulse` of [the result](#stopover), or a later one, into what you send next.
-- The methods {session} belong to one program's connection; a fleet does not have them.
+- The methods {session} belong to one program's connection; a fleet has no such methods.
 - After a crash of the board's machine, the result is OutcomeUnknown: read back before you repeat it.
 
 A fleet adds two methods, by which boards start together: each is asked to `prepare` for an id, and answers when the

@@ -154,7 +154,7 @@ class BoardNow(Struct, frozen=True, kw_only=True):
 
 
 class ServosNow(ServosFrame, frozen=True):
-    """Latest state of the servos. Sent to `servos`, QoS 0: late states are left out.
+    """Latest state of the servos. Sent to `servos`, QoS 0: late states are dropped.
 
     None is sent from `prepare` to the start.
     """
