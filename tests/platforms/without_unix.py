@@ -55,8 +55,8 @@ LIBRARIES = """
     rich.console rich.live rich.progress segno serial.tools.list_ports serial_asyncio usb.backend.libusb1 usb.core
 """
 """Imported while this is still Linux: their branches for Windows need Windows."""
-SERVER, NEED_SERVER = "aiohttp.web", {"studio", "--import"}
-"""A library that takes longer to import than all others, and the words of command lines that need it."""
+SLOW = {"aiohttp.web": {"studio", "--import"}, "gymnasium": {"--import"}}
+"""Libraries that take longer to import than all others, and the words of command lines that need them."""
 FORBIDDEN = set('<>:"|?*\\')
 
 
@@ -95,7 +95,7 @@ class Console:
 
 def take_away() -> None:
     """Make this process as much like one on Windows as it can be."""
-    for library in [*LIBRARIES.split(), *([SERVER] if NEED_SERVER & {*sys.argv} else [])]:
+    for library in [*LIBRARIES.split(), *(library for library, words in SLOW.items() if words & {*sys.argv})]:
         with contextlib.suppress(ImportError):
             importlib.import_module(library)
     platform.platform()  # which remembers what it has found
