@@ -18,6 +18,7 @@ from servolink.files import read_file, user_folder, write_atomically
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
 from servolink.studio.connections import HEADERS, Connections, PageConnection
+from servolink.studio.docs_pages import docs_page, page_names
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.drafts import file_name
 from servolink.studio.gate import Gate
@@ -98,7 +99,13 @@ def application(studio: Studio, gate: Gate) -> web.Application:
         await serve_page(studio, gate, messages, _connection(request).admit)
         return messages
 
+    async def show(request: web.Request) -> web.StreamResponse:
+        if (name := request.match_info["name"]) not in page_names():
+            raise web.HTTPNotFound(text="servolink has no such page\n")
+        return web.Response(body=docs_page(name), headers={"Content-Type": "text/html; charset=utf-8"})
+
     app.router.add_get("/ws", talk)
+    app.router.add_get("/docs/{name:.+}", show)
     for path, file in files.items():
         app.router.add_get(path, _sending(file))
     return app

@@ -66,25 +66,28 @@ const LIST = [
   ],
 ];
 
-/** Page of the documentation about each screen, in the folder `docs` of servolink. @type {Record<string, string>} */
+/** Page of the documentation about each screen. @type {Record<string, string>} */
 const PAGES = {
-  actions: "tutorial/first-robot.md",
-  macros: "tutorial/first-robot.md",
-  buttons: "tutorial/first-robot.md",
-  blocks: "how-to/blocks.md",
-  record: "how-to/recordings.md",
-  project: "how-to/save-and-restore.md",
-  board: "how-to/board-profiles.md",
-  servos: "how-to/trim.md",
-  fleet: "how-to/fleet-classroom.md",
+  actions: "tutorial/first-robot",
+  macros: "tutorial/first-robot",
+  buttons: "tutorial/first-robot",
+  blocks: "how-to/blocks",
+  record: "how-to/recordings",
+  project: "how-to/save-and-restore",
+  board: "how-to/board-profiles",
+  servos: "how-to/trim",
+  fleet: "how-to/fleet-classroom",
 };
 
 /** What the screen is for, and where the documentation tells more. */
-const Guide = () => html`<section class="guide" aria-labelledby="guide-title">
+const Guide = () => {
+  const page = PAGES[screen.value] ?? "how-to/studio";
+  return html`<section class="guide" aria-labelledby="guide-title">
   <h3 id="guide-title">${t("guide.title", { screen: t(ENTRIES.find(({ name }) => name === screen.value)?.title ?? "screen.live") })}</h3>
   <p>${t(/** @type {Key} */ (`guide.${screen.value}`))}</p>
-  <p class="mut">${t("guide.docs")} <code>docs/${PAGES[screen.value] ?? "how-to/studio.md"}</code></p>
+  <p class="mut">${t("guide.docs")} <a href=${`/docs/${page}`} target="_blank" rel="noopener">${page}</a></p>
 </section>`;
+};
 
 /** Dialog with a guide to the screen, and a list of all keys. */
 export function KeyList() {
