@@ -11,7 +11,10 @@ from importlib import import_module
 
 from benchmarks.measuring import Result
 
-PARTS = ("model", "simulation", "framing", "hidden", "sums", "stalls", "flood", "lossy", "reopening", "soak", "hub")
+PARTS = (
+    *("model", "simulation", "framing", "hidden", "sums", "stalls", "flood", "lossy", "reopening", "soak", "hub"),
+    "installation",
+)
 """Modules here, each with `run(*, short) -> Result`."""
 
 

@@ -21,6 +21,7 @@ from benchmarks.reliability import (
     framing,
     hidden,
     hub,
+    installation,
     lossy,
     model,
     reopening,
@@ -50,7 +51,7 @@ def main() -> int:
     parser.add_argument("--histories", type=int, metavar="N", help="simulation, hub: how many seeds")
     parser.add_argument("--python", action="append", metavar="PATH", help="stalls: an interpreter to try, any number")
     parser.add_argument("--real", action="store_true", help="stalls: also in real time, over a pseudo-terminal")
-    parser.add_argument("--hours", type=float, default=2.0, help="soak: for how long")
+    parser.add_argument("--hours", type=float, default=2.0, help="soak, installation: for how long")
     parser.add_argument("--virtual", action="store_true", help="soak: in virtual time, not over a pseudo-terminal")
     args = parser.parse_args()
     if args.seed is not None:
@@ -83,6 +84,7 @@ def _work(args: argparse.Namespace) -> Callable[[], Result]:
         "reopening": reopening.run,
         "hub": partial(hub.run, first=args.first, histories=args.histories, steps=args.steps),
         "soak": partial(soak.run, hours=args.hours, virtual=args.virtual),
+        "installation": partial(installation.run, hours=args.hours),
     }
     return partial(work[args.part], short=args.short)
 
