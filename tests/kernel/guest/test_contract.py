@@ -31,7 +31,8 @@ def make(request: pytest.FixtureRequest) -> Callable[[], Wire]:
 @pytest.fixture(autouse=True)
 def _slow(monkeypatch: pytest.MonkeyPatch) -> None:
     """This machine is some 20 times slower than a real one, and its drivers hold less than a socket does."""
-    monkeypatch.setattr(test_contract, "FLOOD", 40_000)
+    for wire in (KernelWire, KernelHidWire):
+        monkeypatch.setattr(wire, "flood", 40_000)
     monkeypatch.setattr(test_contract, "CONNECTIONS", 10)
     monkeypatch.setattr(wires, "LIMIT", 60.0)
 
