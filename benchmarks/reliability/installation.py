@@ -30,7 +30,8 @@ from servolink.errors import ServolinkError
 _LOST = 0.01  # of the pieces in each direction: a request or a response each
 _MINUTE = 60.0
 _GONE = 2.0  # seconds for which the board is unplugged
-_LOOK = 1.0  # seconds between two looks at whether all still run
+_BACK = 5.0  # seconds in which all connections are open again
+_LOOK = 5.0  # seconds between two looks at the programs
 _WARM = 1 / 3  # share of the time in which memory may still grow
 _MOST_GROWTH = 0.02
 _SEEN_WITHIN = 0.1  # seconds
@@ -216,14 +217,15 @@ async def _live(hours: float) -> tuple[Witness, dict[str, list[Look]]]:
                 for task in tasks:
                     if task.done():
                         task.result()
+                for name, process in programs.items():
+                    looks.setdefault(name, []).append(look(process))
                 if loop.time() >= pull_at:
-                    for name, process in programs.items():  # with all connections open
-                        looks.setdefault(name, []).append(look(process))
                     pull_at += _MINUTE
                     witness.counts["pulled"] += 1
                     cable.pull()
                     await asyncio.sleep(_GONE)
                     await cable.plug()
+                    await asyncio.sleep(_BACK)
     return witness, looks
 
 
