@@ -6,6 +6,7 @@ from importlib.util import find_spec
 
 NEEDED = {
     "servolink.fleet.metrics": "prometheus_client",
+    "servolink.gateways.figure_picture": "PIL",
     "servolink.gateways.live_channels": "foxglove",
     "servolink.gateways.live_server": "foxglove",
     "servolink.gateways.model_serving": "mcp",
