@@ -69,6 +69,7 @@ def take_away() -> None:
             if hasattr(owner, name):
                 delattr(owner, name)
     setattr(time, "CLOCK_UPTIME_RAW", time.CLOCK_MONOTONIC)  # noqa: B010 - which no type checker on Linux knows
+    setattr(os, "process_cpu_count", os.cpu_count)  # noqa: B010 - which Python reads from 3.13 on
     _hide_files()
     _shorten_sockets()
     sys.platform = "darwin"
