@@ -34,7 +34,7 @@ _BACK = 5.0  # seconds in which all connections are open again
 _LOOK = 5.0  # seconds between two looks at the programs
 _WARM = 1 / 3  # share of the time in which memory may still grow
 _MOST_GROWTH = 0.02
-_MOST_AT_FIRST = 0.05  # in the first minutes, while the hub still fills what it keeps of its latest past
+_MOST_AT_FIRST = 0.1  # in the first minutes, while the hub still fills what it keeps of its latest past
 _SEEN_WITHIN = 0.1  # seconds
 
 
