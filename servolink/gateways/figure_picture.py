@@ -29,7 +29,7 @@ Face: TypeAlias = tuple[Vector, ...]
 
 
 class _Drawn(NamedTuple):
-    """Face on the picture plane, with its distance."""
+    """Face on the picture plane, with the distance."""
 
     depth: float
     points: list[tuple[float, float]]
@@ -94,7 +94,7 @@ def _prism(axis: int) -> Iterator[Face]:
 
 
 def _along(axis: int, height: float, across: tuple[float, float]) -> Vector:
-    """Return a point at a height on an axis, and across it."""
+    """Return a point at a height on an axis, and across the axis."""
     x, y, z = (height, *across)
     return ((x, y, z), (z, x, y), (y, z, x))[axis]
 

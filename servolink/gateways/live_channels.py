@@ -157,7 +157,7 @@ def _cube(solid: Solid) -> Any:
 
 
 def _cylinder(solid: Solid, axis: int) -> Any:
-    """Return a cylinder, which Foxglove draws along z, turned to its axis."""
+    """Return a cylinder, which Foxglove draws along z, turned to the axis."""
     turned = (Placement((0, 0, -1), (0, 1, 0), (1, 0, 0)), Placement((1, 0, 0), (0, 0, -1), (0, 1, 0)), Placement())[
         axis
     ]

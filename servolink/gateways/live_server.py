@@ -53,7 +53,7 @@ class PublishedTargets(ServerListener):  # type: ignore[misc,unused-ignore]  # w
         self._topics: dict[tuple[int, int], str] = {}
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
-        """Draw the scene for a program that begins to listen; it is logged only then."""
+        """Draw the scene for a program that begins to listen; no scene is logged before."""
         if channel.topic == SCENE:
             self._channels.draw_scene(time.time_ns())
 
@@ -95,7 +95,7 @@ class PublishedTargets(ServerListener):  # type: ignore[misc,unused-ignore]  # w
             self._tell(f"nothing was moved, or not to its end: {error}")
 
     def _tell(self, text: str) -> None:
-        """Tell all programs, as Foxglove shows it among the problems."""
+        """Tell all programs; Foxglove shows the text among the problems."""
         if self.server is not None:
             self.server.publish_status(escape(text), StatusLevel.Warning, "move")
 
