@@ -22,6 +22,7 @@ ServolinkError
 │  └─ OutcomeUnknown                  sent without a response: the board may have obeyed or not            remote
 ├─ TargetNotReached                   servos have not arrived in time; the motion may still continue       remote
 ├─ ProjectError (ValueError)          a project, its file or a board's content is unusable; the text says where
+├─ TwinError (ValueError)             a figure has no possible body, or MuJoCo is missing; the text says what to do
 └─ RecordingError (ValueError)        a recording cannot be written or read; the text says what to do
 
 Errors marked local are a LocalError as well, whose cause is on this side, and those marked remote a RemoteError, whose
