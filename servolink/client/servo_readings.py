@@ -50,7 +50,7 @@ class _RatedReader(Reader[ServoReading]):
         """When the next reading is to be asked for, or later."""
 
     def offer(self, requested_at: float, reading: ServoReading) -> bool:
-        """Take a reading requested at `asked_at`, unless too early; an unread reading is replaced.
+        """Take a reading requested at `requested_at`, unless too early; an unread reading is replaced.
 
         Return whether it raises an alarm that stops the servos.
         """
