@@ -70,6 +70,9 @@ def _members(cls: type) -> Iterator[Row]:
             continue
         body = _tree(base).body
         for node, after in zip(body, [*body[1:], None], strict=True):
+            if isinstance(node, ast.FunctionDef) and node.name == "__init__":
+                yield from _set_at_first(node)
+                continue
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 row = _function(node)
             elif isinstance(node, ast.AnnAssign) and "ClassVar" not in ast.unparse(node.annotation):
@@ -78,6 +81,19 @@ def _members(cls: type) -> Iterator[Row]:
                 continue
             if not row[0].startswith(("`_", "`await _")):
                 yield row
+
+
+def _set_at_first(made: ast.FunctionDef) -> Iterator[Row]:
+    """Yield a row for each public attribute that `__init__` sets, with the meaning in the string after it."""
+    for node, after in zip(made.body, made.body[1:], strict=False):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or not isinstance(after, ast.Expr):
+            continue
+        name = ast.unparse(node.target if isinstance(node, ast.AnnAssign) else node.targets[0])
+        if isinstance(after.value, ast.Constant) and re.fullmatch(r"self\.[a-z]\w*", name):
+            value = getattr(node.value, "value", None)
+            kind = ast.unparse(node.annotation) if isinstance(node, ast.AnnAssign) else type(value).__name__
+            if kind != "NoneType":  # neither declared nor a constant
+                yield f"`{name.removeprefix('self.')}: {kind}`", _first_sentence(str(after.value.value))
 
 
 def _tree(thing: Any) -> Any:
@@ -89,7 +105,7 @@ def _attribute(name: str, annotation: ast.expr, after: ast.stmt | None) -> Row:
     meaning = ""
     if isinstance(annotation, ast.Subscript) and ast.unparse(annotation.value) == "Annotated":
         annotation, *notes = annotation.slice.elts  # type: ignore[attr-defined]
-        described = re.search(r"description=(['\"])(.*?)\1", " ".join(map(ast.unparse, notes)))
+        described = re.search(r"(?:description=|_about\()(['\"])(.*?)\1", " ".join(map(ast.unparse, notes)))
         meaning = described[2] if described else ""
     if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
         meaning = str(after.value.value)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import textwrap
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -266,9 +267,9 @@ def _default(field: types.Field) -> str:
 
 def _text(info: Any) -> str:
     """Return a type in words, with links to other types."""
+    while isinstance(info, types.Metadata):
+        info = info.type
     match info:
-        case types.Metadata():
-            return _text(info.type)
         case types.IntType() | types.FloatType():
             return ("integer" if isinstance(info, types.IntType) else "number") + _range(info)
         case types.LiteralType():
@@ -276,14 +277,21 @@ def _text(info: Any) -> str:
         case types.UnionType():
             return " or ".join(map(_text, info.types))
         case types.VarTupleType():
-            return f"list of {_text(info.item_type)}"
+            return f"list of {_plural(info.item_type)}"
+        case types.TupleType():
+            return f"[{', '.join(map(_text, info.item_types))}]"
         case types.DictType():
-            return f"object of {_text(info.value_type)}s"
+            return f"object of {_plural(info.value_type)}".removesuffix(" of anything")
         case types.StructType():
             name, is_own = info.cls.__name__, info.cls.__module__.startswith("servolink.control.")
             return f"[{name}]({f'#{name.lower()}' if is_own else 'project-file.md'})"
         case _:
             return _WORDS.get(type(info), "anything")
+
+
+def _plural(info: Any) -> str:
+    """Return the type of the values in a list or an object, in words."""
+    return re.sub(r"^(integer|number)", r"\1s", _text(info))
 
 
 _WORDS: dict[Any, str] = {types.StrType: "text", types.BoolType: "true or false", types.NoneType: "null"}
