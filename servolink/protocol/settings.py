@@ -61,9 +61,9 @@ class QueryMemorySizeResponse(Response, frozen=True, gc=False):
 
     packet_id: ClassVar[int] = 10031
     section: ClassVar[str] = "3.1.3.2"
-    size: Annotated[Natural32, Meta(description="free memory, bytes")]
+    size: Annotated[Natural32, Meta(description="free memory; the document names no unit")]
     total_size: Annotated[
-        Natural32 | None, Meta(description="total memory, bytes; none from boards that send 4 bytes")
+        Natural32 | None, Meta(description="total memory in the same unit; none from boards that send 4 bytes")
     ] = None
 
 
