@@ -31,6 +31,7 @@ def page(figures: Path) -> str:
         **_sharing(found["hub"]),
         **_imports(_read(figures / "imports.json")["imports"]["counts"]),
         **_lucky(_read(figures / "recall.json")["recall"]["lucky"]),
+        **_fleet(_read(figures / "fleet.json")),
     )
 
 
@@ -42,6 +43,17 @@ def _read(path: Path) -> dict[str, Any]:
 def _lucky(recall: dict[str, int]) -> dict[str, str]:
     """Return what is found where every damaged frame has the right sum."""
     return {"lucky_intact": f"{recall['intact']:,}", "lucky_missed": f"{recall['intact'] - recall['found']:,}"}
+
+
+def _fleet(record: dict[str, Any]) -> dict[str, str]:
+    """Return how soon the boards of the largest fleet started and stopped, in ms."""
+    case = max(record["fleet"]["cases"], key=lambda case: case["boards"])
+    found = {"fleet_boards": str(case["boards"]), "fleet_cores": str(record["machine"]["cores"])}
+    for name in ("start", "stop"):
+        ordered = sorted(case["spreads" if name == "start" else "stops"])
+        found[f"{name}_median"] = f"{1000 * ordered[len(ordered) // 2]:.0f}"
+        found[f"{name}_most"] = f"{1000 * ordered[len(ordered) * 99 // 100]:.0f}"
+    return found
 
 
 def _conversations(found: dict[str, Any]) -> dict[str, str]:
@@ -114,11 +126,11 @@ def _strengths(figures: dict[str, Any]) -> dict[str, str]:
         "not_found": f"{sum(line['intact'] - line['found'] for line in framing):,}",
         "stalls": f"{stalls['count'] * len(lost):,}",
         "stalls_lost": f"{sum(ours for _, _, ours in lost):,}",
-        "pythons": " and ".join(sorted({name.partition(",")[0].rpartition(".")[0] for name in stalls["lost"]})),
+        "pythons": ", ".join(sorted({name.partition(",")[0].rpartition(".")[0] for name in stalls["lost"]})),
         "events": f"{flood['events']:,}",
         "dropped": f"{flood['dropped']:,}",
         "flood_growth": f"{flood['growth'] / 1e6:.1f} MB",
-        "longest": f"{virtual['hours']:g} hours of virtual and {real['hours'] * 60:g} minutes of real time",
+        "longest": f"{virtual['hours']:g} hours of virtual and {real['hours']:g} hours of real time",
         "soaks": "\n".join(
             f"| {soak['hours']:g} h of use in {where} with 1 % faults: descriptors, threads, tasks "
             f"| {soak['calls']:,} calls, {soak['connections']:,} connections "

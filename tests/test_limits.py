@@ -20,7 +20,7 @@ def test_the_page_is_made_from_the_figures() -> None:
 
 
 def test_a_fault_that_was_found_would_stand_on_the_page(tmp_path: Path) -> None:
-    for name in ("imports.json", "recall.json"):
+    for name in ("fleet.json", "imports.json", "recall.json"):
         shutil.copy(FIGURES / name, tmp_path)
     record = json.loads(json.dumps(RECORD))
     record["reliability"]["parts"]["simulation"]["figures"]["total"]["wrong"] = 4321
