@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from servolink.studio.docs_pages import docs_page, page_names
 
 ROOT = Path(__file__).parents[2]
@@ -38,3 +40,13 @@ def test_a_page_has_notes_and_no_code_of_its_own() -> None:
 
 def test_a_page_in_chinese_says_so() -> None:
     assert b'<html lang="zh-Hant">' in docs_page("tutorial/quick-start-zh-hant")
+
+
+@pytest.mark.parametrize("language", ["hans", "hant"])
+def test_a_quick_start_in_chinese_explains_each_check_of_the_doctor(language: str) -> None:
+    def checks(page: str) -> set[str]:
+        rows = re.findall(r"^\| (`.+?`) \|", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE)
+        return set(re.findall(r"`([^`]+)`", " ".join(rows)))
+
+    assert len(checks("reference/doctor.md")) > 20
+    assert checks(f"tutorial/quick-start-zh-{language}.md") == checks("reference/doctor.md")
