@@ -9,6 +9,7 @@ import { Segments } from "../../parts/segments.js";
 import { nameOf } from "../../state/figure.js";
 import { assigned, changed, jointOf } from "../../state/fitting.js";
 import { servoIds, servos } from "../../state/robot.js";
+import { partName } from "../../texts/parts.js";
 import { degrees, t } from "../../texts/text.js";
 
 /** @typedef {import("../../state/fitting.js").Fit} Fit */
@@ -32,7 +33,7 @@ export function FitSteps({ fit, servo, motion, onServo, onFit }) {
     <h2>${t("figure.which")}</h2>
     <select class="inp" aria-label=${t("figure.which")} onChange=${(/** @type {Event} */ event) => onFit(assigned(fit, servo, valueOf(event) || null))}>
       <option value="" selected=${joint === null}>${t("figure.nothing")}</option>
-      ${fit.parts.map((id) => html`<option key=${id} value=${id} selected=${id === joint?.id}>${partName(id)}</option>`)}
+      ${fit.parts.map((id) => html`<option key=${id} value=${id} selected=${id === joint?.id}>${safeText(partName(id))}</option>`)}
     </select>
     <p class="mut">${t("figure.which_hint")}</p>
     ${
@@ -58,7 +59,7 @@ export function FitSteps({ fit, servo, motion, onServo, onFit }) {
 function ServoChoice({ fit, servo, onServo }) {
   const ids = servoIds.value,
     at = ids.indexOf(servo);
-  const part = (/** @type {number} */ id) => partName(jointOf(fit, id)?.id ?? "") || t("figure.nothing");
+  const part = (/** @type {number} */ id) => safeText(partName(jointOf(fit, id)?.id ?? "")) || t("figure.nothing");
   return html`<div class="row">
     <button class="btn ic" aria-label=${t("figure.before")} disabled=${at <= 0} onClick=${() => onServo(ids[at - 1])}><${Icon} name="left" /></button>
     <select class="inp grow" aria-label=${t("figure.servo")} onChange=${(/** @type {Event} */ event) => onServo(Number(valueOf(event)))}>
@@ -91,6 +92,3 @@ export function Wiggle({ servo, motion }) {
 
 /** @param {Event} event */
 const valueOf = (event) => /** @type {HTMLSelectElement} */ (event.currentTarget).value;
-
-/** @param {string} id of a joint, such as `r_shoulder` */
-const partName = (id) => safeText(id.replaceAll("_", " "));

@@ -6,7 +6,7 @@ import { Icon } from "../../parts/icon.js";
 import { safeText } from "../../parts/safe-text.js";
 import { Segments } from "../../parts/segments.js";
 import { FigureStage } from "../../parts/stage.js";
-import { figure, saveFigure } from "../../state/figure.js";
+import { figure, saveFigure, templates } from "../../state/figure.js";
 import {
   asked,
   askAbout,
@@ -31,6 +31,15 @@ import { FitSteps } from "./fit-steps.js";
 
 const NAMES = /** @type {const} */ (["figure.humanoid", "figure.arm", "figure.quadruped", "figure.hexapod"]);
 const PALE = { tint: /** @type {import("../../figure/matrix.js").Vector} */ ([0.6, 0.62, 0.64]), amount: 0.8 };
+
+/**
+ * Return the name of a figure, in the language of the page for those that come with the studio.
+ * @param {Figure} shown
+ */
+export function figureName({ data: { name } }) {
+  const at = templates.value.findIndex((each) => each.data.name === name);
+  return at < 0 ? safeText(name) : t(NAMES[at]);
+}
 
 /** @param {Tools} tools */
 export function FitCard({ link, motion }) {

@@ -11,7 +11,7 @@ import { toast } from "../../state/toasts.js";
 import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { Doctor } from "./doctor.js";
-import { FitCard } from "./fit.js";
+import { figureName, FitCard } from "./fit.js";
 import { LineTestCard } from "./line-test.js";
 import { LinkCard } from "./links.js";
 import { RawAnglesCard } from "./raw-angles.js";
@@ -46,7 +46,7 @@ function FigureCard({ link }) {
     save(link, null).then(() => toast({ kind: "ok", title: t("figure.use_template"), action }));
   };
   return html`<section class="card">
-    <header><h2>${t("figure.title")}</h2>${known && html`<span class="chip">${safeText(known.data.name)}</span>`}</header>
+    <header><h2>${t("figure.title")}</h2>${known && html`<span class="chip">${figureName(known)}</span>`}</header>
     <div class="pad0 stack">
       <p class="mut">${t(known === null ? "figure.none" : isOwn ? "figure.is_own" : "figure.is_template")}</p>
       ${
