@@ -32,7 +32,6 @@ def timed_out(
     `answers_others`: the board has answered what was sent after it. `through_hub`: a hub that reaches the board has
     repeated the request. `excuse`: why the board cannot answer now.
     """
-    failure = f"{described(packet)} was not answered by {escape(url)}"
     times = "1 try" if tries == 1 else f"{tries} tries"
     how = f"in {waited:.1f} s ({times})" if tries else f"and not sent in {waited:.1f} s"
     if excuse:
@@ -53,8 +52,9 @@ def timed_out(
             "nothing came at all: is the board on, is this its port, is it a data cable, are baud rate and byte order "
             "right? `servolink doctor` finds out"
         )
-    noise = f"; {stats.noise} received bytes were part of no frame" if stats.noise else ""
-    return RequestTimeout(f"{failure} {how}: {causes}{noise}", packet)
+    if stats.noise:
+        causes = f"{causes}; {stats.noise} received bytes were part of no frame"
+    return RequestTimeout(f"{described(packet)} was not answered by {escape(url)} {how}: {causes}", packet)
 
 
 def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:

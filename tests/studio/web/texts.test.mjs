@@ -84,7 +84,7 @@ test("each message has a translation of its own, whatever its values are", async
     const { templates } = await load(tag);
     assert.ok(templates.length > 50);
     for (const { english, translation } of templates) {
-      if (english === "{url}: {reason}") continue;
+      if (!/\w/.test(english.replace(/\{\w+\}/g, ""))) continue; // translates its values only
       const filled = (text) => text.replace(/\{(\w+)\}/g, "<$1>");
       assert.equal(said(filled(english)), filled(translation));
     }

@@ -1,6 +1,7 @@
 // The connection to the studio: JSON-RPC 2.0 over a WebSocket that is opened again whenever it is lost.
 
 import { said } from "../texts/said.js";
+import { t } from "../texts/text.js";
 
 /** @typedef {"connecting" | "open" | "refused" | "lost" | "unshared"} LinkState */
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
@@ -24,7 +25,11 @@ export class RequestError extends Error {
 }
 
 /** The connection was lost before a response came: what was asked for may have happened or not. */
-export class LinkLost extends Error {}
+export class LinkLost extends Error {
+  constructor() {
+    super(t("board.studio_lost"));
+  }
+}
 
 /** A connection that lasts as long as the page. */
 export class Link {
@@ -98,7 +103,7 @@ export class Link {
   call(method, params = {}, onProgress) {
     return new Promise((resolve, reject) => {
       const id = ++this._lastId;
-      if (!this._send({ jsonrpc: "2.0", method, params, id })) return reject(new LinkLost("not connected"));
+      if (!this._send({ jsonrpc: "2.0", method, params, id })) return reject(new LinkLost());
       this._waiting.set(id, { resolve, reject, onProgress });
     });
   }
@@ -142,7 +147,7 @@ export class Link {
   _lost(event) {
     const waiting = [...this._waiting.values()];
     this._waiting.clear();
-    for (const each of waiting) each.reject(new LinkLost("the connection to the studio was lost"));
+    for (const each of waiting) each.reject(new LinkLost());
     if (event.code === BAD_TOKEN) return this.onState("refused");
     if (event.code === MOVING) return this.open(); // the studio goes on to another board
     this.onState(event.code === NO_HUB ? "unshared" : "lost");

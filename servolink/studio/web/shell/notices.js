@@ -52,7 +52,7 @@ function StoppedNote({ motion }) {
 
 function ProblemNote() {
   if (problem.value === "") return null;
-  return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.problem")} detail=${safeText(problem.value)}>
+  return html`<div class="veil"><${Note} kind="warn" urgent title=${t("note.problem")} detail=${safeText(said(problem.value))}>
     <button class="btn ic ghost" aria-label=${t("app.close")} onClick=${dismissProblem}><${Icon} name="close" /></button>
   </${Note}></div>`;
 }

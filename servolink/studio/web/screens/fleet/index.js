@@ -6,6 +6,7 @@ import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { broker, fleetProblem, needing, pick, picked, readGroups, shownTiles, tiles } from "../../state/fleet.js";
 import { isLocalEditor } from "../../state/robot.js";
+import { said } from "../../texts/said.js";
 import { t } from "../../texts/text.js";
 import { RunCard } from "./run.js";
 
@@ -46,7 +47,7 @@ function Board({ tile, isPicked }) {
   const { name, state, urgency, battery_percent: battery } = tile;
   const canPick = isLocalEditor.value && tile.may_run;
   const by = tile.hold || tile.lease;
-  const problems = tile.problems.map(safeText).join("\n");
+  const problems = tile.problems.map(said).map(safeText).join("\n");
   return html`<li><label class="tile u${urgency} ${state === "offline" ? "off" : ""}">
     <span class="row">
       ${canPick && html`<input type="checkbox" aria-label=${name} checked=${isPicked} onChange=${() => pick([name])} />`}
@@ -55,7 +56,7 @@ function Board({ tile, isPicked }) {
       ${state !== "ready" && html`<span class=${state === "offline" ? "chip" : "chip bad"}>${t(`fleet.${state}`)}</span>`}
     </span>
     <small class="ell mut">${safeText(tile.host)}</small>
-    ${by && html`<small class="ell by"><${Icon} name="hand" />${t(tile.hold ? "fleet.held_by" : "fleet.moved_by", { who: safeText(by) })}</small>`}
+    ${by && html`<small class="ell by"><${Icon} name="hand" />${t(tile.hold ? "fleet.held_by" : "fleet.moved_by", { who: safeText(said(by)) })}</small>`}
     ${problems && html`<small class="problems" title=${problems}>${problems}</small>`}
   </label></li>`;
 }

@@ -5,6 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
 import { groups, pick, picked, pickNone, tiles } from "../../state/fleet.js";
+import { said } from "../../texts/said.js";
 import { list, t } from "../../texts/text.js";
 
 /** @typedef {import("../../link/link.js").Link} Link */
@@ -115,7 +116,7 @@ function Result({ outcome: { run, ran, error }, onAnyway }) {
     ${ran.may_have_started.length > 0 && html`<${Note} kind="bad" urgent title=${t("fleet.may_have_started")} detail=${named(ran.may_have_started)} />`}
     ${
       failed.length > 0 &&
-      html`<${Note} kind="warn" urgent title=${t(ran.started.length > 0 ? "fleet.some_failed" : "fleet.not_started")} detail=${failed.slice(0, MOST_NAMED).map(safeText).join("\n")}>
+      html`<${Note} kind="warn" urgent title=${t(ran.started.length > 0 ? "fleet.some_failed" : "fleet.not_started")} detail=${failed.slice(0, MOST_NAMED).map(said).map(safeText).join("\n")}>
       ${ran.held_back.length > 0 && html`<button class="btn" onClick=${onAnyway}>${t("fleet.anyway", { count: ran.held_back.length })}</button>`}
     </${Note}>`
     }`;

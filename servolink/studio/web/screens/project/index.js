@@ -145,7 +145,7 @@ function Phases() {
     <ol class="phase">
       ${STEPS.map(({ title }, index) => html`<li class=${index < at ? "done" : index === at ? "now" : ""} aria-current=${index === at ? "step" : undefined}>${t(title)}</li>`)}
     </ol>
-    <p class="mut num" role="status">${t("project.progress", { done: now.done, total: now.total, item: safeText(now.item) })} ${t("project.nothing_moves")}</p>
+    <p class="mut num" role="status">${t("project.progress", { done: now.done, total: now.total, item: safeText(said(now.item)) })} ${t("project.nothing_moves")}</p>
     <progress max=${now.total || 1} value=${now.total ? now.done : undefined} aria-label=${t(STEPS[Math.max(0, at)].title)} />
   </div>`;
 }
@@ -187,8 +187,8 @@ function Checks({ plan, found }) {
       ${errors.length > 0 && html`<${Note} kind="bad" title=${t("project.refused", { count: errors.length })} /><${List} found=${errors} />`}
       ${others.length > 0 && html`<${Note} kind="warn" title=${t("project.odd", { count: others.length })} /><${List} found=${others} />`}
       <${TwinChecks} />
-      ${plan.inconsistencies.length > 0 && html`<${Note} kind="warn" title=${t("project.repairs")} detail=${plan.inconsistencies.map(safeText).join("; ")} />`}
-      ${warning && html`<${Note} kind="warn" title=${t("project.may_not_fit")} detail=${safeText(warning)} />`}
+      ${plan.inconsistencies.length > 0 && html`<${Note} kind="warn" title=${t("project.repairs")} detail=${plan.inconsistencies.map(said).map(safeText).join("; ")} />`}
+      ${warning && html`<${Note} kind="warn" title=${t("project.may_not_fit")} detail=${safeText(said(warning))} />`}
     </div>
   </section>`;
 }
