@@ -1,8 +1,9 @@
-// A dialog over the page. Escape closes it, and stops the robot unless nothing moves.
+// A dialog over the page, but not over STOP. Escape closes it, and stops the robot unless nothing moves.
 
 import { html, useEffect, useRef } from "../html.js";
 import { t } from "../texts/text.js";
 import { Icon } from "./icon.js";
+import { StopButton } from "./stop-button.js";
 
 /** @param {{ title: string, onClose: () => void, children?: any }} props */
 export function Dialog({ title, onClose, children }) {
@@ -18,5 +19,6 @@ export function Dialog({ title, onClose, children }) {
       </button>
     </header>
     <div class="body">${children}</div>
+    <${StopButton} />
   </dialog>`;
 }

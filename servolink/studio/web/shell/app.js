@@ -2,12 +2,13 @@
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
+import { StopButton, StopTools } from "../parts/stop-button.js";
 import { shownScreen } from "../state/fleet.js";
 import { hasBoard, hasFleet, welcome } from "../state/robot.js";
 import { toasts } from "../state/toasts.js";
 import { showsKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
-import { Header, StopButton } from "./header.js";
+import { Header } from "./header.js";
 import { KeyList } from "./keys.js";
 import { Notices } from "./notices.js";
 import { Dock, Rail } from "./rail.js";
@@ -22,7 +23,7 @@ export function App(tools) {
   const name = shownScreen.value,
     Screen = useScreen(name),
     hasScreens = hasBoard.value || hasFleet.value;
-  return html`
+  return html`<${StopTools.Provider} value=${tools}>
     <a class="skip" href="#main">${t("app.skip")}</a>
     <${Banner} />
     <${Header} ...${tools} />
@@ -31,10 +32,10 @@ export function App(tools) {
       <${Notices} ...${tools} />
       <div class="screen">${Screen && html`<${Screen} key=${name} ...${tools} />`}</div>
     </main>
-    ${hasScreens && html`<${Dock}><${StopButton} ...${tools} /></${Dock}>`}
+    ${hasScreens && html`<${Dock}><${StopButton} /></${Dock}>`}
     <${Toasts} />
     ${showsKeys.value && html`<${KeyList} />`}
-  `;
+  </${StopTools.Provider}>`;
 }
 
 function Toasts() {

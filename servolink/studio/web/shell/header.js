@@ -1,14 +1,13 @@
-// The header: board, who has control, and STOP at the edge, where nothing else is.
+// The header: board, who has control, and STOP at the edge.
 
 import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
-import { shownScreen, stopFleet } from "../state/fleet.js";
+import { StopButton } from "../parts/stop-button.js";
 import { battery, boardState, hasBoard, hasFleet, linkState, welcome } from "../state/robot.js";
 import { changeTheme, theme } from "../state/settings.js";
-import { toast } from "../state/toasts.js";
 import { showKeys } from "../state/view.js";
-import { list, t } from "../texts/text.js";
+import { t } from "../texts/text.js";
 import { Control } from "./control.js";
 import { Edits } from "./edits.js";
 import { LanguageChoice } from "./language-choice.js";
@@ -16,7 +15,6 @@ import { LanguageChoice } from "./language-choice.js";
 /** @typedef {import("./app.js").Tools} Tools */
 
 const LOW = 20; // percent
-const DANGER_LASTS = 30_000; // milliseconds of a message about robots that may move
 
 /** @param {Tools} tools */
 export function Header(tools) {
@@ -35,58 +33,9 @@ export function Header(tools) {
       <button class="btn ic ghost ${onWide}" aria-label=${t("app.keys")} onClick=${() => showKeys(true)}>
         <${Icon} name="help" />
       </button>
-      ${(hasBoard.value || hasFleet.value) && html`<${StopButton} ...${tools} />`}
+      <${StopButton} />
     </div>
   </header>`;
-}
-
-/** @param {Tools} tools */
-export function StopButton(tools) {
-  const stopsAll = stopsFleet();
-  return html`<button class="stop" aria-label=${t(stopsAll ? "stop.all_aria" : "stop.aria")} onClick=${() => stop(tools)}>
-    <i aria-hidden="true"></i>${t(stopsAll ? "stop.all" : "stop.label")} <kbd class="hide-t hide-n">Esc</kbd>
-  </button>`;
-}
-
-/** Return whether STOP stops the boards of the fleet too: they are on the screen, or there is no other board. */
-export const stopsFleet = () => hasFleet.value && (shownScreen.value === "fleet" || !hasBoard.value);
-
-/**
- * Stop the robot, on the screen of the fleet all robots, and say whether that was confirmed.
- * @param {Tools} tools
- */
-export async function stop({ link, motion }) {
-  if (stopsFleet()) stopAll(link);
-  if (!hasBoard.value) return;
-  try {
-    await motion.stop();
-  } catch (error) {
-    toast({ kind: "bad", title: t("stop.failed"), detail: error instanceof Error ? error.message : "" });
-    return;
-  }
-  toast({ kind: "ok", title: t("stop.done") });
-}
-
-/** @param {import("../link/link.js").Link} link */
-async function stopAll(link) {
-  toast({ name: "stop all", title: t("stop.sent") });
-  try {
-    const { stopped, failed, silent, offline } = await stopFleet(link),
-      moving = [...Object.keys(failed), ...silent];
-    if (moving.length > 0)
-      toast({
-        name: "may move",
-        kind: "bad",
-        title: t("stop.may_move", { boards: list(moving) }),
-        lasts: DANGER_LASTS,
-      });
-    const detail = offline.length > 0 ? t("stop.offline", { boards: list(offline) }) : "";
-    if (moving.length === 0 || stopped.length > 0)
-      toast({ name: "stop all", kind: "ok", title: t("stop.all_done", { count: stopped.length }), detail });
-  } catch (error) {
-    const detail = error instanceof Error ? safeText(error.message) : "";
-    toast({ name: "stop all", kind: "bad", title: t("stop.failed"), detail, lasts: DANGER_LASTS });
-  }
 }
 
 function BoardName() {

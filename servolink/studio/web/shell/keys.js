@@ -3,11 +3,11 @@
 import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
+import { stop, stopsFleet } from "../parts/stop-button.js";
 import { isFresh, isMine, isStill, lease } from "../state/robot.js";
 import { mode, screen, showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
 import { redoEdit, undoEdit } from "./edits.js";
-import { stop, stopsFleet } from "./header.js";
 import { ENTRIES, entries } from "./rail.js";
 
 /** @typedef {import("./app.js").Tools} Tools */

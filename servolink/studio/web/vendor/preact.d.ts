@@ -4,5 +4,10 @@ export interface VNode {
   props: Record<string, unknown>;
 }
 export type Child = VNode | string | number | boolean | null | undefined | Child[];
+export interface Context<T> {
+  readonly standard: T;
+  readonly Provider: unknown;
+}
+export function createContext<T>(standard: T): Context<T>;
 export function h(type: unknown, props: object | null, ...children: unknown[]): VNode;
 export function render(node: Child, parent: Element): void;

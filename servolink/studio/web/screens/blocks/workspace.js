@@ -37,6 +37,7 @@ export class Workspace {
       media: "/vendor/blockly/",
       css: false,
       sounds: false,
+      modalInputs: false, // a prompt of the browser would cover STOP
       collapse: false,
       comments: false,
       disable: false,

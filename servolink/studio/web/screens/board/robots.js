@@ -2,6 +2,7 @@
 
 import { html, useState } from "../../html.js";
 import { LinkLost } from "../../link/link.js";
+import { AskButton } from "../../parts/ask-button.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
@@ -74,10 +75,7 @@ export function useActions(link, ask) {
     busy,
     use: (/** @type {string} */ url) => act(url || SHARED, "studio.use", { url }),
     share: (/** @type {string} */ url) => act(url, "studio.share", { url }),
-    giveBack: (/** @type {Found} */ { url, name, shares }) => {
-      if (shares.startsWith("virtual:") && !confirm(t("robots.virtual_goes", { name: safeText(name) }))) return;
-      act(url, "studio.give_back", { name: url.slice(SHARED.length) });
-    },
+    giveBack: (/** @type {Found} */ { url }) => act(url, "studio.give_back", { name: url.slice(SHARED.length) }),
   };
   return { actions, problem };
 }
@@ -85,14 +83,25 @@ export function useActions(link, ask) {
 /** @param {{ found: Found | undefined, actions: Actions }} props */
 function Present({ found, actions }) {
   const { name = "", url = "" } = welcome.value ?? {};
-  const disconnect = () => (found?.is_kept ? actions.giveBack(found) : actions.use(""));
   return html`<li class="bd2 on">
     <span class="ico"><${Icon} name=${iconOf(url)} /></span>
     <div class="grow"><b>${safeText(name)}</b>
       ${isLive.value ? html`<span class="chip ok">${t("board.connected")}</span>` : html`<span class="chip bad">${t("board.is_lost")}</span>`}
       <small class="num mono">${safeText(url)}</small></div>
-    ${found && html`<button class="btn s" disabled=${actions.busy !== ""} onClick=${disconnect}>${t("robots.disconnect")}</button>`}
+    ${found?.is_kept && html`<${GiveBack} found=${found} actions=${actions} title="robots.disconnect" />`}
+    ${found && !found.is_kept && html`<button class="btn s" disabled=${actions.busy !== ""} onClick=${() => actions.use("")}>${t("robots.disconnect")}</button>`}
   </li>`;
+}
+
+/**
+ * Button that ends the sharing of a board, after a question about what a virtual one would lose.
+ * @param {{ found: Found, actions: Actions, title: import("../../texts/text.js").Key, label?: string }} props
+ */
+function GiveBack({ found, actions, title, label }) {
+  const name = safeText(found.name),
+    yes = t(title);
+  const question = { title: `${yes}: ${name}`, detail: t("robots.virtual_goes", { name }), yes };
+  return html`<${AskButton} label=${label && `${yes}: ${label}`} disabled=${actions.busy !== ""} question=${found.shares.startsWith("virtual:") ? question : null} onYes=${() => actions.giveBack(found)}>${yes}</${AskButton}>`;
 }
 
 /** @param {{ board: Found, actions: Actions }} props */
@@ -113,7 +122,7 @@ function Other({ board, actions }) {
     ${
       !problem &&
       html`<div class="row wrap">
-      ${isKept && button("robots.give_back", () => actions.giveBack(board))}
+      ${isKept && html`<${GiveBack} found=${board} actions=${actions} title="robots.give_back" label=${title} />`}
       ${!isShared && button("robots.share", () => actions.share(url))}
       ${button(isShared ? "robots.use" : "robots.connect", () => actions.use(url), "pri")}
     </div>`

@@ -1,7 +1,7 @@
 // Settings of the board: project id, memory, transmission mode, and the deletion of everything.
 
-import { html, useState } from "../../html.js";
-import { Dialog } from "../../parts/dialog.js";
+import { html } from "../../html.js";
+import { AskButton } from "../../parts/ask-button.js";
 import { Note } from "../../parts/note.js";
 import { NumberField } from "../../parts/number-field.js";
 import { safeText } from "../../parts/safe-text.js";
@@ -82,11 +82,8 @@ function ProjectId({ link }) {
 
 /** @param {{ link: Link }} props */
 function Mode({ link }) {
-  const [asks, setAsks] = useState(false);
-  const close = () => setAsks(false);
   /** @param {0 | 1} mode */
   const set = async (mode) => {
-    close();
     try {
       await link.call("board.mode", { mode });
       toast({ kind: "ok", title: t("settings.mode_set", { mode }) });
@@ -95,57 +92,37 @@ function Mode({ link }) {
     }
   };
   const isOff = !isLive.value || isOthers.value;
+  const question = {
+    title: t("settings.mode_ask"),
+    detail: t("settings.mode_ask_detail"),
+    yes: t("settings.mode_ask_yes"),
+  };
   return html`<h3>${t("settings.mode")}</h3>
     <p class="mut">${t("settings.mode_detail")}</p>
     <div class="row wrap">
       <button class="btn s" disabled=${isOff} onClick=${() => set(1)}>${t("settings.mode_new")}</button>
-      <button class="btn s" disabled=${isOff} onClick=${() => setAsks(true)}>${t("settings.mode_old")}</button>
-    </div>
-    ${
-      asks &&
-      html`<${Dialog} title=${t("settings.mode_ask")} onClose=${close}>
-        <p>${t("settings.mode_ask_detail")}</p>
-        <div class="row wrap actions">
-          <button class="btn danger" onClick=${() => set(0)}>${t("settings.mode_ask_yes")}</button>
-          <button class="btn" onClick=${close}>${t("figure.cancel")}</button>
-        </div>
-      </${Dialog}>`
-    }`;
+      <${AskButton} disabled=${isOff} question=${question} onYes=${() => set(0)}>${t("settings.mode_old")}</${AskButton}>
+    </div>`;
 }
 
 // Deletion of everything stored on the board, after a backup.
 
 /** @param {{ link: Link }} props */
 function Clear({ link }) {
-  const [asks, setAsks] = useState(false),
-    [isSure, setSure] = useState(false);
-  const close = () => {
-    setAsks(false);
-    setSure(false);
-  };
   const clear = () => {
-    close();
     clearBoard(link);
     location.hash = "project"; // shows the progress, and the way back
     showScreen("project");
   };
-  const name = safeText(welcome.value?.name ?? "");
+  const name = safeText(welcome.value?.name ?? ""),
+    isOff = !isLive.value || isOthers.value || progress.value !== null;
+  const question = {
+    title: t("settings.clear_ask", { name }),
+    detail: t("settings.clear_ask_detail"),
+    sure: t("settings.clear_sure", { name }),
+    yes: t("settings.clear_yes"),
+  };
   return html`<h3>${t("settings.clear")}</h3>
     <p class="mut">${t("settings.clear_detail")}</p>
-    <div><button class="btn s danger" disabled=${!isLive.value || isOthers.value || progress.value !== null} onClick=${() => setAsks(true)}>
-      ${t("settings.clear_button")}
-    </button></div>
-    ${
-      asks &&
-      html`<${Dialog} title=${t("settings.clear_ask", { name })} onClose=${close}>
-        <div class="stack">
-          <p>${t("settings.clear_ask_detail")}</p>
-          <label class="sw"><input type="checkbox" checked=${isSure} onChange=${() => setSure(!isSure)} />${t("settings.clear_sure", { name })}</label>
-          <div class="row wrap actions">
-            <button class="btn danger" disabled=${!isSure} onClick=${clear}>${t("settings.clear_yes")}</button>
-            <button class="btn" onClick=${close}>${t("figure.cancel")}</button>
-          </div>
-        </div>
-      </${Dialog}>`
-    }`;
+    <div><${AskButton} kind="danger" disabled=${isOff} question=${question} onYes=${clear}>${t("settings.clear_button")}</${AskButton}></div>`;
 }

@@ -2,6 +2,7 @@
 
 import { html, useRef, useSignalEffect } from "../../html.js";
 import { Hold } from "../../parts/hold.js";
+import { LetGoButton } from "../../parts/let-go-button.js";
 import { NumberField } from "../../parts/number-field.js";
 import { limbOf, limitsOf, nameOf } from "../../state/figure.js";
 import { isFresh, isLive, isOthers, isRead, mayMove, servoIds, servos } from "../../state/robot.js";
@@ -38,9 +39,6 @@ export function Inspector({ link, motion }) {
   /** @param {{ start: boolean, hold: boolean }} state */
   const set = (state) =>
     link.call("servo.set", { servo: id, ...state }).catch((error) => toast({ kind: "bad", title: error.message }));
-  const release = () => {
-    if (confirm(t("live.let_go_warning", { name: nameOf(id) }))) set({ start: false, hold: false });
-  };
   const isOff = !isLive.value || isOthers.value;
   return html`<section class="card insp" data-g=${limbOf(id)} ref=${card}>
     <header>
@@ -56,7 +54,7 @@ export function Inspector({ link, motion }) {
         mayMove.value &&
         html`<${Exact} id=${id} motion=${motion} />
       <div class="row wrap actions">
-        <button class="btn s" disabled=${isOff} onClick=${release}>${t("live.let_go")}</button>
+        <${LetGoButton} id=${id} disabled=${isOff} onYes=${() => set({ start: false, hold: false })} />
         <button class="btn s" disabled=${!isLive.value} onClick=${() => set({ start: false, hold: true })}>${t("live.hold_it")}</button>
         <button class="btn s" disabled=${isOff} onClick=${() => set({ start: true, hold: true })}>${t("live.start_it")}</button>
       </div>`

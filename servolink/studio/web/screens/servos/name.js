@@ -2,9 +2,10 @@
 
 import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
+import { LetGoButton } from "../../parts/let-go-button.js";
 import { safeText } from "../../parts/safe-text.js";
 import { NameField } from "../../parts/typing.js";
-import { figure, limbOf, nameOf, saveFigure } from "../../state/figure.js";
+import { figure, limbOf, saveFigure } from "../../state/figure.js";
 import { changed } from "../../state/fitting.js";
 import { captions, isLive, isOthers, mayMove, servoIds, welcome } from "../../state/robot.js";
 import { nameServo, parameterOf } from "../../state/servo-setup.js";
@@ -44,10 +45,9 @@ export function Hands({ id, link }) {
     link
       .call("servo.set", { servo: id, start: isHeld, hold: isHeld })
       .catch((error) => toast({ kind: "bad", title: safeText(error.message) }));
-  const release = () => confirm(t("live.let_go_warning", { name: nameOf(id) })) && set(false);
   const isOff = !isLive.value || !mayMove.value || isOthers.value;
   return html`<div class="row wrap">
-    <button class="btn s" disabled=${isOff} onClick=${release}><${Icon} name="feather" />${t("servos.let_go")}</button>
+    <${LetGoButton} id=${id} disabled=${isOff} onYes=${() => set(false)} />
     <button class="btn s" disabled=${isOff} onClick=${() => set(true)}><${Icon} name="hand" />${t("servos.hold")}</button>
   </div>`;
 }

@@ -1,0 +1,66 @@
+// STOP, at the edge of the page, where nothing else is, and in each dialog at the same place.
+
+import { createContext, html, useContext } from "../html.js";
+import { shownScreen, stopFleet } from "../state/fleet.js";
+import { hasBoard, hasFleet } from "../state/robot.js";
+import { toast } from "../state/toasts.js";
+import { list, t } from "../texts/text.js";
+import { safeText } from "./safe-text.js";
+
+/** @typedef {import("../shell/app.js").Tools} Tools */
+
+const DANGER_LASTS = 30_000; // milliseconds of a message about robots that may move
+
+/** The connection and the motion that STOP ends, for the buttons in a page. */
+export const StopTools = createContext(/** @type {Tools} */ ({}));
+
+/** The button STOP; nothing without a robot. A dialog has one too, over the one of the page, which it makes inert. */
+export function StopButton() {
+  const tools = useContext(StopTools),
+    stopsAll = stopsFleet();
+  if (!hasBoard.value && !hasFleet.value) return null;
+  return html`<button class="stop" aria-label=${t(stopsAll ? "stop.all_aria" : "stop.aria")} onClick=${() => stop(tools)}>
+    <i aria-hidden="true"></i>${t(stopsAll ? "stop.all" : "stop.label")} <kbd class="hide-t hide-n">Esc</kbd>
+  </button>`;
+}
+
+/** Return whether STOP stops the boards of the fleet too: they are on the screen, or there is no other board. */
+export const stopsFleet = () => hasFleet.value && (shownScreen.value === "fleet" || !hasBoard.value);
+
+/**
+ * Stop the robot, on the screen of the fleet all robots, and say whether that was confirmed.
+ * @param {Tools} tools
+ */
+export async function stop({ link, motion }) {
+  if (stopsFleet()) stopAll(link);
+  if (!hasBoard.value) return;
+  try {
+    await motion.stop();
+  } catch (error) {
+    toast({ kind: "bad", title: t("stop.failed"), detail: error instanceof Error ? error.message : "" });
+    return;
+  }
+  toast({ kind: "ok", title: t("stop.done") });
+}
+
+/** @param {import("../link/link.js").Link} link */
+async function stopAll(link) {
+  toast({ name: "stop all", title: t("stop.sent") });
+  try {
+    const { stopped, failed, silent, offline } = await stopFleet(link),
+      moving = [...Object.keys(failed), ...silent];
+    if (moving.length > 0)
+      toast({
+        name: "may move",
+        kind: "bad",
+        title: t("stop.may_move", { boards: list(moving) }),
+        lasts: DANGER_LASTS,
+      });
+    const detail = offline.length > 0 ? t("stop.offline", { boards: list(offline) }) : "";
+    if (moving.length === 0 || stopped.length > 0)
+      toast({ name: "stop all", kind: "ok", title: t("stop.all_done", { count: stopped.length }), detail });
+  } catch (error) {
+    const detail = error instanceof Error ? safeText(error.message) : "";
+    toast({ name: "stop all", kind: "bad", title: t("stop.failed"), detail, lasts: DANGER_LASTS });
+  }
+}
