@@ -1,4 +1,4 @@
-// A button that asks before it acts. The question is a dialog of the page: one of the browser would cover STOP.
+// Button with a question before the action: a dialog of the page, as a dialog of the browser would cover STOP.
 
 import { html, useState } from "../html.js";
 import { t } from "../texts/text.js";

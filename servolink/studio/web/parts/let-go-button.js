@@ -1,4 +1,4 @@
-// Button that lets a servo go, after a question.
+// Button to let a servo go, with a question before.
 
 import { html } from "../html.js";
 import { nameOf } from "../state/figure.js";

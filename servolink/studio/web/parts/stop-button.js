@@ -1,4 +1,4 @@
-// STOP, at the edge of the page, where nothing else is, and in each dialog at the same place.
+// STOP at the edge of the page, and in each dialog at the same place.
 
 import { createContext, html, useContext } from "../html.js";
 import { shownScreen, stopFleet } from "../state/fleet.js";
@@ -11,10 +11,10 @@ import { safeText } from "./safe-text.js";
 
 const DANGER_LASTS = 30_000; // milliseconds of a message about robots that may move
 
-/** The connection and the motion that STOP ends, for the buttons in a page. */
+/** Connection and motion of the page, for STOP. */
 export const StopTools = createContext(/** @type {Tools} */ ({}));
 
-/** The button STOP; nothing without a robot. A dialog has one too, over the one of the page, which it makes inert. */
+/** Button STOP; empty without a robot. Dialogs have a STOP too, as an open dialog makes the page inert. */
 export function StopButton() {
   const tools = useContext(StopTools),
     stopsAll = stopsFleet();

@@ -1,4 +1,4 @@
-// Names of the parts of figures, by the words of which the ids of joints consist, such as `r_shoulder`.
+// Names of the parts of figures: words of the ids of joints, such as `r_shoulder`.
 
 import { language, LANGUAGES } from "./text.js";
 
@@ -36,7 +36,7 @@ const WORDS = new Map(
 );
 
 /**
- * Return the name of a part in the language of the page; words that no figure of the studio has stay as they are.
+ * Return the name of a part in the language of the page; unknown words stay.
  * @param {string} id of a joint
  */
 export function partName(id) {

@@ -33,7 +33,7 @@ const NAMES = /** @type {const} */ (["figure.humanoid", "figure.arm", "figure.qu
 const PALE = { tint: /** @type {import("../../figure/matrix.js").Vector} */ ([0.6, 0.62, 0.64]), amount: 0.8 };
 
 /**
- * Return the name of a figure, in the language of the page for those that come with the studio.
+ * Return the name of a figure, translated for the figures of the studio.
  * @param {Figure} shown
  */
 export function figureName({ data: { name } }) {

@@ -94,7 +94,7 @@ function Present({ found, actions }) {
 }
 
 /**
- * Button that ends the sharing of a board, after a question about what a virtual one would lose.
+ * Button to end the sharing of a board, with a question before the loss of a virtual board.
  * @param {{ found: Found, actions: Actions, title: import("../../texts/text.js").Key, label?: string }} props
  */
 function GiveBack({ found, actions, title, label }) {
