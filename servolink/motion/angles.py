@@ -11,6 +11,8 @@ from servolink.numeric import as_number, is_number
 
 AngleUnit = Literal["degree", "adc"]
 
+_LEAST, _GREATEST = -0x8000, 0x7FFF  # in the field of a packet
+
 
 class Angle(int):
     """Whole number with a unit. `str` gives the number; `repr` shows the unit.
@@ -110,7 +112,10 @@ def in_unit(value: int, unit: AngleUnit | None) -> int:
 
 
 def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
-    """Return the number to send to a servo set to `unit`. Raise EncodeError for an angle in another unit."""
+    """Return the number to send to a servo set to `unit`.
+
+    Raise EncodeError for an angle in another unit, and outside -32768..32767.
+    """
     where = f"servo {servo_id}"
     if isinstance(value, Angle):
         if value.unit != unit:
@@ -123,6 +128,8 @@ def wire_angle(value: float, unit: AngleUnit | None, servo_id: int) -> int:
         raise EncodeError(
             f"{where}: the angle must be a whole number, not {quote(value)}; the protocol has no fractions"
         )
+    if not _LEAST <= value <= _GREATEST:
+        raise EncodeError(f"{where}: the angle {quote(value)} is outside {_LEAST}..{_GREATEST}")
     return int(value)
 
 

@@ -320,7 +320,7 @@ async def test_a_way_back_is_refused_half_a_second_after_its_reading() -> None:
 async def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() -> None:
     fake = FakeBoard()
     async with opened(fake) as board:
-        with pytest.raises(EncodeError, match="degree"):
+        with pytest.raises(EncodeError, match="servo 1: the angle 40000 is outside"):
             await board.move({1: 40_000}, duration=1)
         assert fake.sent_of(ExecuteActionRequest) == []
 

@@ -70,6 +70,8 @@ def test_what_is_slow_by_itself_is_not_changed() -> None:
         assert await board.move({1: 90}, duration=4) == 4.0
         assert await board.move({4: 0}, duration=0.01) == 0.01
         assert await board.move({2: 20}, speed=10, dry_run=True) == 2.0
+        with pytest.raises(EncodeError, match="servo 2: the angle 40000 is outside"):
+            await board.move({2: 40_000}, duration=4, dry_run=True)
 
     on_virtual(use, soft_start=30)
 

@@ -87,7 +87,8 @@ def test_an_angle_is_found_where_its_number_is() -> None:
         (Degrees(90), "degree", 90),
         (Adc(2048), "adc", 2048),
         (1234, None, 1234),
-        (1e300, "degree", int(1e300)),
+        (-32768, "degree", -32768),
+        (32767.0, None, 32767),
     ],
 )
 def test_what_goes_together_is_sent(value: float, unit: AngleUnit | None, wire: int) -> None:
@@ -108,6 +109,10 @@ def test_what_goes_together_is_sent(value: float, unit: AngleUnit | None, wire: 
         (-math.inf, None, "must be a whole number, not -inf"),
         (True, "degree", "must be a whole number, not True"),
         ("90", "degree", "must be a whole number, not '90'"),
+        (32768, "degree", r"servo 7: the angle 32768 is outside -32768\.\.32767"),
+        (-32769.0, None, "is outside"),
+        (10**400, "degree", "is outside"),
+        (1e300, "degree", "is outside"),
     ],
 )
 def test_what_does_not_go_together_is_refused(value: float, unit: AngleUnit | None, words: str) -> None:
