@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -16,6 +15,7 @@ from servolink.errors import OpenError, ServolinkError
 from servolink.escaping import escape
 from servolink.gateways.live_channels import SCENE, LiveChannels
 from servolink.gateways.supervisor import Supervisor
+from servolink.json_text import read_json
 from servolink.recorder.hub_source import tapping
 from servolink.recorder.reading import Recording
 from servolink.recorder.readings import ReadingsFeed
@@ -102,7 +102,7 @@ class PublishedTargets(ServerListener):  # type: ignore[misc,unused-ignore]  # w
 
 def _targets_in(data: bytes) -> dict[str, float]:
     """Return the targets in a message. Raise ValueError for anything else."""
-    targets = json.loads(data) if len(data) <= _MOST_BYTES else None
+    targets = read_json(data) if len(data) <= _MOST_BYTES else None
     if not isinstance(targets, dict) or not all(type(angle) in (int, float) for angle in targets.values()):
         raise ValueError(f'{MOVE}: a target must be degrees by servo, such as {{"1": 45, "left knee": 10}}')
     return targets

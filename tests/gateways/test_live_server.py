@@ -84,11 +84,12 @@ class BareClient:
         await self._socket.send_json({"op": "subscribe", "subscriptions": wanted})
 
     async def publish(self, target: Any, topic: str = MOVE) -> None:
-        """Publish on a channel of the client's own."""
+        """Publish a target, or bytes as they are, on a channel of the client's own."""
+        data = target if isinstance(target, bytes) else json.dumps(target).encode()
         self._published += 1
         channel = {"id": self._published, "topic": topic, "encoding": "json", "schemaName": ""}
         await self._socket.send_json({"op": "advertise", "channels": [channel]})
-        await self._socket.send_bytes(struct.pack("<BI", _DATA, self._published) + json.dumps(target).encode())
+        await self._socket.send_bytes(struct.pack("<BI", _DATA, self._published) + data)
 
 
 @asynccontextmanager
@@ -160,7 +161,16 @@ def test_published_targets_move_after_a_yes_and_only_then() -> None:
             await client.publish({"1": 0})
             await client.until(lambda: client.status)
             assert "the person said no" in client.status[-1]
-            for wrong in ([1], {"1": "x"}, {"1": True}, {"99": 1}, "x" * 100_000):
+            wrongs = [
+                {"1": "x"},
+                {"1": True},
+                {"99": 1},
+                {"1": math.nan},
+                {"1": math.inf},
+                {"1": 10**400},
+                {"1": 1e300},
+            ]
+            for wrong in (*wrongs, [1], "x" * 100_000, b"[" * 60_000, b'{"1": 5, "1": 9}', b"\xff"):
                 await client.publish(wrong)
                 refusals = len(client.status)
                 await client.until(partial(client.has_more_than, refusals))
