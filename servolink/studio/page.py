@@ -84,13 +84,14 @@ async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse
         await messages.close(code=_BAD_TOKEN, message=b"open the address that the studio prints")
         return
     admit()
+    is_link = studio.is_link(hello.token)
     try:
-        if hello.leaves and role == "edit" and not studio.is_link(hello.token):
+        if hello.leaves and role == "edit" and not is_link:
             await studio.use("", hello.who)
         async with _connected(studio, hello.who, role) as (welcome, reader, writer):
-            first = await studio.welcome(welcome, is_link=studio.is_link(hello.token))
+            first = await studio.welcome(welcome, is_link=is_link)
             await messages.send_str(msgspec.json.encode(first).decode())
-            await _Page(studio, role, hello, welcome, messages, reader, writer).talk()
+            await _Page(studio, role, hello, welcome, messages, reader, writer, is_link=is_link).talk()
     except OpenError as error:
         await messages.close(code=_NO_HUB, message=str(error).encode()[:120])
 
@@ -137,6 +138,8 @@ class _Page:
         messages: web.WebSocketResponse,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter | None,
+        *,
+        is_link: bool,
     ) -> None:
         self._messages = messages
         self._reader = reader
@@ -146,6 +149,7 @@ class _Page:
         self._code: int = WSCloseCode.OK
         self._studio = studio
         self.token = hello.token
+        self.is_link = is_link
         self.who = hello.who
         self.hub = welcome.name
         caller = PageCaller(studio, welcome.url, self, welcome.name, _profile_in(welcome))
@@ -155,6 +159,8 @@ class _Page:
         """Carry messages until one side ends."""
         tasks = [asyncio.ensure_future(each) for each in (self._from_page(), self._from_hub(), self._from_studio())]
         self._studio.pages.add(self)
+        if self.is_link and not self._studio.is_link(self.token):  # revoked while the page connected
+            self.close()
         if self.hub != self._studio.hub:  # changed while the page connected
             self.leave()
         try:

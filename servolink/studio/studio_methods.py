@@ -36,6 +36,8 @@ class OpenPage(Protocol):
 
     token: Token
     """Token with which the page was opened."""
+    is_link: bool
+    """Whether it was opened through a link: for good, as a link that is revoked is none any more."""
     who: str
     """Name of the page for people."""
     hub: str
@@ -96,7 +98,7 @@ class Studio:
         return [page for page in self.pages if page.hub == hub]
 
     def is_link(self, token: Token) -> bool:
-        """Return whether a token belongs to a link, so that its page is on another machine."""
+        """Return whether a token belongs to a valid link, so that its page is on another machine."""
         return self.links is not None and self.links.is_one(token)
 
     async def use(self, hub: str, by: str) -> None:
@@ -194,7 +196,7 @@ METHODS: Methods[PageCaller] = Methods()
 
 def check_local(caller: PageCaller) -> None:
     """Raise RpcError for a page that was opened through a link."""
-    if caller.studio.is_link(caller.page.token):
+    if caller.page.is_link:
         raise RpcError(
             Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
         )

@@ -105,6 +105,34 @@ def test_a_page_that_a_link_opened_learns_of_no_other_links() -> None:
     run(test)
 
 
+def test_a_link_that_is_revoked_gives_its_page_no_more_than_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def test(place: Place) -> None:
+        place.studio.links = links = Links(place.gate, 80, ("robot.local",))
+
+        def drive() -> str:
+            return next(each.address.partition("token=")[2] for each in links.addresses() if each.role == "edit")
+
+        async with place.page() as page:
+            await welcomed(page, drive())
+            links.revoke("edit")  # this page is about to be closed
+            for method, params in (("studio.links.change", {"role": "edit", "action": "renew"}), ("studio.boards", {})):
+                assert "through a link" in (await call(page, method, **params))["error"]["message"]
+            assert {each.role for each in links.addresses()} == {"watch"}
+        links.renew("edit")
+        welcome = place.studio.welcome
+
+        async def revoked_meanwhile(*args: Any, **options: Any) -> Any:
+            links.revoke("edit")
+            return await welcome(*args, **options)
+
+        monkeypatch.setattr(place.studio, "welcome", revoked_meanwhile)
+        async with place.page() as late:
+            assert (await welcomed(late, drive()))["is_link"]
+            assert (await late.receive()).type in {WSMsgType.CLOSE, WSMsgType.CLOSED}
+
+    run(test)
+
+
 def test_links_have_the_names_under_which_the_studio_is_reached() -> None:
     gate = Gate(8200)
     links = Links(gate, 8200, ("robot.local", "10.0.0.7"))
