@@ -15,6 +15,7 @@ from servolink.profiles.profile import BoardProfile
 from servolink.profiles.store import load_profile, profile_names, save_profile
 from servolink.studio.studio_methods import METHODS, PageCaller
 
+_turn = asyncio.Lock()
 _Degrees = Annotated[float, Meta(ge=-0x8000, le=0x7FFF)]
 
 
@@ -40,7 +41,8 @@ async def limits_save(caller: PageCaller, params: AngleLimits) -> KeptLimits:
     """
     if params.low is not None and params.high is not None and params.low > params.high:
         raise RpcError(Code.INVALID_PARAMS, "the lowest angle is above the highest angle", remedy="exchange the angles")
-    return KeptLimits(await asyncio.to_thread(_save, caller.studio.hub, params))
+    async with _turn:  # pages that save together would lose the limits of one of them
+        return KeptLimits(await asyncio.to_thread(_save, caller.hub, params))
 
 
 def _save(name: str, params: AngleLimits) -> dict[int, tuple[float, float]]:

@@ -5,6 +5,9 @@ Module: servolink.studio.limit_methods.
 
 from __future__ import annotations
 
+import asyncio
+from contextlib import suppress
+from threading import Barrier, BrokenBarrierError
 from typing import Any
 
 import pytest
@@ -12,6 +15,7 @@ import pytest
 from servolink.discovery.names import Alias, save_alias
 from servolink.profiles.profile import BoardProfile, SafetyLimits
 from servolink.profiles.store import load_profile, save_profile
+from servolink.studio import limit_methods
 from tests.studio.serving import Place, call, run, welcomed
 
 
@@ -57,5 +61,42 @@ def test_limits_of_a_board_without_a_name_are_refused_with_a_remedy() -> None:
         assert "servolink name" in error["data"]["remedy"]
         assert load_profile("virtual") is None
         assert "above the highest" in (await saved(place, 3, 30, -20))["error"]["message"]
+
+    run(test)
+
+
+def test_pages_that_save_together_keep_the_limits_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    save_profile("virtual", BoardProfile())
+    both = Barrier(2)
+
+    def load_with_another(name: str) -> BoardProfile | None:
+        with suppress(BrokenBarrierError):
+            both.wait(0.1)
+        return load_profile(name)
+
+    monkeypatch.setattr(limit_methods, "load_profile", load_with_another)
+
+    async def test(place: Place) -> None:
+        await asyncio.gather(*(saved(place, servo, -20, 30) for servo in (3, 4)))
+        profile = load_profile("virtual")
+        assert profile is not None
+        assert profile.limits.angles == {3: (-20, 30), 4: (-20, 30)}
+
+    run(test)
+
+
+def test_limits_belong_to_the_board_of_the_page_also_while_the_studio_changes_it() -> None:
+    for name in ("virtual", "other"):
+        save_profile(name, BoardProfile())
+
+    async def test(place: Place) -> None:
+        async with place.page() as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            place.studio.begin("other")
+            assert "result" in await call(page, "studio.limits.save", servo=3, low=-20, high=30)
+        assert load_profile("other") == BoardProfile()
+        profile = load_profile("virtual")
+        assert profile is not None
+        assert profile.limits.angles == {3: (-20, 30)}
 
     run(test)
