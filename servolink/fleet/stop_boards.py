@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost, InvalidAddress
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.pending_command import PendingCommand, failure_of
 from servolink.fleet.topics import Stop
@@ -83,11 +84,7 @@ async def _send(
 ) -> None:
     """Send the stop to all or to `boards`, and again to each board without an answer."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
-    topics = (
-        [controller.topics.fleet("stop")]
-        if boards is None
-        else [controller.topics.board(board, "stop") for board in boards]
-    )
+    topics = [controller.topics.fleet("stop")] if boards is None else [*_topics_of(controller, boards)]
     while loop.time() < deadline:
         left = deadline - loop.time()
         again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
@@ -95,3 +92,10 @@ async def _send(
         await asyncio.sleep(_AGAIN)
         missing = pending.missing(_online(controller, boards))
         topics = [controller.topics.board(board, "stop") for board in missing]
+
+
+def _topics_of(controller: Controller, boards: Collection[str]) -> Iterator[str]:
+    """Yield the topic of each board; none for a name that no board can have, which must not hold up the others."""
+    for board in boards:
+        with suppress(InvalidAddress):
+            yield controller.topics.board(board, "stop")

@@ -92,6 +92,16 @@ async def test_a_stop_of_some_boards_reaches_these_alone_whether_known_or_not() 
     assert (list(stopped.stopped), stopped.silent, stopped.offline) == (["rex", "fido"], (), ("new",))
 
 
+async def test_a_name_that_no_board_can_have_holds_up_no_stop() -> None:
+    network = Network("rex")
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), ("all", "../rex", "rex"), patience=5.0))
+    await asyncio.sleep(0.5)
+    assert network.sent == ["servolink/rex/stop"]
+    network.answer("rex")
+    stopped = await stopping
+    assert (list(stopped.stopped), stopped.offline) == (["rex"], ("all", "../rex"))
+
+
 async def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
     network = Network("rex", "fido")
     network.is_gone = True
