@@ -113,7 +113,7 @@ class FleetView:
 
     def _take(self, seen: BoardSeen) -> None:
         if self.fleet.controller.roster.get(seen.name) is not seen:
-            del self._tiles[seen.name]
+            self._tiles.pop(seen.name, None)
             self._count_change()
             self._whole_since = self._revision
             return

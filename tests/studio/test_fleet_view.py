@@ -62,6 +62,13 @@ async def test_only_the_boards_that_changed_are_sent_and_all_after_one_was_forgo
     assert (await crowd.view.changes(99_999)).is_whole  # of an earlier studio
 
 
+async def test_a_board_that_was_never_shown_can_be_removed() -> None:
+    crowd = Crowd()
+    for kind, payload in (("pulse", b"word"), ("available", b"")):
+        crowd.hear("amy", kind, payload)
+    assert (await crowd.view.changes(0)).tiles == ()
+
+
 async def test_a_lost_broker_is_told_at_once() -> None:
     crowd = Crowd()
     first = await crowd.view.changes(0)
