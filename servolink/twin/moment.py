@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from msgspec.structs import replace
-
 from servolink.project.model import Project
-from servolink.project.record_lookup import name_of
+from servolink.project.record_lookup import dependency_order, name_of
 from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, MacroPlaying
+from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType
 
 AFTER = "after the end"
 """Moment after the last command."""
@@ -31,32 +29,44 @@ def moment(project: Project, record: Action | Macro, seconds: float) -> Moment:
     """
     if isinstance(record, Action):
         return Moment(None, name_of(record) if seconds <= record.seconds else AFTER)
-    playing = MacroPlaying(ACTION.by_id(project), dict(MACRO.by_id(project)), lambda steps, speed: None)
-    return _in_macro(playing, record, seconds, 1.0)
+    return _Run(project).in_macro(record.macro_id, seconds, 1.0)
 
 
-def _in_macro(playing: MacroPlaying, macro: Macro, seconds: float, speed: float) -> Moment:
-    for number, command in enumerate(macro.commands, 1):
-        lasts = _duration(playing, macro, (command,), speed)
-        if seconds <= lasts:
-            return Moment(number, f"command {number}, {_in_command(playing, macro, command, seconds, speed)}")
-        seconds -= lasts
-    return Moment(None, AFTER)
+class _Run:
+    """Records of a project, with the seconds of each command: played through, nested loops would take for ever."""
 
+    def __init__(self, project: Project) -> None:
+        self._actions, self._macros = ACTION.by_id(project), MACRO.by_id(project)
+        self._lasts: dict[int, list[float]] = {}  # at full speed
+        for macro_id in dependency_order(self._macros):
+            self._lasts[macro_id] = [self._seconds(command) for command in self._macros[macro_id].commands]
 
-def _in_command(playing: MacroPlaying, macro: Macro, command: MacroCommand, seconds: float, speed: float) -> str:
-    if command.type == MacroCommandType.DELAY:
-        return "a pause"
-    if command.type == MacroCommandType.ACTION:
-        return name_of(playing.actions[command.command_id])
-    inner, faster = playing.macros[command.command_id], speed * command.ratio / 100
-    once = _duration(playing, inner, inner.commands, faster)
-    within = _in_macro(playing, inner, seconds % once if once else 0.0, faster)
-    return name_of(inner) if within.command is None else f"{name_of(inner)}, {within.step}"
+    def in_macro(self, macro_id: int, seconds: float, speed: float) -> Moment:
+        """Return the part of a macro that is running after `seconds` at a speed."""
+        commands = zip(self._macros[macro_id].commands, self._lasts[macro_id], strict=True)
+        for number, (command, lasts) in enumerate(commands, 1):
+            if seconds <= lasts / speed:
+                return Moment(number, f"command {number}, {self._in_command(command, seconds, speed)}")
+            seconds -= lasts / speed
+        return Moment(None, AFTER)
 
+    def _in_command(self, command: MacroCommand, seconds: float, speed: float) -> str:
+        if command.type == MacroCommandType.DELAY:
+            return "a pause"
+        if command.type == MacroCommandType.ACTION:
+            return name_of(self._actions[command.command_id])
+        inner, faster = self._macros[command.command_id], speed * command.ratio / 100
+        once = sum(self._lasts[inner.macro_id]) / faster
+        within = self.in_macro(inner.macro_id, seconds % once if once else 0.0, faster)
+        return name_of(inner) if within.command is None else f"{name_of(inner)}, {within.step}"
 
-def _duration(playing: MacroPlaying, macro: Macro, commands: tuple[MacroCommand, ...], speed: float) -> float:
-    """Return the duration in seconds of some commands of a macro."""
-    some = replace(macro, commands=commands)
-    played = MacroPlaying(playing.actions, {**playing.macros, macro.macro_id: some}, playing.move)
-    return sum(played.play(macro.macro_id, speed))
+    def _seconds(self, command: MacroCommand) -> float:
+        """Return the duration of a command as `MacroPlaying` plays it; a record that is missing takes no time."""
+        if command.type == MacroCommandType.MACRO:
+            once = sum(self._lasts.get(command.command_id, ()))
+        elif command.type == MacroCommandType.DELAY:
+            once = command.command_id / 1000
+        else:
+            action = self._actions.get(command.command_id)
+            once = 0.0 if action is None else action.seconds
+        return max(command.total_interval / 1000, once * command.loop * 100 / max(command.ratio, 1))

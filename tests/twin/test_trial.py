@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
@@ -59,6 +60,17 @@ def test_a_robot_that_stands_has_a_margin() -> None:
 )
 def test_a_moment_is_named_by_command_and_action(seconds: float, step: str) -> None:
     assert moment(PROJECT, SHOW, seconds).step == step
+
+
+def test_a_moment_of_a_run_of_years_is_found_at_once() -> None:
+    loops = [
+        Macro(at, f"Loop {at}", (MacroCommand(at - 1, MacroCommandType.MACRO, loop=30_000),)) for at in range(5, 9)
+    ]
+    project = replace(PROJECT, macros=(*PROJECT.macros, *loops))
+    found = moment(project, loops[-1], 3e9)
+    assert found.step.startswith(
+        "command 1, macro 7 'Loop 7', command 1, macro 6 'Loop 6', command 1, macro 5 'Loop 5'"
+    )
 
 
 def test_a_moment_of_an_action_is_the_action() -> None:
