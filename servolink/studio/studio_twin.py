@@ -7,13 +7,16 @@ import hashlib
 import json
 from collections.abc import AsyncGenerator, Callable
 from contextlib import aclosing, suppress
-from typing import Final, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 from weakref import WeakKeyDictionary
 
 from servolink.errors import ProjectError
 from servolink.project.figure import Figure, checked_figure, figure_to_json
 from servolink.project.model import Project
-from servolink.project.record_lookup import with_dependencies
+from servolink.project.record_lookup import by_type, dependency_order
+from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
 from servolink.twin.jobs import FRAME, Frame, Judged, Reached, judge, play, pull
 from servolink.twin.placement import Vector
@@ -24,7 +27,8 @@ MOST_VERDICTS: Final = 4096
 """Verdicts that are kept, the latest."""
 
 
-class Robot(NamedTuple):
+@dataclass(frozen=True)
+class Robot:
     """Project with the figure of its robot."""
 
     project: Project
@@ -37,12 +41,31 @@ class Robot(NamedTuple):
         return cls(project, json.dumps(figure_to_json(checked_figure(figure))).encode())
 
     def key(self, record: Action | Macro) -> bytes:
-        """Return a key that changes with the figure, the record, and each record run by it.
+        """Return a key that changes with the figure, a record of the project, and each record run by it.
 
         Raise ProjectError for a duplicate id in the project.
         """
-        used = sorted(map(repr, with_dependencies(self.project, [record])))
-        return hashlib.sha256(repr((self.figure, repr(record), used)).encode("utf-8", "surrogatepass")).digest()
+        kind = type_of(record)
+        return self._keys[kind.field, kind.id_of(record)]
+
+    @cached_property
+    def _keys(self) -> dict[tuple[str, int], bytes]:
+        """Keys of all actions and macros; that of a macro is made from the keys of the records that it runs."""
+        shelves = by_type(self.project)
+        macros: dict[int, Macro] = shelves[MACRO.field]
+        of_figure = hashlib.sha256(self.figure)
+
+        def digest(record: Action | Macro, used: object) -> bytes:
+            made = of_figure.copy()
+            made.update(repr((record, used)).encode("utf-8", "surrogatepass"))
+            return made.digest()
+
+        found = {(ACTION.field, number): digest(action, ()) for number, action in shelves[ACTION.field].items()}
+        for number in dependency_order(macros):
+            used = [found.get((kind.field, called)) for kind, called in MACRO.references(macros[number])]
+            found[MACRO.field, number] = digest(macros[number], used)
+        endless = {number for number in macros if (MACRO.field, number) not in found}
+        return found | {(MACRO.field, number): digest(macros[number], "endless") for number in endless}
 
 
 class Twin:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
+from itertools import compress
+from operator import not_
 from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
@@ -128,16 +130,17 @@ async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callabl
     robot, twin = Robot.of(project, params.figure), caller.studio.twin
     is_wanted = twin.begin(caller.page, "verdicts")
     records: list[Action | Macro] = [*project.actions, *project.macros]
-    known = await asyncio.to_thread(lambda: [record for record in records if twin.known(robot, record)])
-    found = [verdict for record in known for verdict in _verdicts(record, await twin.verdict(robot, record))]
+    known = await asyncio.to_thread(lambda: [twin.known(robot, record) for record in records])
+    found = list[RecordVerdict]()
+    for record in compress(records, known):
+        found += _verdicts(record, await twin.verdict(robot, record))
     report(Verdicts(tuple(found)))
-    for record in records:
-        if record not in known:
-            made = _verdicts(record, await twin.verdict(robot, record))
-            if not is_wanted():
-                break
-            report(Verdicts(made))
-            found += made
+    for record in compress(records, map(not_, known)):
+        made = _verdicts(record, await twin.verdict(robot, record))
+        if not is_wanted():
+            break
+        report(Verdicts(made))
+        found += made
     return Verdicts(tuple(found))
 
 

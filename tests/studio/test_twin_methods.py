@@ -14,8 +14,10 @@ from aiohttp import ClientWebSocketResponse
 from servolink.project.figure import figure_to_json
 from servolink.project.model import Project
 from servolink.project.project_file import project_to_form
+from servolink.project.record_lookup import by_type
 from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.studio import studio_methods
+from servolink.studio import studio_methods, studio_twin
+from servolink.studio.studio_twin import Robot
 from servolink.twin.body import body_of
 from servolink.twin.jobs import FALLING, FRAME, frame_of
 from servolink.twin.simulation import Physics
@@ -128,6 +130,30 @@ def test_verdicts_are_kept_until_a_record_or_the_figure_changes(monkeypatch: pyt
             assert "weighs nothing" in answer["error"]["message"]
 
     run(test)
+
+
+def test_a_key_changes_with_all_that_a_macro_runs_and_thousands_are_made_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counted = list[Project]()
+
+    def count(project: Project) -> Any:
+        counted.append(project)
+        return by_type(project)
+
+    monkeypatch.setattr(studio_twin, "by_type", count)
+    chain = [Macro(at, "", (MacroCommand(at + 1, MacroCommandType.MACRO.value),)) for at in range(1, 2000)]
+    circle = Macro(5000, "", (MacroCommand(5000, MacroCommandType.MACRO.value), MacroCommand(1)))
+
+    def keys(last: Action) -> list[bytes]:
+        macros = (*chain, Macro(2000, "", (MacroCommand(1),)), circle)
+        robot = Robot.of(Project(actions=(last, STILL), macros=macros), lamp())
+        return [robot.key(record) for record in (*macros, STILL)]
+
+    before, after = keys(OVER), keys(Action(1, "Over", (Step(1, 61, 60),)))
+    assert len(counted) == 2
+    assert len({*before, *after}) == 2 * 2000 + 2, "an endless macro, and an action, have the keys that they had"
+    assert after[-2:] == before[-2:]
 
 
 def test_a_hand_that_is_pulled_takes_the_arm_along_and_says_how_far_it_stays_away() -> None:

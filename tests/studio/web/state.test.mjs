@@ -86,3 +86,17 @@ test("a servo that turns slowly does not rest, and one that trembles does", asyn
   for (let count = 0; count < 40; count++) read(20 + (count % 2));
   assert.ok(robot.isStill());
 });
+
+test("two drafts with deeply nested macros are compared in a moment", async () => {
+  const { isSameRun } = await import(`${web}state/twin.js`);
+  const command = (id) => ({ type: "macro", macro_id: id, ratio_percent: 100, loop: 1, total_interval_ms: 0 });
+  const macros = Array.from({ length: 31 }, (_, at) => ({
+    macro_id: at + 1,
+    macro_caption: "",
+    commands: at < 30 ? [command(at + 2), command(at + 2)] : [],
+  }));
+  const one = { actions: [], macros };
+  assert.equal(isSameRun(one, { ...one }, "macro", 1), true);
+  const other = { ...one, macros: [...macros.slice(0, 30), { ...macros[30] }] };
+  assert.equal(isSameRun(one, other, "macro", 1), false);
+});

@@ -157,15 +157,18 @@ export function verdictOf(type, id) {
  * @param {Project} other
  * @param {Type} type
  * @param {number} id
+ * @param {Set<string>} [seen] records that were compared: of nested macros there are many ways to each
  * @returns {boolean}
  */
-export function isSameRun(one, other, type, id) {
-  if (one === other) return true;
+export function isSameRun(one, other, type, id, seen = new Set()) {
+  const key = `${type} ${id}`;
+  if (one === other || seen.has(key)) return true;
+  seen.add(key);
   const kind = type === "action" ? "actions" : "macros",
     record = recordOf(one, { kind, id });
   if (record !== recordOf(other, { kind, id })) return false;
   const commands = type === "action" ? [] : (/** @type {Macro | null} */ (record)?.commands ?? []);
   return commands.every((each) =>
-    each.type === "action" || each.type === "macro" ? isSameRun(one, other, each.type, targetOf(each)) : true,
+    each.type === "action" || each.type === "macro" ? isSameRun(one, other, each.type, targetOf(each), seen) : true,
   );
 }
