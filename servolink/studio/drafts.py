@@ -152,7 +152,10 @@ class Drafts:
         except (ValueError, RecursionError) as error:  # JSON and types raise subclasses of ValueError
             aside = path.with_suffix(".damaged")
             _logger.warning("%s is damaged (%s); it is kept as %s", escape(str(path)), error, escape(aside.name))
-            path.replace(aside)
+            try:
+                path.replace(aside)
+            except OSError as refusal:
+                raise ProjectError(f"{escape(str(path))} is damaged, and cannot be moved: {reason(refusal)}") from error
             return _DraftFile()
 
     def _write(self, file: _DraftFile) -> None:
