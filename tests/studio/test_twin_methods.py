@@ -148,7 +148,8 @@ def test_a_key_changes_with_all_that_a_macro_runs_and_thousands_are_made_at_once
     def keys(last: Action) -> list[bytes]:
         macros = (*chain, Macro(2000, "", (MacroCommand(1),)), circle)
         robot = Robot.of(Project(actions=(last, STILL), macros=macros), lamp())
-        return [robot.key(record) for record in (*macros, STILL)]
+        records: list[Action | Macro] = [*macros, STILL]
+        return [robot.key(record) for record in records]
 
     before, after = keys(OVER), keys(Action(1, "Over", (Step(1, 61, 60),)))
     assert len(counted) == 2
