@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NoReturn
 
 from servolink.cli.screen.output import print_error, print_json_error
+from servolink.errors import TransportUnavailable, install_extra
 from servolink.script import USAGE
 
 if TYPE_CHECKING:  # `servolink --help` uses no path
@@ -42,6 +43,15 @@ class WrongUsage(SystemExit):
 def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
     """End as wrong usage, with `text` after the usage of the command."""
     raise WrongUsage(args.parser, text)
+
+
+@contextmanager
+def needing_extra(extra: str) -> Iterator[None]:
+    """Raise TransportUnavailable, with the way to install `extra`, if an import of this context fails."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise TransportUnavailable(f"this command needs {error.name}; {install_extra(extra)}") from error
 
 
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:

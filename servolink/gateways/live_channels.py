@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import foxglove  # pyright: ignore[reportMissingImports]
 from foxglove import channels, messages  # pyright: ignore[reportMissingImports]
 
+from servolink.errors import RecordingError
 from servolink.project.figure import Figure
 from servolink.recorder import channels as recorded
 from servolink.recorder.channels import CommandDone, Event, Message, ProblemFound, ServosRead
-from servolink.recorder.reading import is_problem
+from servolink.recorder.reading import Entry, is_problem
 from servolink.twin.body import Body, BodyPart, Solid, body_of
 from servolink.twin.placement import Placement, Vector
 from servolink.twin.pose import posed
@@ -94,6 +96,29 @@ class LiveChannels:
             case _:
                 return
         self._log.log(messages.Log(timestamp=_stamp(time), level=level, message=text, name="servolink"), log_time=time)
+
+
+def written_to(path: Path, context: Any, *, replace: bool = False) -> Any:
+    """Return a writer of all channels of a context to a file. Raise RecordingError if it cannot be written."""
+    try:
+        return foxglove.open_mcap(path, context=context, allow_overwrite=replace)
+    except (OSError, RuntimeError) as error:
+        raise RecordingError(f"{path}: cannot be written: {error}; give the name of a new file") from error
+
+
+def convert(entries: Iterable[Entry[Message]], figure: Figure | None, path: Path, *, replace: bool = False) -> int:
+    """Write messages of a recording to a file with all channels, and return how many there were.
+
+    Raise RecordingError if the file cannot be written, and TwinError as `LiveChannels` does.
+    """
+    context, count = foxglove.Context(), 0
+    live = LiveChannels(context, figure)
+    with written_to(path, context, replace=replace):
+        for count, entry in enumerate(entries, 1):
+            if count == 1:
+                live.draw_scene(entry.time)
+            live.take(entry.time, entry.message)
+    return count
 
 
 def _schema(topic: str) -> Any:

@@ -228,6 +228,26 @@ def test_a_recording_is_shown_and_written_with_all_channels(tmp_path: Path) -> N
     assert {topic for topic, name in found if name.startswith("servolink.")} <= CHANNELS.keys()
 
 
+@pytest.mark.parametrize("figure", [True, False])
+def test_a_recording_is_converted_with_the_same_channels(
+    tmp_path: Path, figure: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    recording = write(tmp_path / "in.mcap", [(0.0, ServosRead((state,))), (1.0, Event("mark", "mark", text="here"))])
+    words = ("convert", str(recording), "--foxglove", *(("--project", str(DEMO)) if figure else ()))
+    out = tmp_path / "in.foxglove.mcap"
+    assert call(capsys, *words).out == f"{out}  2 messages\n"
+    with out.open("rb") as file:
+        found = [(channel.topic, message.log_time) for _, channel, message in make_reader(file).iter_messages()]
+    expected = {"/servos", "/joint_states", "/events", "/log", *(("/tf", "/scene") if figure else ())}
+    assert {topic for topic, _ in found} == expected
+    assert {time for _, time in found} == {entry.time for entry in Recording(recording).entries()}
+    assert "cannot be written" in call(capsys, *words).err
+    assert call(capsys, *words, "--force").code == 0
+    assert "would be lost" in call(capsys, *words, "-o", str(recording), "--force").err
+    assert "--foxglove" in call(capsys, "convert", str(recording), "--csv", "--project", str(DEMO)).err
+
+
 async def test_a_recording_keeps_its_pace_and_long_silences_are_cut(tmp_path: Path) -> None:
     file = write(tmp_path / "in.mcap", [(at, Event("mark", "mark", text=str(at))) for at in (0.0, 0.5, 100.0)])
     taken: list[float] = []

@@ -11,7 +11,7 @@ from servolink.cli.command import Command, option
 from servolink.cli.command_session import ENDLESS, Interruption, run_interruptible
 from servolink.cli.fleet.broker_options import BROKER, fleet_of
 from servolink.cli.screen.output import print_error, print_result
-from servolink.errors import TransportUnavailable, install_extra
+from servolink.cli.usage import needing_extra
 from servolink.script import OK
 
 
@@ -48,10 +48,8 @@ def run(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
     fleet = fleet_of(args, servos=True)
-    try:
+    with needing_extra("metrics"):
         from servolink.fleet.metrics import serve_metrics
-    except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink fleet metrics needs {error.name}; {install_extra('metrics')}") from error
     from servolink.client.alarms import Alarm
     from servolink.listeners.tcp import host_and_port, joined, reached_by
 

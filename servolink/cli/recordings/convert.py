@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from servolink.cli.arguments import not_empty
+from servolink.cli.arguments import file_path, not_empty
 from servolink.cli.command import RECORDINGS, Command, flag, one_of, option
 from servolink.cli.recordings.show import SELECTION, selection
 from servolink.cli.screen.output import counted, print_error, print_json, print_text
-from servolink.cli.usage import refuse_input, usage_error
+from servolink.cli.usage import needing_extra, refuse_input, usage_error
+from servolink.project.project_file import read_project_file
 from servolink.recorder.channels import CHANNELS, Recorded, Wire
 from servolink.recorder.pcapng import save_pcapng
 from servolink.recorder.reading import Recording, Selection
@@ -25,12 +26,14 @@ from servolink.script import OK
         "convert out.mcap --csv",
         "convert out.mcap --csv --channel servos -o servos.csv",
         "convert out.mcap --pcap",
+        "convert out.mcap --foxglove --project robot.servolink.json",
     ),
     options=(
         option("file", "FILE", "a recording", not_empty),
         one_of(
             flag("--csv", "write a table for each channel, for spreadsheets"),
             flag("--pcap", "write a capture of the line, for Wireshark"),
+            flag("--foxglove", "write a recording with joints, transforms, scene and log, for Foxglove"),
             required=True,
         ),
         option(
@@ -39,6 +42,7 @@ from servolink.script import OK
             "name of the new file, to which several tables add the names of their channels (FILE's, beside it)",
             not_empty,
         ),
+        option("--project", "FILE", "with --foxglove: a project file with the figure of the robot", file_path),
         flag("--force", "replace an existing file"),
         *SELECTION,
     ),
@@ -46,19 +50,32 @@ from servolink.script import OK
 )
 def run(args: argparse.Namespace) -> int:
     """Write the recording in another form."""
+    if args.project is not None and not args.foxglove:
+        usage_error(args, "--project gives the figure for --foxglove; leave it out for other forms")
     recording = Recording(args.file)
-    written = _write_capture(args, recording) if args.pcap else _write_tables(args, recording)
+    write = _write_capture if args.pcap else _write_channels if args.foxglove else _write_tables
+    written = write(args, recording)
     remarks = recording.remarks
     if args.json:
         print_json({"files": {str(path): count for path, count in written.items()}, "remarks": remarks})
         return OK
     for path, count in written.items():
-        print_text(f"{path}  {counted(count, 'packet' if args.pcap else 'row')}")
+        unit = "packet" if args.pcap else "message" if args.foxglove else "row"
+        print_text(f"{path}  {counted(count, unit)}")
     if not written:
         print_text("nothing was written: the recording holds nothing of this kind")
     for remark in remarks:
         print_error(f"servolink: {recording.path}: {remark}")
     return OK
+
+
+def _write_channels(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:
+    with needing_extra("foxglove"):
+        from servolink.gateways.live_channels import convert
+    figure = None if args.project is None else read_project_file(args.project).figure
+    out = Path(args.output) if args.output else _beside(recording.path, ".foxglove.mcap")
+    refuse_input(args, recording.path, [out])
+    return {out: convert(recording.entries(selection(args)), figure, out, replace=args.force)}
 
 
 def _write_tables(args: argparse.Namespace, recording: Recording) -> dict[Path, int]:

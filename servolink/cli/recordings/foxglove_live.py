@@ -6,8 +6,7 @@ import argparse
 import asyncio
 from contextlib import AsyncExitStack
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from servolink.cli.arguments import SPEED, file_path, listening, new_file, number
 from servolink.cli.command import RECORDINGS, Command, flag, option
@@ -15,8 +14,7 @@ from servolink.cli.command_session import ENDLESS, Interruption, run_interruptib
 from servolink.cli.screen.output import print_error, print_result
 from servolink.cli.screen.terminal import can_ask, confirm
 from servolink.cli.together.language_models import SPEED_CAP, log_line
-from servolink.cli.usage import usage_error
-from servolink.errors import RecordingError, TransportUnavailable, install_extra
+from servolink.cli.usage import needing_extra, usage_error
 from servolink.project.project_file import read_project_file
 from servolink.script import OK
 
@@ -60,13 +58,11 @@ def run(args: argparse.Namespace) -> int:
 
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled, or until the hub has ended."""
-    try:
+    with needing_extra("foxglove"):
         import foxglove  # pyright: ignore[reportMissingImports]
 
-        from servolink.gateways.live_channels import LiveChannels
+        from servolink.gateways.live_channels import LiveChannels, written_to
         from servolink.gateways.live_server import PublishedTargets, follow_recording, serving
-    except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink foxglove needs {error.name}; {install_extra('foxglove')}") from error
     from servolink.listeners.tcp import host_and_port, joined, reached_by
     from servolink.recorder.reading import Recording
 
@@ -77,7 +73,7 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         recording = None if args.recording is None else await asyncio.to_thread(Recording, args.recording)
         supervisor, hub = (None, "") if recording is not None else await _board(args, stack)
         if args.mcap is not None:
-            stack.callback(_opened(foxglove, args.mcap, context).close)
+            stack.enter_context(written_to(args.mcap, context))
             channels.draw_scene(recording.started if recording is not None else 0)
         listener = PublishedTargets(channels, supervisor, args.speed_cap, confirm)
         host, port = host_and_port(args.listen)
@@ -115,11 +111,3 @@ async def _follow(hub: str, channels: LiveChannels) -> None:
 
     await follow_hub(hub, channels)
     print_error(f"servolink: the hub {hub} has ended")
-
-
-def _opened(foxglove: Any, path: Path, context: Any) -> Any:
-    """Return the writer of a new file. Raise RecordingError if it cannot be written."""
-    try:
-        return foxglove.open_mcap(path, context=context)
-    except (OSError, RuntimeError) as error:
-        raise RecordingError(f"{path}: cannot be written: {error}; give the name of a new file") from error

@@ -12,8 +12,7 @@ from servolink.cli.arguments import SPEED, file_path, whole_number
 from servolink.cli.command import TOGETHER, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import print_error, print_result
-from servolink.cli.usage import usage_error
-from servolink.errors import TransportUnavailable, install_extra
+from servolink.cli.usage import needing_extra, usage_error
 from servolink.project.project_file import read_project_file
 from servolink.script import OK
 
@@ -61,11 +60,9 @@ def run(args: argparse.Namespace) -> int:
 
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the client has left, or until the task is cancelled."""
-    try:
+    with needing_extra("mcp"):
         from servolink.gateways.model_serving import serve_on_http
         from servolink.gateways.model_tools import ModelTools
-    except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink mcp needs {error.name}; {install_extra('mcp')}") from error
     from servolink.gateways.supervisor import supervised
     from servolink.hub import hub_of_board
 

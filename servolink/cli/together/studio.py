@@ -13,8 +13,7 @@ from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, GROUPS_FILE, fleet_of
 from servolink.cli.screen.output import print_error, print_result
-from servolink.cli.usage import refuse_board, usage_error
-from servolink.errors import TransportUnavailable, install_extra
+from servolink.cli.usage import needing_extra, refuse_board, usage_error
 from servolink.script import OK
 
 _MOST_PORT = 65535
@@ -108,11 +107,9 @@ def run(args: argparse.Namespace) -> int:
 
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the task is cancelled."""
-    try:
+    with needing_extra("studio"):
         from servolink.studio.links import Links
         from servolink.studio.server import serve_studio
-    except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink studio needs {error.name}; {install_extra('studio')}") from error
     from servolink.studio.start import opened_in_browser, studio_for
 
     options = {"byte_order": args.byte_order, "caption_encoding": args.caption_encoding, "patience": args.timeout}
