@@ -277,6 +277,35 @@ class Tighten(Struct, forbid_unknown_fields=True):
     source: Annotated[str, Meta(max_length=200, description="source named in errors")] = ""
 
 
+# --- questions to a person --------------------------------------------------------------------------------------------
+
+
+class QuestionAsk(Struct, forbid_unknown_fields=True):
+    """Motion about which a person is asked: targets, a stored record, or neither for the start of all servos."""
+
+    seconds: Annotated[float, Meta(ge=0, le=3600, description="planned duration of the motion")]
+    targets: Annotated[
+        Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=255)] | None,
+        about("degrees by servo id, of a movement"),
+    ] = None
+    record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run")] = None
+    caption: Annotated[str, Meta(max_length=200, description="caption of the record, or its id")] = ""
+
+
+class Answer(Struct, frozen=True):
+    """Answer of a person to a question."""
+
+    is_yes: bool
+    by: Annotated[str, about("program at which the person answered")]
+
+
+class AnswerGiven(Struct, forbid_unknown_fields=True):
+    """Answer to a question of another program."""
+
+    number: Annotated[int, about("of the notification `question`")]
+    is_yes: bool
+
+
 # --- streams ----------------------------------------------------------------------------------------------------------
 
 

@@ -91,6 +91,26 @@ class ProblemNotice(Struct, frozen=True):
     text: str
 
 
+class QuestionNotice(Struct, frozen=True):
+    """Question of a program to a person, after `question.show`, whether it may move the robot.
+
+    With neither `targets` nor `record`, all servos would be started after a stop.
+    """
+
+    number: Annotated[int, about("for `question.answer`")]
+    who: Annotated[str, about("the program")]
+    seconds: Annotated[float, about("planned duration of the motion")]
+    targets: Annotated[dict[str, float] | None, about("degrees by servo id, of a movement; else null")] = None
+    record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run; else null")] = None
+    caption: Annotated[str, about("caption of the record, or its id")] = ""
+
+
+class QuestionOver(Struct, frozen=True):
+    """End of a question, with or without an answer."""
+
+    number: int
+
+
 class RecordingNotice(Struct, frozen=True):
     """Start, stop or mark of the recording of the hub; `recorder.status` returns the state."""
 
@@ -123,6 +143,8 @@ NOTIFICATIONS: dict[str, type[Struct]] = {
     "stopped": StoppedNotice,
     "program": ProgramNotice,
     "progress": ProgressNotice,
+    "question": QuestionNotice,
+    "question.over": QuestionOver,
     "recording": RecordingNotice,
     "tap": TapFrame,
     "refused": RefusedNotice,

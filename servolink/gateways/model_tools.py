@@ -19,9 +19,11 @@ from mcp_types import (  # pyright: ignore[reportMissingImports]
 )
 from pydantic import Field  # pyright: ignore[reportMissingImports]
 
-from servolink.errors import ProjectError, ServolinkError
+from servolink.errors import NotFound, ProjectError, ServolinkError
+from servolink.escaping import escape
 from servolink.gateways.figure_picture import draw_figure
 from servolink.gateways.supervisor import LONGEST, Permission, SupervisedMotion, Supervisor
+from servolink.json_text import write_json
 from servolink.project.project_file import ProjectFile, parse_project_file
 from servolink.project.record_lookup import find
 from servolink.project.summary import plan_rows
@@ -186,14 +188,21 @@ class ModelTools:
         return f"{permission.motion.text}: done"
 
     async def _ask(self, ctx: Context, motion: SupervisedMotion) -> Any:
-        """Return the permission of a person, or the request that makes the client ask and call again."""
+        """Return the permission of a person, or the request that makes the client ask and call again.
+
+        A client that cannot ask leaves it to the studio.
+        """
         capabilities = ctx.client_capabilities
         form = None if capabilities is None else capabilities.elicitation
         if form is None or (form.form is None and form.url is not None):
-            raise ToolError(
-                f"not moved: {motion.text}; a person must be asked, and this client cannot ask (it has no "
-                "elicitation). Use another client, or start the server with --no-ask"
-            )
+            try:
+                return await self._supervisor.ask_in_studio(motion)
+            except NotFound as error:
+                raise ToolError(
+                    f"not moved: {motion.text}; a person must be asked; this client cannot ask (no elicitation), "
+                    f"and no page can: run `servolink studio --board share://{self._supervisor.hub}`, use another "
+                    "client, or start the server with --no-ask"
+                ) from error
         question = self._supervisor.ask(motion)
         schema: dict[str, Any] = {"type": "object", "properties": {}}
         if str(ctx.protocol_version) > _ASKED_IN_CALL:
@@ -223,14 +232,15 @@ def _shown(motion: SupervisedMotion) -> dict[str, Any]:
 
 
 def _add(server: Any, tool: Callable[..., Awaitable[Any]], annotations: Any) -> None:
-    """Offer a tool whose errors reach the model with their text."""
+    """Offer a tool whose errors reach the model with their text. Captions hide no characters, in results and errors."""
 
     @wraps(tool)
     async def told(*args: Any, **kwargs: Any) -> Any:
         try:
-            return await tool(*args, **kwargs)
+            result = await tool(*args, **kwargs)
         except (ServolinkError, ValueError, TypeError) as error:
-            raise ToolError(str(error)) from error
+            raise ToolError("\n".join(map(escape, str(error).split("\n")))) from error
+        return write_json(result).rstrip() if isinstance(result, dict) else result
 
     server.add_tool(
         told,

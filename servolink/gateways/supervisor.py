@@ -20,7 +20,7 @@ from servolink.client.collect import collect
 from servolink.client.connect import connect
 from servolink.control.channel import RpcChannel, open_channel
 from servolink.control.greeting import Greeting
-from servolink.control.messages import Tighten
+from servolink.control.messages import Answer, Tighten
 from servolink.control.notifications import StoppedNotice
 from servolink.control.roles import RoleName
 from servolink.control.share_address import this_program
@@ -55,6 +55,8 @@ class SupervisedMotion(NamedTuple):
     """Motion as a person reads it, such as "move servo 1 to 30 degrees in 2 s"."""
     seconds: float
     """Planned duration of the motion, as the dry run has found it."""
+    caption: str = ""
+    """Caption of the stored record that is run, or its id; empty for other motions."""
 
 
 class Permission(NamedTuple):
@@ -130,7 +132,8 @@ class Supervisor:
         run = RecordRun(await collect(get, kind, record_id), record, interval or INTERVAL_UNIT)
         await self._refuse_idle(run.first_pose())
         params = {"type": "action" if kind is ACTION else "macro", "id": record_id}
-        return _checked(SupervisedMotion("run", params, f"run {name_of(record)}", run.seconds()))
+        caption = kind.caption_of(record) or str(record_id)
+        return _checked(SupervisedMotion("run", params, f"run {name_of(record)}", run.seconds(), caption))
 
     async def check_start(self) -> SupervisedMotion:
         """Return the start of all servos after a stop: each holds its angle, and obeys the next movement."""
@@ -157,6 +160,21 @@ class Supervisor:
             raise self._refused(question.motion, "the person said no")
         self._check(question)
         return Permission(question.motion, msgspec.structs.replace(question.ticket, until=self._now() + PERMITTED))
+
+    async def ask_in_studio(self, motion: SupervisedMotion) -> Permission:
+        """Return the permission of a person at a page of the studio that shows this board.
+
+        Raise MotionRefused for a no and without an answer, NotFound without a page that may move the robot.
+        """
+        question = self.ask(motion)
+        try:
+            answer = await self._channel.call("question.ask", **_asked(motion))
+        except asyncio.CancelledError:
+            self._channel.tell("question.withdraw")
+            raise
+        except MotionRefused as error:
+            raise self._refused(motion, str(error), error.reason) from error
+        return self.answer(question.number, is_yes=msgspec.json.decode(answer, type=Answer).is_yes)
 
     def permit_unasked(self, motion: SupervisedMotion) -> Permission:
         """Return a permission without a question, for `--no-ask`."""
@@ -259,6 +277,12 @@ def _checked(motion: SupervisedMotion) -> SupervisedMotion:
     if not motion.seconds <= most:
         raise MotionRefused(f"{motion.text}: {motion.seconds:.1f} s are too long; at most {most:g} s are allowed")
     return motion
+
+
+def _asked(motion: SupervisedMotion) -> dict[str, Any]:
+    """Return the params of a question about a motion."""
+    about = {"targets": motion.params.get("targets"), "record": motion.params.get("type"), "caption": motion.caption}
+    return {"seconds": motion.seconds, **about}
 
 
 @asynccontextmanager

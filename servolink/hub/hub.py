@@ -18,6 +18,7 @@ from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.program import FrameProgram, Program
+from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.stop_order import Stops
@@ -90,7 +91,9 @@ class Hub:
         """Take the requests and stops of a `Program`, and send held requests when the program reads again."""
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
-        self._listeners: list[Listener] = []
+        self.questions = Questions(self.tell, self.name_of)
+        """Questions of programs to a person at another program."""
+        self._listeners: list[Listener] = [self.questions.hear]
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""

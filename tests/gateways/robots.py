@@ -5,10 +5,16 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
+from typing import Any
+
+import msgspec
+from msgspec import Raw
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.connection.taps import Tap
+from servolink.control.channel import open_channel
+from servolink.control.greeting import Greeting
 from servolink.gateways.supervisor import Supervisor, supervised
 from servolink.hub import serve_board
 from servolink.protocol.codec import PACKETS
@@ -63,6 +69,25 @@ async def shared_robot() -> AsyncIterator[RobotSeen]:
         async with connect("share://rex") as board:
             await board.move({1: 0, 2: 0, 3: 0}, duration=0.02, wait=True)
         yield RobotSeen(hub.board)
+
+
+@asynccontextmanager
+async def page_that_answers(is_yes: bool | None) -> AsyncIterator[list[dict[str, Any]]]:
+    """Show questions about `rex` to a person who answers each, or none; yield the notifications."""
+    channel, _ = await open_channel("rex", Greeting(wants="rpc", who="page", role="move"))
+    heard: list[dict[str, Any]] = []
+
+    def hear(name: str, params: Raw) -> None:
+        heard.append({"name": name, **msgspec.json.decode(params)})
+        if name == "question" and is_yes is not None:
+            channel.tell("question.answer", number=heard[-1]["number"], is_yes=is_yes)
+
+    channel.on_notification = hear
+    await channel.call("question.show")
+    try:
+        yield heard
+    finally:
+        await channel.close()
 
 
 @asynccontextmanager

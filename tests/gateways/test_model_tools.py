@@ -18,8 +18,9 @@ from typing import Any
 import pytest
 
 from servolink.project.project_file import read_project_file
+from servolink.protocol.records import Action, Step
 from tests.cli.programs import call, environment, finished, started
-from tests.gateways.robots import GUARD, RobotSeen, shared_robot, supervised_robot
+from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
 from tests.twin.figures import DEMO
 
 pytest.importorskip("mcp", reason="in the extra mcp")
@@ -102,6 +103,23 @@ def test_a_model_looks_and_plans() -> None:
     asyncio.run(main())
 
 
+def test_hidden_characters_of_a_board_are_visible_to_a_model() -> None:
+    async def main() -> None:
+        async with model(may_move=False) as (robot, client):
+            await robot.board.add_action(Action(3, "\u202eno", (Step(1, 1, 10),)))
+            for tool in ("records", "record", "check_run"):
+                arguments = {} if tool == "records" else {"kind": "action", "name": 3}
+                _, text = await said(client, tool, **arguments)
+                assert "\\u202e" in text
+                assert all(line.isprintable() for line in text.split("\n"))
+                if tool != "check_run":  # whose text is for people
+                    assert "\u202e" in json.dumps(json.loads(text), ensure_ascii=False)
+            _, text = await said(client, "check_run", kind="macro", name="\u202e")
+            assert "\u202e" not in text
+
+    asyncio.run(main())
+
+
 def test_errors_reach_the_model_with_their_text() -> None:
     async def main() -> None:
         async with model(may_move=False) as (_, client):
@@ -150,6 +168,21 @@ def test_a_client_that_cannot_ask_is_told_so_and_without_asking_it_moves() -> No
         async with model(asks=False) as (robot, client):
             assert not (await said(client, "move", targets={"1": 5}, duration=0.05))[0]
             await robot.until(lambda: len(robot.motions) == 1)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("is_yes", [True, False])
+def test_a_person_at_a_page_is_asked_for_a_client_that_cannot_ask(is_yes: bool) -> None:
+    async def main() -> None:
+        async with model() as (robot, client), page_that_answers(is_yes) as heard:
+            failed, text = await said(client, "run", kind="action", name="Nod")
+            assert (failed, "the person said no" in text) == (not is_yes, not is_yes)
+            question = next(each for each in heard if each["name"] == "question")
+            assert (question["record"], question["caption"], question["seconds"]) == ("action", "Nod", 0.2)
+            await robot.until(lambda: heard[-1] == {"name": "question.over", "number": 1} or robot.motions != [])
+            await asyncio.sleep(0)
+            assert len(robot.motions) == is_yes
 
     asyncio.run(main())
 

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import Any
 
 import pytest
 
 from servolink.client.connect import connect
-from servolink.errors import ConnectionLost, MotionRefused, RequestRefused
+from servolink.errors import ConnectionLost, MotionRefused, NotFound, RequestRefused
 from servolink.gateways import supervisor as module
 from servolink.gateways.supervisor import Permission, SupervisedMotion, Supervisor
 from servolink.protocol.record_types import ACTION, MACRO
-from tests.gateways.robots import GUARD, RobotSeen, shared_robot, supervised_robot
+from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
 
 FAR = SupervisedMotion("move", {"targets": {"1": 90}, "duration": 5.0}, "move servo 1 to 90 degrees", 5.0)
 
@@ -110,6 +111,30 @@ def test_long_motions_fast_motions_and_idle_servos_are_refused() -> None:
         run = await supervisor.check_run(MACRO, "Again")
         assert run.seconds == pytest.approx(0.4)
         await supervisor.perform(supervisor.permit_unasked(run))
+
+    on_robot(use)
+
+
+def test_a_question_in_the_studio_ends_with_its_program_and_with_a_stop() -> None:
+    async def use(robot: RobotSeen, supervisor: Supervisor) -> None:
+        with pytest.raises(NotFound, match="nobody can be asked"):
+            await supervisor.ask_in_studio(FAR)
+        async with page_that_answers(None) as heard:
+            for number in (1, 2):
+                asking = asyncio.create_task(supervisor.ask_in_studio(FAR))
+                await robot.until(partial(is_shown, heard, "question", number))
+                if number == 1:
+                    asking.cancel()
+                    await asyncio.wait((asking,))
+                else:
+                    await supervisor.stop()
+                    with pytest.raises(MotionRefused, match="a stop came first"):
+                        await asking
+                await robot.until(partial(is_shown, heard, "question.over", number))
+        assert robot.motions == []
+
+    def is_shown(heard: list[dict[str, Any]], name: str, number: int) -> bool:
+        return any((each["name"], each.get("number")) == (name, number) for each in heard)
 
     on_robot(use)
 

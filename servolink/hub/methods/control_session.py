@@ -7,17 +7,25 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from servolink.control.greeting import Greeting
-from servolink.control.notifications import NAMES, ProblemNotice, ProgramNotice, RefusedNotice, StoppedNotice
+from servolink.control.notifications import (
+    NAMES,
+    ProblemNotice,
+    ProgramNotice,
+    QuestionNotice,
+    QuestionOver,
+    RefusedNotice,
+    StoppedNotice,
+)
 from servolink.control.peer import Peer
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.methods import prepared, stored, streaming, tap_methods  # add their methods
+from servolink.hub.methods import asking, prepared, stored, streaming, tap_methods  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed
 from servolink.hub.methods.methods import METHODS, Caller
 
-__all__ = ["METHODS", "ControlSession", "prepared", "stored", "streaming", "tap_methods"]
+__all__ = ["METHODS", "ControlSession", "asking", "prepared", "stored", "streaming", "tap_methods"]
 
 
 class ControlInterface:
@@ -115,6 +123,8 @@ class ControlSession:
             case ProgramNotice() if not self.control.wants_programs:
                 pass
             case RefusedNotice() if not is_own:
+                pass
+            case QuestionNotice() | QuestionOver() if self.control.session not in self._hub.questions.shown_by:
                 pass
             case _:
                 self._notify(notice)

@@ -11,6 +11,7 @@ import { t } from "../texts/text.js";
 import { Header } from "./header.js";
 import { KeyList } from "./keys.js";
 import { Notices } from "./notices.js";
+import { Questions } from "./questions.js";
 import { Dock, Rail } from "./rail.js";
 import { useScreen } from "./screens.js";
 
@@ -29,6 +30,7 @@ export function App(tools) {
     <${Header} ...${tools} />
     ${hasScreens && html`<${Rail} />`}
     <main id="main" tabindex="-1">
+      <${Questions} ...${tools} />
       <${Notices} ...${tools} />
       <div class="screen">${Screen && html`<${Screen} key=${name} ...${tools} />`}</div>
     </main>

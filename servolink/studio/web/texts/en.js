@@ -129,6 +129,15 @@ export const texts = {
   "lease.make_room": "Close other tabs and programs, keep this page in front, or move the robot from another device.",
   "lease.drawn_lighter": "The figure is drawn more simply from now on. Start the servos again and try once more.",
 
+  "ask.title": "{who} asks to move the robot.",
+  "ask.target": "{servo} to {angle}°",
+  "ask.move": "{targets}, in {time}.",
+  "ask.run_action": "Run the action “{caption}”, which takes {time}.",
+  "ask.run_macro": "Run the macro “{caption}”, which takes {time}.",
+  "ask.start": "Start all servos: they hold, and obey the next movement.",
+  "ask.allow": "Allow once",
+  "ask.refuse": "Refuse",
+
   "stop.label": "STOP",
   "stop.aria": "STOP Esc: stops the robot",
   "stop.done": "Stopped",

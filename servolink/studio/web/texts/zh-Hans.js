@@ -129,6 +129,15 @@ export const texts = {
   "lease.make_room": "请关闭其他标签页和程序，让本页面保持在最前面，或改用其他设备控制机器人。",
   "lease.drawn_lighter": "从现在起，机器人图形会画得更简单。请重新启动舵机，再试一次。",
 
+  "ask.title": "{who} 请求移动机器人。",
+  "ask.target": "{servo} 到 {angle}°",
+  "ask.move": "{targets}，用时 {time}。",
+  "ask.run_action": "运行动作“{caption}”，用时 {time}。",
+  "ask.run_macro": "运行宏“{caption}”，用时 {time}。",
+  "ask.start": "启动所有舵机：舵机保持当前位置，并执行下一个运动。",
+  "ask.allow": "允许一次",
+  "ask.refuse": "拒绝",
+
   "stop.label": "停止",
   "stop.aria": "停止 Esc：急停",
   "stop.done": "已停止",

@@ -129,6 +129,15 @@ export const texts = {
   "lease.make_room": "請關閉其他分頁與程式、讓這個頁面留在最前面，或改用其他裝置操控機器人。",
   "lease.drawn_lighter": "從現在起，模型會畫得比較簡單。請重新啟動舵機，再試一次。",
 
+  "ask.title": "{who} 想要移動機器人。",
+  "ask.target": "{servo} 到 {angle}°",
+  "ask.move": "{targets}，歷時 {time}。",
+  "ask.run_action": "執行動作「{caption}」，歷時 {time}。",
+  "ask.run_macro": "執行巨集「{caption}」，歷時 {time}。",
+  "ask.start": "啟動所有舵機：舵機停在原位，並執行下一個移動。",
+  "ask.allow": "允許一次",
+  "ask.refuse": "拒絕",
+
   "stop.label": "停止",
   "stop.aria": "停止 Esc：讓機器人停止",
   "stop.done": "已停止",

@@ -1,0 +1,101 @@
+"""Questions of programs: motions that begin only after the yes of a person at another program, such as a page."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import NamedTuple
+
+import msgspec
+from msgspec import Struct
+
+from servolink.control.messages import Answer, QuestionAsk
+from servolink.control.notifications import ProgramNotice, QuestionNotice, QuestionOver
+from servolink.errors import MotionRefused, NotFound, Reason
+from servolink.hub.engine.stop_order import MotionsCancelled
+from servolink.motion.ticket import STOPPED
+
+OPEN = 30.0
+"""Seconds in which a question must be answered."""
+
+
+class _Open(NamedTuple):
+    """Question that waits for an answer."""
+
+    asker: str
+    notice: QuestionNotice
+    answer: asyncio.Future[Answer]
+
+
+class Questions:
+    """Open questions, at most one of each program, and the programs that show questions to a person."""
+
+    def __init__(self, tell: Callable[[Struct, str], None], who_of: Callable[[str], str]) -> None:
+        """Pass notices to `tell`; `who_of` returns the name of a session for people."""
+        self.shown_by = set[str]()
+        """Sessions that show questions to a person."""
+        self._tell = tell
+        self._who_of = who_of
+        self._open: dict[int, _Open] = {}
+        self._count = 0
+
+    def show(self, session: str) -> None:
+        """Show questions at `session` from now on, and tell again those that are open."""
+        self.shown_by.add(session)
+        for each in self._open.values():
+            self._tell(each.notice, each.asker)
+
+    async def ask(self, session: str, asked: QuestionAsk) -> Answer:
+        """Return the answer to a question of `session`; an earlier question of the program is withdrawn.
+
+        Raises:
+            MotionRefused: Nobody has answered in time, or a stop came first.
+            NotFound: No other program shows questions.
+        """
+        self.withdraw(session)
+        if not self.shown_by - {session}:
+            raise NotFound("nobody can be asked: no page that may move the robot is open in a studio of this board")
+        self._count += 1
+        number = self._count
+        notice = QuestionNotice(number, self._who_of(session), **msgspec.structs.asdict(asked))
+        answer: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        self._open[number] = _Open(session, notice, answer)
+        self._tell(notice, session)
+        try:
+            async with asyncio.timeout(OPEN):
+                return await answer
+        except TimeoutError:
+            raise MotionRefused(f"nothing was moved: nobody has answered within {OPEN:g} s") from None
+        finally:
+            self._open.pop(number)
+            self._tell(QuestionOver(number), session)
+
+    def answer(self, session: str, number: int, *, is_yes: bool) -> None:
+        """Answer an open question for the person at `session`. Raise NotFound for any other, and for one of its own."""
+        found = self._open.get(number)
+        if found is None or found.answer.done() or found.asker == session:
+            raise NotFound("this question is not open any more")
+        found.answer.set_result(Answer(is_yes, self._who_of(session)))
+
+    def withdraw(self, session: str) -> None:
+        """End the question of a program, if one is open."""
+        self._end("the question was withdrawn", Reason.OTHER, session)
+
+    def hear(self, notice: Struct, session: str) -> None:
+        """Take a notice of the hub: a stop voids all questions, and a program that leaves asks and shows nothing."""
+        match notice:
+            case MotionsCancelled(are_all=True):
+                self._end(STOPPED, Reason.STOP)
+            case ProgramNotice(event="left"):
+                self.shown_by.discard(session)
+                self.withdraw(session)
+                if not self.shown_by:
+                    self._end("the page with the question was closed", Reason.OTHER)
+            case _:
+                pass
+
+    def _end(self, why: str, reason: Reason, session: str = "") -> None:
+        """Refuse the questions of a program, or of all programs."""
+        for each in self._open.values():
+            if not each.answer.done() and session in ("", each.asker):
+                each.answer.set_exception(MotionRefused(f"nothing was moved: {why}", reason=reason))
