@@ -91,7 +91,7 @@ class BoardState(Struct, frozen=True):
     ] = ()
 
 
-class ServoNow(Struct, frozen=True):
+class ServoNow(Struct, frozen=True, omit_defaults=True):
     """Servo with its reported values."""
 
     servo_id: int
@@ -102,3 +102,7 @@ class ServoNow(Struct, frozen=True):
     servo_type: int
     is_start: Annotated[bool, about("whether it may move; a stopped servo ignores movements")]
     is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]
+    lag: Annotated[
+        int | None,
+        about("degrees by which it is away from the angle that it should have by now; left out if that is unknown"),
+    ] = None

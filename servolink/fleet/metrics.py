@@ -40,6 +40,7 @@ _BOARD = {
 }
 _SERVO = {
     "angle_degrees": "Angle of the servo, in degrees.",
+    "lag_degrees": "Degrees by which the servo is away from the angle that it should have by now.",
     "current_raw": "Current of the servo, as the board reports it, without a unit.",
     "temperature_raw": "Temperature of the servo, as the board reports it, without a unit.",
     "ready": "Whether the servo holds its angle and obeys movements.",
@@ -132,10 +133,12 @@ def _gauges(kind: str, described: Mapping[str, str], labels: Sequence[str]) -> d
 
 
 def _servo_values(servo: ServoNow) -> dict[str, float]:
-    """Return the values of a servo by name; an angle in another unit than degrees is left out."""
+    """Return the values of a servo by name, without an angle in another unit than degrees, and an unknown lag."""
     values = {"current_raw": servo.current_raw, "temperature_raw": servo.temperature_raw}
     if servo.angle_unit == "degree":
         values["angle_degrees"] = servo.angle
+    if servo.lag is not None:
+        values["lag_degrees"] = servo.lag
     return {**values, "ready": float(servo.is_start and servo.is_hold)}
 
 

@@ -21,7 +21,7 @@ from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.standstill import Standstill
-from servolink.hub.engine.stop_order import Stops
+from servolink.hub.engine.stop_order import MotionsCancelled, Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
@@ -93,7 +93,7 @@ class Hub:
         self._began_at = self._now()
         self.questions = Questions(self.tell, self.name_of)
         """Questions of programs to a person at another program."""
-        self._listeners: list[Listener] = [self.questions.hear]
+        self._listeners: list[Listener] = [self.questions.hear, self._forget_courses]
         self._followers: tuple[RequestFollower, ...] = ()
         self._state: ConnectionState = "connected"
         self._another = ""
@@ -282,7 +282,13 @@ class Hub:
         program = self.programs.get(session_id)
         return "a program that has left" if program is None else program.who
 
+    def _forget_courses(self, notice: Struct, _: str) -> None:
+        """Take a notice: after a stop or a loss of the board, nobody knows where the servos should be."""
+        if isinstance(notice, MotionsCancelled | ConnectionNow):
+            self.motions.courses.forget()
+
     def _deliver(self, event: ButtonEvent) -> None:
+        self.motions.courses.forget()  # the board itself may run a macro for a button
         for program in list(self.programs.values()):
             if program.is_subscribed:
                 program.push(event)

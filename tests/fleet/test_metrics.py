@@ -52,7 +52,7 @@ class FleetSeen:
         """Take the messages of a board."""
         now = BoardNow(board=board, host="desk", version="1", connection="connected", allow="run", at=0.0, **known)
         each = [
-            ServoNow(n, 10 * n, "degree" if n != 2 else "adc", n, 299 + n, 0, True, n != 2)
+            ServoNow(n, 10 * n, "degree" if n != 2 else "adc", n, 299 + n, 0, True, n != 2, 3 if n == 1 else None)
             for n in range(1, servos + 1)
         ]
         frame = ServosNow(1, 0.0, tuple(each), 0)
@@ -91,6 +91,8 @@ async def test_boards_servos_and_alarms_are_read() -> None:
     assert (found["servolink_servo_ready", "rex", "1"], found["servolink_servo_ready", "rex", "2"]) == (1, 0)
     assert found["servolink_servo_angle_degrees", "rex", "1"] == 10
     assert ("servolink_servo_angle_degrees", "rex", "2") not in found  # raw ADC
+    assert found["servolink_servo_lag_degrees", "rex", "1"] == 3
+    assert ("servolink_servo_lag_degrees", "rex", "2") not in found  # unknown, as from an older sender
     assert found["servolink_board_alarm_servos", "temperature_raw>300", "rex"] == 1
     assert found["servolink_fleet_broker_connections_total",] == 2
     assert not [name for name, *labels in found if "max" in labels and name.startswith("servolink_servo")]

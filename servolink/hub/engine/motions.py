@@ -15,6 +15,7 @@ from servolink.errors import (
     ServolinkError,
     TargetNotReached,
 )
+from servolink.hub.rules.courses import Courses
 from servolink.hub.rules.hub_gates import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.set_points import SetPoints
@@ -48,6 +49,8 @@ class Motions:
 
     def __init__(self, board: Board) -> None:
         """Send to `board`, set to the units of the program whenever a motion is sent."""
+        self.courses = Courses()
+        """Angles that the servos should have, by what was sent."""
         self._board = board
 
     async def send(self, packet: Packet, ticket: Ticket | None = None, *, unchecked: bool = True) -> Outcome:
@@ -59,18 +62,28 @@ class Motions:
         """
         board = self._board if ticket is None else with_ticket(self._board, ticket)
         try:
-            if isinstance(packet, SetServoParameterRequest):
-                return Outcome(await servos_of(board).answer_to(packet, ticket=ticket, unchecked=unchecked))
-            if isinstance(packet, Request):
-                return Outcome(await board.request(packet, unchecked=unchecked))
-            assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-            # Without limits, the board decides about packets such as one that names a servo twice.
-            await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
-            return Outcome(None)
+            outcome = Outcome(await self._response_to(board, packet, ticket, unchecked=unchecked))
         except (RequestTimeout, OutcomeUnknown):
+            self.courses.forget()
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
             return Outcome(await self.refused(packet), error)
+        self._sent(packet)
+        return outcome
+
+    async def _response_to(
+        self, board: Board, packet: Packet, ticket: Ticket | None, *, unchecked: bool
+    ) -> Response | None:
+        """Send a motion, and return the response of the board."""
+        if isinstance(packet, SetServoParameterRequest):
+            return await servos_of(board).answer_to(packet, ticket=ticket, unchecked=unchecked)
+        if isinstance(packet, Request):
+            response: Response = await board.request(packet, unchecked=unchecked)
+            return response
+        assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
+        # Without limits, the board decides about packets such as one that names a servo twice.
+        await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
+        return None
 
     async def stream(self, packet: Packet, points: SetPoints, ticket: Ticket) -> Outcome:
         """Send a movement toward the set-points in `packet`, shortened by `points` and not refused for a limit."""
@@ -80,6 +93,7 @@ class Motions:
             await servos_of(self._board).stream(targets, points, ticket)
         except (EncodeError, RequestError) as error:
             return Outcome(None, error)
+        self._sent(ExecuteActionRequest(points.latest))
         return Outcome(None)
 
     async def refused(self, packet: Packet) -> Response | None:
@@ -123,6 +137,10 @@ class Motions:
                 count += 1
             else:
                 first, count = here, 1
+
+    def _sent(self, packet: Packet) -> None:
+        now = asyncio.get_running_loop().time()
+        self.courses.sent(packet, now, self._board.unit_of, self._interval_unit)
 
     @property
     def _interval_unit(self) -> float:

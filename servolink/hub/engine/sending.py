@@ -257,6 +257,7 @@ class PacketSender:
         is_soft = exchange is not None and is_motion(exchange.packet) and packet != exchange.packet
         if exchange is not None and is_soft and isinstance(packet, ExecuteActionRequest):
             exchange.has_begun = True
+            self._motions.courses.forget()
             # A soft start lasts seconds; do not block programs that need other units.
             self._units.keep_for(program.units, math.inf)
 

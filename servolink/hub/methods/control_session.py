@@ -67,7 +67,9 @@ class ControlSession:
         """
         self.control = Control(hub, readings, greeting, session)
         self._hub = hub
-        self._servos = ServosFeed(self.control.readings, self._notify, lambda: self._peer.is_paused)
+        self._servos = ServosFeed(
+            self.control.readings, self._notify, lambda: self._peer.is_paused, hub.motions.courses
+        )
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
         self._recorder = recorder

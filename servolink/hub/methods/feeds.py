@@ -20,6 +20,7 @@ from servolink.files import MIB
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
 from servolink.hub.methods.context import OpenBoard
+from servolink.hub.rules.courses import Courses
 from servolink.motion.angles import Angle, AngleUnit
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.channels import TOPICS
@@ -92,9 +93,10 @@ class Feed(ABC):
 class ServosFeed(Feed):
     """Feed of the latest reading after each acknowledgement, so that no program is flooded."""
 
-    def __init__(self, open_board: OpenBoard, notify: Notify, is_paused: Callable[[], bool]) -> None:
+    def __init__(self, open_board: OpenBoard, notify: Notify, is_paused: Callable[[], bool], courses: Courses) -> None:
         super().__init__(open_board, notify)
         self._is_paused = is_paused
+        self._courses = courses
         self._hz = 0.0
         self._changed_only = False
         self._sent = 0
@@ -144,7 +146,7 @@ class ServosFeed(Feed):
 
     def _send(self, reading: ServoReading) -> None:
         self._sent += 1
-        shown = _latest.of(reading.servos)
+        shown = _latest.of(reading.servos, self._courses, reading.seconds)
         if self._changed_only:
             last, self._last = self._last, {servo.servo_id: servo for servo in shown}
             shown = tuple(servo for servo in shown if last.get(servo.servo_id) != servo)
@@ -157,10 +159,10 @@ class _Latest:
     def __init__(self) -> None:
         self._latest: tuple[tuple[Servo, ...], tuple[ServoNow, ...]] = ((), ())
 
-    def of(self, servos: tuple[Servo, ...]) -> tuple[ServoNow, ...]:
+    def of(self, servos: tuple[Servo, ...], courses: Courses, now: float) -> tuple[ServoNow, ...]:
         of, shown = self._latest
         if of is not servos:
-            shown = servos_now(servos)
+            shown = servos_now(servos, courses, now)
             self._latest = servos, shown
         return shown
 
@@ -235,20 +237,21 @@ def _resolve(ready: asyncio.Future[None]) -> None:
         ready.set_result(None)
 
 
-def servo_now(servo: Servo) -> ServoNow:
-    """Return a servo in the form of the control interface."""
+def servos_now(servos: Iterable[Servo], courses: Courses, now: float) -> tuple[ServoNow, ...]:
+    """Return servos as read at `now`, in the form of the control interface."""
+    return tuple(_servo_now(servo, courses, now) for servo in servos)
+
+
+def _servo_now(servo: Servo, courses: Courses, now: float) -> ServoNow:
+    angle, unit = int(servo.angle), cast("AngleUnit", servo.angle.unit) if isinstance(servo.angle, Angle) else None
     return ServoNow(
         servo.servo_id,
-        int(servo.angle),
-        cast("AngleUnit", servo.angle.unit) if isinstance(servo.angle, Angle) else None,
+        angle,
+        unit,
         servo.current,
         servo.temperature,
         servo.servo_type,
         servo.is_start,
         servo.is_hold,
+        courses.lag(servo.servo_id, angle, now) if unit == "degree" else None,
     )
-
-
-def servos_now(servos: Iterable[Servo]) -> tuple[ServoNow, ...]:
-    """Return servos in the form of the control interface."""
-    return tuple(map(servo_now, servos))

@@ -191,7 +191,7 @@ def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
 async def servos_list(caller: Caller, params: ServosList) -> ServoList:
     """Return the state of all servos. The unit of the angles is set on the board for this reading only."""
     servos = await caller.control.read(Board.servos, partial(caller.control.readings, params.unit))
-    return ServoList(servos_now(servos))
+    return ServoList(servos_now(servos, caller.control.hub.motions.courses, asyncio.get_running_loop().time()))
 
 
 @METHODS.add("servos.parameters", Role.WATCH)
