@@ -20,7 +20,7 @@ FRESH = 0.5
 _LEAD = 0.05  # seconds beyond a period, since a way of few whole degrees would be much slower than its cap
 
 
-class Way(Struct, frozen=True):
+class ServoWay(Struct, frozen=True):
     """Movement of a servo as sent, from where the servo was then."""
 
     start: float
@@ -53,7 +53,7 @@ class SetPoints:
         """Motions sent on the connection up to the last set-point; another number means that something else moved."""
         self._period = max(1 / hz, interval_unit)
         self._unit = interval_unit
-        self._ways: dict[int, Way] = {}
+        self._ways: dict[int, ServoWay] = {}
 
     def forget(self, motions: int) -> None:
         """Forget where the servos are: something else has moved them, the last of now `motions` motions."""
@@ -71,7 +71,7 @@ class SetPoints:
 
     def read(self, pose: Mapping[int, int], now: float) -> None:
         """Start from the angles of a reading made at `now`."""
-        self._ways |= {servo_id: Way(float(angle), int(angle), now, 0.0) for servo_id, angle in pose.items()}
+        self._ways |= {servo_id: ServoWay(float(angle), int(angle), now, 0.0) for servo_id, angle in pose.items()}
 
     def steps(self, targets: Mapping[int, float], now: float) -> tuple[Step, ...]:
         """Return a movement toward `targets` within the limits, to be sent at `now` or later.
@@ -87,7 +87,7 @@ class SetPoints:
         for step in steps:
             before = self._ways.get(step.servo_id)
             start = step.degree if before is None else before.at(now)
-            self._ways[step.servo_id] = Way(start, step.degree, now, step.interval * self._unit)
+            self._ways[step.servo_id] = ServoWay(start, step.degree, now, step.interval * self._unit)
             if step.degree == self._within(step.servo_id, targets[step.servo_id]):
                 self.arrived.add(step.servo_id)
 

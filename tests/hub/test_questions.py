@@ -1,6 +1,6 @@
 """Questions to a person at another program: one yes for one motion, void after a stop, and no without an answer.
 
-Modules: servolink.hub.engine.questions, servolink.hub.methods.asking.
+Modules: servolink.hub.engine.questions, servolink.hub.methods.question_methods.
 """
 
 from __future__ import annotations

@@ -20,12 +20,12 @@ from servolink.control.peer import Peer
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.methods import asking, prepared, stored, streaming, tap_methods  # add their methods
+from servolink.hub.methods import prepared, question_methods, stored, streaming, tap_methods  # add their methods
 from servolink.hub.methods.context import Control, Readings
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed
 from servolink.hub.methods.methods import METHODS, Caller
 
-__all__ = ["METHODS", "ControlSession", "asking", "prepared", "stored", "streaming", "tap_methods"]
+__all__ = ["METHODS", "ControlSession", "prepared", "question_methods", "stored", "streaming", "tap_methods"]
 
 
 class ControlInterface:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from servolink.motion.angles import AngleUnit
-from servolink.motion.set_points import Way
+from servolink.motion.set_points import ServoWay
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, SetServoParameterRequest
 
@@ -17,7 +17,7 @@ class Courses:
     """
 
     def __init__(self) -> None:
-        self._ways: dict[int, Way] = {}
+        self._ways: dict[int, ServoWay] = {}
 
     def sent(
         self, packet: Packet, now: float, unit_of: Callable[[int], AngleUnit | None], interval_unit: float
@@ -50,6 +50,6 @@ class Courses:
         if unit != "degree":
             return
         if before is None or now < before.began:
-            self._ways[servo_id] = Way(target, target, now + seconds, 0.0)
+            self._ways[servo_id] = ServoWay(target, target, now + seconds, 0.0)
         else:
-            self._ways[servo_id] = Way(before.at(now), target, now, seconds)
+            self._ways[servo_id] = ServoWay(before.at(now), target, now, seconds)
