@@ -40,8 +40,9 @@ messages; [The hub](../design/hub.md#the-control-interface) says why it is built
 ## Connecting
 
 A hub named `rex` listens on the Unix socket `servolink/rex.sock` in the runtime folder of its user (`XDG_RUNTIME_DIR`,
-usually `/run/user/1000`), which nobody else can open. Each message is one line: a JSON object in UTF-8, at most 1 MiB.
-The first line of a program is its greeting:
+usually `/run/user/1000`), which nobody else can open. On Windows the private file `rex.door` in that folder has the
+`port` of 127.0.0.1 that takes the place of the socket, and a `token` for the greeting. Each message is one line: a JSON
+object in UTF-8, at most 1 MiB. The first line of a program is its greeting:
 
 {greeting}
 
@@ -143,7 +144,7 @@ def control_interface() -> str:
     errors = [(int(code), code.name.lower(), remedy) for code, remedy in REMEDIES.items()]
     errors += [(kind.code, kind.error.__name__, kind.remedy) for kind in KINDS]
     introduction = _INTRODUCTION.format(
-        greeting=_table(Greeting, without={"byte_order", "angle_unit", "token"}),
+        greeting=_table(Greeting, without={"byte_order", "angle_unit"}),
         welcome=_table(Welcome, without={"patience", "profile", "lease", "hold"}),
         example=EXAMPLE.read_text(encoding="utf-8"),
         waiting=MOST_WAITING,

@@ -20,7 +20,9 @@ class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
     """The first line of a program."""
 
     servolink: int = VERSION
+    """Version of greeting, welcome, and all later messages."""
     wants: Literal["frames", "rpc"]
+    """Content of the connection: frames of packets, or JSON-RPC."""
     who: Annotated[str, Meta(max_length=200)]
     """The program as a person reads it, such as `servolink watch (pid 1234)`."""
     role: RoleName = "edit"
@@ -39,6 +41,7 @@ class Welcome(Struct, kw_only=True):
     """The first line of the hub, if it lets the program in."""
 
     servolink: int
+    """Version of the hub's messages."""
     session: str
     """Identifier that ties the connections of a program; not secret: `status` lists all sessions."""
     name: str
