@@ -409,10 +409,14 @@ class Hub:
 
 @asynccontextmanager
 async def share(board: Board, *, name: str = "board", lease_seconds: float = SECONDS_AFTER) -> AsyncIterator[Hub]:
-    """Share `board`, which should be opened with `reconnect=True, angle_unit=None`, until the block ends.
+    """Share a connected board inside this program, until the block ends. The board stays open.
 
-    The motion lease of a program lasts `lease_seconds` after the end of its last motion. The board stays open. Nothing
-    is served by itself: see `servolink.hub.doors`.
+    No other program is let in: `LocalTransport(hub)` leads to the board, and `servolink.hub.doors` has the doors.
+
+    Args:
+        board: Board that was opened with `reconnect=True, angle_unit=None`.
+        name: Name of the hub, in its messages.
+        lease_seconds: Seconds, 0 or more, for which a program keeps the lease after its last motion.
     """
     hub = Hub(board, name=name, lease_seconds=lease_seconds)
     hub.start()

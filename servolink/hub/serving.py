@@ -42,13 +42,19 @@ async def serve_board(
 ) -> AsyncIterator[tuple[Hub, list[str]]]:
     """Share a board with the programs of this user, at `share://NAME`, until the block ends; yield hub and addresses.
 
-    `url` and `options` are those of `connect`. `name` is that of the board unless given. `tcp` and `watch_tcp` are
-    HOST:PORT, for programs in any language and for those that may only read; everybody who reaches them may use them.
-    `pty` serves a pseudo-terminal and links to it at this path, unless that is empty. Programs behind these
-    doors that set no angle unit have `unit`, and their byte order is `door_byte_order`, that of the board unless given.
-    See `share` for `lease_seconds`.
+    Args:
+        url: Address or name of the board, as for `connect`.
+        name: Name of the hub; that of the board unless given.
+        tcp: HOST:PORT for programs in any language; whoever reaches the port may use the board.
+        watch_tcp: HOST:PORT for programs that may only read.
+        pty: Path of a link to a pseudo-terminal for one program; empty for a pseudo-terminal without a link.
+        unit: Angle unit, `degree` or `adc`, of programs behind these doors that set none.
+        door_byte_order: Byte order of these programs; that of the board unless given.
+        lease_seconds: Seconds, 0 or more, for which a program keeps the lease after its last motion.
+        options: Options of `connect`, other than `reconnect` and `angle_unit`.
 
-    Raise OpenError, which names the other hub, if the name is in use or the board is shared already.
+    Raises:
+        OpenError: The board cannot be opened, or the name or the board is in use; the text names the other hub.
     """
     address, known_as = await resolve_board(url, through_hub=False)
     if (other := await asyncio.to_thread(hub_of, address)) is not None:
