@@ -7,6 +7,14 @@ async with servolink.connect("virtual://?servos=16") as board:
 
 from __future__ import annotations
 
+import sys
+
+if sys.version_info < (3, 11):  # noqa: UP036 - pip refuses older ones, but a copied folder of source files does not
+    raise ImportError(
+        "servolink needs Python 3.11 or newer, and this is Python " + ".".join(map(str, sys.version_info[:3])),
+        name="servolink",  # so that `python -m servolink` prints one line
+    )
+
 TYPE_CHECKING = False  # the constant of `typing` without its import: before `__main__` runs, nothing catches Ctrl-C
 
 if TYPE_CHECKING:
