@@ -28,7 +28,8 @@ def mujoco() -> Any:
     try:
         return import_module("mujoco")
     except ImportError as error:
-        raise TwinError(f"the twin needs MuJoCo; {install_extra('twin')} ({error})") from error
+        reason = str(error).strip().rpartition("\n")[2]  # NumPy gives a page of advice first
+        raise TwinError(f"the twin needs MuJoCo; {install_extra('twin')} ({reason})") from error
 
 
 def is_installed() -> bool:

@@ -88,10 +88,12 @@ def test_a_model_needs_no_mujoco_but_physics_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def missing(name: str) -> None:
-        raise ModuleNotFoundError(f"No module named {name!r}")
+        raise ModuleNotFoundError(f"advice\n\nNo module named {name!r}\n")
 
     monkeypatch.setattr(simulation, "import_module", missing)
     monkeypatch.setattr(simulation, "find_spec", lambda name: None)
     assert call(capsys, "twin", "model", str(DEMO), "-o", str(tmp_path / "robot.xml")).code == 0
-    with pytest.raises(TwinError, match=r"the twin needs MuJoCo; in a copy .* pip install '\.\[twin\]'"):
+    with pytest.raises(
+        TwinError, match=r"needs MuJoCo; in a copy .* pip install '\.\[twin\]' \(No module named 'mujoco'\)$"
+    ):
         Physics(arm())
