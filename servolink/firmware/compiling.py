@@ -63,6 +63,6 @@ def build(folder: Path) -> Path:
 
 
 def _run(*command: str) -> None:
-    done = subprocess.run(command, cwd=SOURCES, capture_output=True, text=True, check=False)  # noqa: S603 - our own sources
+    done = subprocess.run(command, cwd=SOURCES, capture_output=True, check=False)  # noqa: S603 - our own sources
     if done.returncode:
-        raise ServolinkError(f"{command[0]} failed:\n{done.stderr.strip()}")
+        raise ServolinkError(f"{command[0]} failed:\n{done.stderr.decode(errors='replace').strip()}")

@@ -58,8 +58,9 @@ def _private_page(url: str) -> Iterator[Path | None]:
     try:
         path = user_folder("runtime") / f"studio-{os.getpid()}.html"
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(number, "w") as file:
-            file.write(f'<!doctype html><meta http-equiv="refresh" content="0;url={html.escape(url)}">\n')
+        with os.fdopen(number, "w", encoding="utf-8") as file:
+            file.write('<!doctype html><meta charset="utf-8">')
+            file.write(f'<meta http-equiv="refresh" content="0;url={html.escape(url)}">\n')
     except OSError:
         path = None  # the address was printed, and can be opened by hand
     try:

@@ -26,9 +26,9 @@ ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 """What this program's own colours, bars and tables are made of."""
 
 
-def in_pipe(*arguments: str) -> Said:
+def in_pipe(*arguments: str, encoding: str = "utf-8") -> Said:
     """Run a command whose output nobody sees at once."""
-    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="\n") for _ in range(2))
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding=encoding, newline="\n") for _ in range(2))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stdout", out)
         patch.setattr(sys, "stderr", err)
@@ -41,7 +41,7 @@ def in_pipe(*arguments: str) -> Said:
     return Said(code, *texts)
 
 
-def in_terminal(*arguments: str, typed: str = "") -> Said:
+def in_terminal(*arguments: str, typed: str = "", encoding: str = "utf-8") -> Said:
     """Run a command in a terminal, to which it says everything; what it got is in `out`.
 
     `typed` are the lines that it will be asked for. There are no single keys: the terminal is not this process's own.
@@ -52,15 +52,15 @@ def in_terminal(*arguments: str, typed: str = "") -> Said:
         for name, value in (("TERM", "xterm-256color"), ("COLUMNS", str(_COLUMNS)), ("LINES", str(_LINES))):
             patch.setenv(name, value)
         with (
-            open(theirs, "w", encoding="utf-8", newline="\n", closefd=False) as out,
-            open(theirs, "w", encoding="utf-8", newline="\n", closefd=False) as err,
-            open(theirs, encoding="utf-8", closefd=False) as stdin,
+            open(theirs, "w", encoding=encoding, newline="\n", closefd=False) as out,
+            open(theirs, "w", encoding=encoding, newline="\n", closefd=False) as err,
+            open(theirs, encoding=encoding, closefd=False) as stdin,
         ):
             for name, stream in (("stdout", out), ("stderr", err), ("stdin", stdin)):
                 patch.setattr(sys, name, stream)
             code = exit_code(arguments)
     assert b"internal error" not in heard
-    return Said(code, bytes(heard).decode(), "")
+    return Said(code, bytes(heard).decode(encoding), "")
 
 
 @contextmanager

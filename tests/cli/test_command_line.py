@@ -22,6 +22,7 @@ from servolink.protocol.records import Action, Button, JoystickTable, Macro, Mac
 from servolink.recorder.channels import Event
 from tests.cli.programs import Said, call, program
 from tests.cli.robot import Robot
+from tests.cli.terminals import in_pipe, in_terminal
 from tests.project.pulled import contents_of
 from tests.recorder.files import write as write_recording
 from tests.tables import over
@@ -36,6 +37,8 @@ NEED_A_BROKER = {"fleet", *(f"fleet {name}" for name in below("fleet"))}
 NEED_A_PICO = {"firmware", "firmware install", "firmware build"}
 """Those that `tests/firmware` runs, with an imitated Pico or a compiler."""
 NOT_RUN = UNTIL_CTRL_C | SLOW | NEED_A_BROKER | NEED_A_PICO
+CODES = {"plan": (1,), "list": (0, 3)}
+"""Codes with which the examples of a command may end, other than 0."""
 
 BOW = Action(1, "Bow", (Step(1, 30, 5),))
 NOD = Action(2, "Nod", (Step(2, 10, 5),))
@@ -142,19 +145,23 @@ def test_the_version_is_that_of_the_package() -> None:
 
 @pytest.mark.parametrize("name", [name for name in ALL if name not in NOT_RUN])
 def test_examples_of_a_page_work_one_after_the_other(
-    name: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _prepare(robot, tmp_path, monkeypatch, stored=ALL[name].needs_records)
-    if name == "export":  # without --yes, it writes a new file only
-        (tmp_path / "robot.servolink.json").unlink()
-    if name == "rollback":
-        call(capsys, "apply", "robot.servolink.json", "--yes")
-    if name.startswith("board"):
-        call(capsys, "use", "rex", "virtual://")
-        call(capsys, "board", "set", "rex", "--depth", "2")
+    _prepare(name, robot, tmp_path, monkeypatch)
     for example in ALL[name].examples:
-        said = call(capsys, *shlex.split(example))
-        assert said.code in {"plan": (1,), "list": (0, 3)}.get(name, (0,)), f"{example}: {said.err}"
+        said = in_pipe(*shlex.split(example), encoding="ascii")  # what cannot be shown must not end a command
+        assert said.code in CODES.get(name, (0,)), f"{example}: {said.err}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("encoding", ["ascii", "cp437"])
+@pytest.mark.parametrize("name", [name for name in ALL if name not in NOT_RUN])
+def test_a_terminal_without_utf_8_shows_all_that_a_command_prints(
+    name: str, encoding: str, robot: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _prepare(name, robot, tmp_path, monkeypatch)
+    said = in_terminal(*shlex.split(ALL[name].examples[0]), typed="y\n", encoding=encoding)
+    assert said.code in CODES.get(name, (0,)), said.out
 
 
 @pytest.mark.parametrize("name", sorted(NOT_RUN))
@@ -163,17 +170,24 @@ def test_examples_of_commands_that_do_not_end_are_understood(name: str) -> None:
         assert parser_of().parse_args(shlex.split(example)).run
 
 
-def _prepare(robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch, *, stored: bool) -> None:
-    """Write the files that examples name, and store something else on the board, or nothing."""
-    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME", "APPDATA"):
-        monkeypatch.setenv(name, str(folder / name))
+def _prepare(name: str, robot: Robot, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write the files that examples of a command name, and store on the board what they change."""
+    for variable in ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "HOME", "APPDATA"):
+        monkeypatch.setenv(variable, str(folder / variable))
     monkeypatch.setenv("SERVOLINK_BOARD", "virtual://")
     monkeypatch.chdir(folder)
-    for name in ("robot.servolink.json", "other.json"):
-        save_project(folder / name, IN_FILES, figure=DRAWN)
+    for file in ("robot.servolink.json", "other.json"):
+        save_project(folder / file, IN_FILES, figure=DRAWN)
     write_recording(folder / "out.mcap", [(0.0, Event("mark", "mark", text="here"))])
-    if stored:
+    if ALL[name].needs_records:
         robot.board.storage.contents = contents_of(ON_THE_BOARD)
+    if name == "export":  # without --yes, it writes a new file only
+        (folder / "robot.servolink.json").unlink()
+    if name == "rollback":
+        in_pipe("apply", "robot.servolink.json", "--yes")
+    if name.startswith("board"):
+        in_pipe("use", "rex", "virtual://")
+        in_pipe("board", "set", "rex", "--depth", "2")
 
 
 @pytest.mark.parametrize(("command", "seconds"), [("info", "3"), ("doctor", "about 0.5")])
