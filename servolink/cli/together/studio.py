@@ -124,7 +124,8 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         address = f"{gate.address}/#token={gate.new_token('edit')}"
         print_result(args, {"studio": address}, f"studio {address}")
         if args.allow_host:
-            print_error(f"servolink: {_NOT_ENCRYPTED}")
+            if not all(host.startswith("https://") for host in args.allow_host):
+                print_error(f"servolink: {_NOT_ENCRYPTED}")
             studio.links = Links(gate, port, tuple(args.allow_host))
             for link in studio.links.addresses():
                 what = "drive" if link.role == "edit" else "watch"

@@ -39,3 +39,13 @@ def test_the_demo_leaves_the_board_of_other_commands_alone(tmp_path: Path) -> No
     assert studio.stdout is not None
     assert studio.stdout.readline().startswith("studio http://127.0.0.1:"), finished(studio)
     assert finished(studio, signal.SIGTERM).code == 0
+
+
+def test_a_studio_behind_a_proxy_that_speaks_tls_warns_of_nothing(tmp_path: Path) -> None:
+    studio = started(
+        "studio", "--demo", "--no-browser", "--allow-host", "https://robot.example", XDG_DATA_HOME=str(tmp_path)
+    )
+    assert studio.stdout is not None
+    addresses = [studio.stdout.readline() for _ in ("studio", "drive", "watch")]
+    assert addresses[1].startswith("drive https://robot.example/#token="), finished(studio)
+    assert "not encrypted" not in finished(studio, signal.SIGTERM).err

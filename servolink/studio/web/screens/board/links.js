@@ -34,7 +34,7 @@ export function LinkCard({ link }) {
     <header><h2>${t("board.links")}</h2></header>
     <div class="pad0 stack">
       ${!known.is_open_to_others && html`<p class="mut">${t("board.only_here")}</p><${Command} text="servolink studio --host 0.0.0.0 --allow-host NAME" />`}
-      ${known.is_open_to_others && html`<${Note} kind="warn" title=${t("board.not_encrypted")} detail=${t("board.not_encrypted_detail")} />`}
+      ${known.links.some(({ address }) => address.startsWith("http://")) && html`<${Note} kind="warn" title=${t("board.not_encrypted")} detail=${t("board.not_encrypted_detail")} />`}
       ${known.is_open_to_others && ROLES.map((role) => html`<${LinksOf} key=${role} role=${role} links=${known.links.filter((each) => each.role === role)} onChange=${change} />`)}
     </div>
   </section>`;
