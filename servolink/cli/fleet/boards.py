@@ -75,7 +75,7 @@ def boards_table(boards: Sequence[BoardSeen]) -> Table:
         "battery": [battery_of(seen) or None for seen in boards],
         "may": [now and now.allow for now in nows],
         "servos": [now and now.servos for now in nows],
-        "moved by": [now and now.lease for now in nows],
+        "moved by": [seen.now.lease if seen.now and seen.is_online else None for seen in boards],
         "version": [now and now.version for now in nows],
         "machine": [now and now.host for now in nows],
     }
