@@ -170,6 +170,12 @@ def _anchor(name: str) -> str:
     return name.replace(".", "").replace("_", "").lower()
 
 
+def anchor_of(name: str) -> str:
+    """Return the anchor of a type, whose heading may differ from that of a method in nothing but dots and capitals."""
+    is_second = name.lower() in map(_anchor, METHODS) and name in {each.__name__ for each in _types()}
+    return f"{name.lower()}-1" if is_second else name.lower()
+
+
 def _first_sentence(text: str) -> str:
     return " ".join(text.partition(".\n")[0].partition(". ")[0].split()).removesuffix(".")
 
@@ -285,7 +291,7 @@ def _text(info: Any) -> str:
             return f"object of {_plural(info.value_type)}".removesuffix(" of anything")
         case types.StructType():
             name, is_own = info.cls.__name__, info.cls.__module__.startswith("servolink.control.")
-            return f"[{name}]({f'#{name.lower()}' if is_own else 'project-file.md'})"
+            return f"[{name}]({f'#{anchor_of(name)}' if is_own else 'project-file.md'})"
         case _:
             return _WORDS.get(type(info), "anything")
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from docs.control_interface import section
+from docs.control_interface import anchor_of, section
 from servolink.control.messages import Runnable
 from servolink.fleet.topics import (
     METHODS,
@@ -95,13 +95,13 @@ def fleet_reference() -> str:
     own |= {params.__name__: params for params, _ in METHODS.values()}
     own |= {each.__name__: each for each in (Runnable, Started, StopOver, Echoed, Step, Stored)}
     parts = [page, "## Payloads\n", *(section(name, own[name]) for name in sorted(own))]
-    return re.sub(r"\[(\w+)\]\((?:#\w+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
+    return re.sub(r"\[(\w+)\]\((?:#[\w-]+|project-file\.md)\)", lambda found: _link(found[1], own), "\n".join(parts))
 
 
 def _link(name: str, own: dict[str, Any]) -> str:
     if name == "ErrorObject":
         return f"[{name}](control-interface.md#errors)"
-    return f"[{name}]({'' if name in own else 'control-interface.md'}#{name.lower()})"
+    return f"[{name}]({f'#{name.lower()}' if name in own else f'control-interface.md#{anchor_of(name)}'})"
 
 
 def _listed(names: frozenset[str]) -> str:
