@@ -28,6 +28,7 @@ def test_links_have_a_text_and_lead_somewhere(page: Path) -> None:
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors that a repository's web page makes of the headings of `page`."""
+    """Return the anchors that a repository's web page makes of the headings of `page`; a second one ends in -1."""
     headings = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+    plain = [re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings]
+    return {f"{name}-{plain[:at].count(name)}" if name in plain[:at] else name for at, name in enumerate(plain)}
