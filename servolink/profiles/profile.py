@@ -185,7 +185,7 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     ] = None
     clear: Annotated[
         Literal["all", "records"] | None,
-        FieldHelp("extent of clearing: all, or all but servo captions and corrections", '"all" or "records"'),
+        FieldHelp("extent of clearing: all, or all but project id and servo parameters", '"all" or "records"'),
     ] = None
     clear_seconds: Annotated[_Seconds | None, FieldHelp("seconds needed to clear the board", "0..3600 seconds")] = None
     interval_unit: Annotated[
