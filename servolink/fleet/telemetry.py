@@ -138,7 +138,9 @@ class Telemetry:
                 case "refused":
                     refused = msgspec.json.decode(params, type=RefusedNotice)
                     self.log("warning", f"{refused.packet} was not sent to the board: {refused.reason}")
-                case "lease" | "hold" | "connection" | "program":
+                case "hold":  # an import, which changes the stored records
+                    self.look_again()
+                case "lease" | "connection" | "program":
                     self._news.set()
                 case _:
                     pass

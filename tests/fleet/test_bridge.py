@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from servolink.client.connect import connect
 from servolink.control import channel as channel_module
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
@@ -28,6 +29,7 @@ from servolink.fleet.policy import BoardPolicy, PolicyFile
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.methods import prepared
 from servolink.hub.serving import serve_board
+from servolink.project.build import build_project
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.transport import VirtualTransport
 from tests.fleet.bridged import LIMIT, bridged, far_away, joined, run, running
@@ -306,6 +308,18 @@ def test_what_is_stored_is_in_the_state(broker: Broker) -> None:
             await far.call("records.put", params={"type": "action", "record": bow})
             state = await far.state(lambda state: bool(state["actions"]))
             assert state["actions"] == [{"id": 3, "caption": "Bow"}]
+
+    run(main())
+
+
+def test_what_another_program_stores_is_in_the_state_at_once(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, hub), connect(f"share://{hub.name}") as board:
+            await far.state(lambda state: state["macros"] == [])
+            await board.apply_project(build_project(Macro.of("Bow", 0.5)))
+            begun = asyncio.get_running_loop().time()
+            await far.state(lambda state: [each["caption"] for each in state["macros"]] == ["Bow"])
+            assert asyncio.get_running_loop().time() - begun < telemetry.CATALOG_SECONDS / 2
 
     run(main())
 
