@@ -30,6 +30,7 @@ def test_the_wheel_has_what_type_checkers_and_editors_read(wheel: Path) -> None:
     assert "servolink/py.typed" in names
     assert "servolink/project/servolink-project.schema.json" in names
     assert not [name for name in names if not name.startswith("servolink")]
+    assert not [name for name in names if name.endswith((".d.ts", "package.json"))], "only checks of the page need them"
 
 
 def test_the_wheel_has_the_manual_pages(wheel: Path) -> None:
