@@ -6,6 +6,7 @@ import asyncio
 import os
 from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
+from functools import partial
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -363,8 +364,7 @@ class Connection:
             self._slots.lanes[packet.packet_id + 1].sent(len(frame))
         now = self._loop.time()
         call = self._call(packet, timeout, now if begun_at is None else begun_at)
-        if ticket is None:
-            ticket = NO_TICKET if is_query else self.stops.ticket()
+        ticket = ticket or (NO_TICKET if is_query else self.stops.ticket())
         deadline = None if timeout is None else call.begun_at + timeout
         if self.preparations and passes_gates(packet):
             await self._prepare(call, ticket, deadline)
@@ -372,13 +372,14 @@ class Connection:
         if self.lifecycle.state is not _READY:
             self._begin()
         if not self._scheduler.acquire_at_once(packet):
-            await self._acquire(call, deadline, first=first)
+            await self._acquire(call, deadline, first=first, frame=frame)
             now = self._loop.time()
         limit = None if deadline is None else self._limit(call, deadline)
         try:
             if not is_query:
                 self._raise_refusal(packet, ticket)
-            await self._sender.start(call, packet, frame, now)
+            if not call.tries:
+                await self._sender.start(call, packet, frame, now)
             answer: Any = call.response or await self._sender.converse(call, packet, frame)
             return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
         finally:
@@ -441,8 +442,14 @@ class Connection:
         self._sender.raise_if_ended()
         self.stops.stop()
         lane = self._slots.lanes[packet.packet_id + 1]
-        self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
-        await self._sender.write(self.codec.encode(packet))
+        self._scheduler.hold()  # nothing goes before the stop
+        try:
+            self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
+            sending = self._sender.take(self.codec.encode(packet))
+        finally:
+            self._scheduler.go_on()
+        if sending is not None:
+            await self._sender.accepted(sending)
         return True
 
     async def prepare(self, packet: Packet, ticket: Ticket) -> None:
@@ -479,10 +486,20 @@ class Connection:
                 raise
             raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats) from None
 
-    async def _acquire(self, call: Call, deadline: float | None, *, first: bool = False) -> None:
-        """Wait for a permit, then until nothing stands in the way. At `deadline` (loop time) raise RequestTimeout."""
+    async def _acquire(
+        self,
+        call: Call,
+        deadline: float | None,
+        *,
+        first: bool = False,
+        frame: bytes | None = None,
+    ) -> None:
+        """Wait for a permit, then until nothing stands in the way. At `deadline` (loop time) raise RequestTimeout.
+
+        Without a deadline, the `frame` of a query may be sent with the permit: then wait until the call is woken.
+        """
         if deadline is None:
-            await self._wait_in_queue(call, first=first)
+            await self._wait_in_queue(call, first=first, frame=frame)
             return
         try:
             async with asyncio.timeout_at(deadline):
@@ -491,8 +508,17 @@ class Connection:
             excuse = self.lifecycle.excuse
             raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, excuse=excuse) from None
 
-    async def _wait_in_queue(self, call: Call, *, first: bool) -> None:
-        await self._scheduler.acquire(call.packet, first=first)
+    async def _wait_in_queue(self, call: Call, *, first: bool, frame: bytes | None = None) -> None:
+        packet, send = call.packet, None
+        if frame is not None and self._takes_at_once and isinstance(packet, Query):
+            send = partial(self._sender.send_granted, call, packet, frame)
+        try:
+            if await self._scheduler.acquire(call.packet, first=first, send=send):
+                return
+        except asyncio.CancelledError:
+            if call.tries:
+                self.answers.leave(call)
+            raise
         call.queued = True
         if self._slots.obstacle(call.packet) is NO_OBSTACLE:
             return

@@ -6,6 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable
 from logging import DEBUG
+from typing import Any
 
 from msgspec import Struct
 
@@ -146,6 +147,7 @@ class ResponseDispatcher:
         if self._lifecycle.state is not _READY:
             self._keep_evidence(chunk)
         frames = self._parser.feed(chunk)
+        self._scheduler.hold()
         for frame in frames:
             if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
                 stats.hidden += 1
@@ -153,6 +155,7 @@ class ResponseDispatcher:
                 self._take(frame)
         if self._load is not None:
             self._learn(self._load)
+        self._scheduler.go_on()
         if self.later:
             self._call_later()
         if len(frames) > 1:
@@ -240,7 +243,9 @@ class ResponseDispatcher:
             if self._learns and len(content) + OVERHEAD != lane.response_size:
                 lane.heard(len(content) + OVERHEAD)
             if lane.slots and opening is None:
-                self._settle(packet_id, content)
+                slot = self._slots.only_origin(lane)
+                if slot is None or slot.call is None or not self._answer(slot, slot.call, content):
+                    self._settle(packet_id, content)
                 return
         if packet_id == ButtonEventResponse.packet_id:
             self.stats.events_received += 1
@@ -252,6 +257,45 @@ class ResponseDispatcher:
             self.on_stranger(packet_id)
         elif lane is not None:
             opening.heard(packet_id, content)
+
+    def _answer(self, slot: Slot, call: Call, content: bytes) -> bool:
+        """Pass a response to the call of the oldest slot of all, as `_settle` does for all cases in more steps.
+
+        Return False, with nothing done, unless this is the first response, in time, to a call that waits for it.
+        """
+        if call.is_over or call.response is not None or slot.is_fence or slot.holds_permit_of is not None:
+            return False
+        request = slot.request
+        try:
+            response: Any = self._codec.decode(request.packet_id + 1, content)
+        except DecodeError:
+            return False
+        if not request.accepts(response):
+            return False
+        load = self._load
+        if load is None and self._learns:
+            load = self._load = self._scheduler.load()
+        self._slots.close_oldest(slot)
+        sent_at, heard_at, free_at = slot.sent_at, self._heard_at, self._restarted_at
+        self._restarted_at, self._arrival = heard_at, None
+        self.answered_in_a_row += 1
+        if load is not None:
+            load.responses += 1
+            if sent_at < free_at and not self._expired:
+                load.due += 1
+                load.size += len(content) + OVERHEAD
+                load.seconds += heard_at - free_at
+            self._expired = False
+        seconds = heard_at - (free_at if free_at > sent_at else sent_at)
+        if seconds > 0.0:
+            self.times.record(request.packet_id, seconds)
+        self.stats.round_trips.append(heard_at - sent_at)
+        call.open_slots -= 1
+        call.response = response
+        if call.on_wake is not None:
+            call.content = content
+        call.wake()
+        return True
 
     def _settle(self, packet_id: int, content: bytes) -> None:
         decoded: Content
@@ -315,8 +359,6 @@ class ResponseDispatcher:
                 self.stats.round_trips.append(self._heard_at - slot.sent_at)
                 call.response = content
                 call.wake()
-        if self._scheduler.waiting:
-            self._scheduler.grant()
 
     def _lost_one(self, slot: Slot, load: Load | None) -> None:
         """Learn from a slot that is over without a response."""
@@ -362,6 +404,7 @@ class ResponseDispatcher:
     def _look(self, now: float) -> None:
         """Mark the oldest slot overdue after its deadline; a stalled event loop has read everything by now."""
         live = self._slots.live
+        self._scheduler.hold()
         if self._lifecycle.state is State.SUSPENDED:
             self._restart(now)
         if live and now >= self._due(live[0]) and self._parser.partial_frame:
@@ -370,6 +413,7 @@ class ResponseDispatcher:
             self._expire(live[0], now)
         if live and self._lifecycle.ended is None:
             self._timer.arm(self._due(live[0]))
+        self._scheduler.go_on()
         if self.later:
             self._call_later()
 
@@ -403,7 +447,6 @@ class ResponseDispatcher:
             if call.since is None and not slot.is_fence:
                 call.since = now - slot.timeout
             call.wake()
-        self._scheduler.grant()
         self._end_if_silent(now)
 
     def _end_if_silent(self, now: float) -> None:

@@ -103,6 +103,10 @@ class Waiting(Struct, eq=False):
     packet: Request[Any] | Command
     granted: asyncio.Future[None]
     """Done when the permit is granted; fails if the connection ends."""
+    send: Callable[[asyncio.Future[None]], None] | None = None
+    """Sends the packet with the permit, in place of waking the caller, who then waits on `granted` for the response."""
+    is_sent: bool = False
+    """Whether `send` was called."""
 
 
 class Load(Struct):
@@ -133,6 +137,7 @@ class RequestScheduler:
         """Allow as many requests as fit into `window` beside the open `slots`."""
         self.window = window
         self._slots = slots
+        self._loop = asyncio.get_running_loop()
         self._permits = 0
         self._changes = 0  # permits of changes
         self._busy: list[Lane] = []  # lanes with permits
@@ -144,6 +149,7 @@ class RequestScheduler:
         self.on_aside: Callable[[], None] = lambda: None
         """Called when a caller steps aside: another one may send."""
         self._granted: list[Request[Any] | Command] = []  # with a permit, but not in `slots` yet
+        self._is_held = False
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing stands in the way of `packet`, to be sent at once. `release` must follow."""
@@ -155,20 +161,38 @@ class RequestScheduler:
         self._take(packet)
         return True
 
-    async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
-        """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`."""
-        waiting = self.enqueue(packet, first=first)
+    async def acquire(
+        self,
+        packet: Request[Any] | Command,
+        *,
+        first: bool = False,
+        send: Callable[[asyncio.Future[None]], None] | None = None,
+    ) -> bool:
+        """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`.
+
+        If nothing else is needed first, `send` sends the packet with the permit. Then wait until its future is done,
+        and return True; only `release` must follow.
+        """
+        waiting = self.enqueue(packet, first=first, send=send)
         try:
-            if waiting.granted.done() and self._granted[0] is not packet:
+            if self._granted and waiting.granted.done() and self._granted[0] is not packet:
                 await asyncio.sleep(0)  # earlier grants wake up first, and send first
             await waiting.granted
         except asyncio.CancelledError:
-            self.withdraw(waiting)
+            if not waiting.is_sent:
+                self.withdraw(waiting)
             raise
+        return waiting.is_sent
 
-    def enqueue(self, packet: Request[Any] | Command, *, first: bool) -> Waiting:
+    def enqueue(
+        self,
+        packet: Request[Any] | Command,
+        *,
+        first: bool,
+        send: Callable[[asyncio.Future[None]], None] | None = None,
+    ) -> Waiting:
         """Return a place in the queue for a permit; `withdraw` must be called to leave the queue."""
-        waiting = Waiting(packet, asyncio.get_running_loop().create_future())
+        waiting = Waiting(packet, self._loop.create_future(), send)
         if first:
             self.waiting.appendleft(waiting)
         else:
@@ -223,6 +247,16 @@ class RequestScheduler:
         if self.waiting:
             self.grant()
 
+    def hold(self) -> None:
+        """Grant nothing until `go_on`, in the same turn of the loop: slots change, and what is granted may be sent."""
+        self._is_held = True
+
+    def go_on(self) -> None:
+        """Grant permits again after `hold`."""
+        self._is_held = False
+        if self.waiting:
+            self.grant()
+
     def pause(self) -> None:
         """Grant nothing until `resume`: the connection is being opened."""
         self._paused = True
@@ -241,22 +275,26 @@ class RequestScheduler:
 
     def grant(self) -> None:
         """Grant permits at the head of the queue, as many as may be sent now."""
-        while self.waiting:
+        while self.waiting and not self._is_held:
             head = self.waiting[0]
-            if not head.granted.done():
-                if not self._may(head.packet):
-                    return
-                self._take(head.packet)
-                self._granted.append(head.packet)
+            if head.granted.done():  # cancelled
+                self.waiting.popleft()
+                continue
+            packet = head.packet
+            if self._paused or not self._has_room(packet):
+                return
+            obstacle = self._slots.obstacle(packet, self._granted)
+            send = head.send if obstacle is NO_OBSTACLE else None
+            if obstacle is Obstacle.WAIT or (send is not None and self._granted):  # those are sent first
+                return
+            self.waiting.popleft()
+            self._take(packet)
+            if send is not None:
+                head.is_sent = True
+                send(head.granted)
+            else:
+                self._granted.append(packet)
                 head.granted.set_result(None)
-            self.waiting.popleft()  # granted, or cancelled before
-
-    def _may(self, packet: Request[Any] | Command) -> bool:
-        return (
-            not self._paused
-            and self._has_room(packet)
-            and self._slots.obstacle(packet, self._granted) is not Obstacle.WAIT
-        )
 
     def _has_room(self, packet: Request[Any] | Command) -> bool:
         """Return whether the depth allows another request without delaying a stop; an idle line always has room."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from logging import DEBUG
 from typing import Any
 
@@ -94,17 +95,26 @@ class RequestSender:
         """
         self.open_request(call, packet, now)
         call.woken = woken = self._loop.create_future()
-        if call.queued:
-            self.leave_queue(call)
         sending = self.take(frame, may_join=packet.is_query)
+        if call.queued:
+            self.leave_queue(call)  # not earlier: the next packet may be sent at once
         slots = self._slots
-        if sending is None and slots.unproved < _MARK_EVERY and not slots.unmatched:
-            return woken  # most requests: no mark is needed
+        if sending is None and ((slots.unproved < _MARK_EVERY and not slots.unmatched) or not self.needs_mark(call)):
+            return woken  # most requests
         return self._go_on_sending(call, sending, woken)
+
+    def send_granted(self, call: Call, packet: Query[Any], frame: bytes, woken: asyncio.Future[None]) -> None:
+        """Send the query of a call that just got its permit, without a task; `woken` is done when the call is woken."""
+        call.woken = woken
+        self.open_request(call, packet, self._loop.time())
+        self._pass_on(frame)
+        if self.needs_mark(call):
+            fence = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
+            self._pass_on(self._codec.encode(fence.request))
 
     async def _go_on_sending(self, call: Call, sending: Awaitable[None] | None, woken: asyncio.Future[None]) -> None:
         if sending is not None:
-            await self._accepted(sending)
+            await self.accepted(sending)
         if self.needs_mark(call):
             await self.send_fence(call.packet)
         await woken
@@ -115,9 +125,10 @@ class RequestSender:
             await self.until_next(call, packet)
             if call.response is None:
                 woken, data = self._open_next(call, packet, frame)
+                sending = self.take(data)
                 if call.queued:
                     self.leave_queue(call)
-                await self._go_on_sending(call, self.take(data), woken)
+                await self._go_on_sending(call, sending, woken)
         return call.response
 
     async def until_next(self, call: Call, packet: Request[Any]) -> None:
@@ -299,9 +310,8 @@ class RequestSender:
 
     async def send_fence(self, packet: Packet) -> Slot:
         """Send a fence for whose response nobody waits."""
-        fence = self._next_fence(packet)
-        slot = self._open(fence, None, 0, self._loop.time(), is_fence=True)
-        await self.write(self._codec.encode(fence))
+        slot = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
+        await self.write(self._codec.encode(slot.request))
         return slot
 
     def _next_fence(self, packet: Packet) -> Query[Any]:
@@ -343,7 +353,7 @@ class RequestSender:
     async def write(self, frame: bytes) -> None:
         """Send a whole frame. On failure, end the connection and raise ConnectionLost."""
         if (sending := self.take(frame)) is not None:
-            await self._accepted(sending)
+            await self.accepted(sending)
 
     def take(self, frame: bytes, *, may_join: bool = False) -> Awaitable[None] | None:
         """Count a whole frame and pass it to the transport. Return None if the system has accepted it at once.
@@ -373,6 +383,12 @@ class RequestSender:
             self._answers.lost(error)
             raise
 
+    def _pass_on(self, frame: bytes) -> None:
+        """Take a frame for which nobody waits. The end of the connection wakes its call, and all others."""
+        with suppress(ConnectionLost):
+            if (sending := self.take(frame, may_join=True)) is not None:
+                self._drain.hold(sending)
+
     def _join(self) -> None:
         """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
         if self._joined is None:
@@ -394,7 +410,7 @@ class RequestSender:
         joined, self._joined = self._joined, None
         return b"".join(joined or ())
 
-    async def _accepted(self, sending: Awaitable[None]) -> None:
+    async def accepted(self, sending: Awaitable[None]) -> None:
         """Wait until the system has accepted a frame. Raise ConnectionLost."""
         try:
             await sending

@@ -71,7 +71,7 @@ class Slots:
         if not slots:
             lane.equal = request.repeatable
         elif lane.equal:
-            lane.equal = request.repeatable and slots[0].request == request
+            lane.equal = request.repeatable and (slots[0].request is request or slots[0].request == request)
         self._order.append(slot)
         slots.append(slot)
         if slot.is_fence:
@@ -113,6 +113,17 @@ class Slots:
 
     # --- responses ----------------------------------------------------------------------------------------------
 
+    def only_origin(self, lane: Lane) -> Slot | None:
+        """Return the oldest of all slots if a response on `lane` can belong to no other, and nothing else to a stop.
+
+        That is the usual case. `settle` decides all others, and this one with the same result.
+        """
+        slots = lane.slots
+        slot = slots[0]
+        if slot is not self._order[0] or slot.overdue or self.unmatched or lane.stopped or self.answer_twice:
+            return None
+        return slot if lane.equal or len(slots) == 1 else None
+
     def settle(self, response_id: int, content: Content) -> list[Settled] | None:
         """Return the slots that are over with this response, in order; None if no slot can be its origin."""
         lane = self.lanes.get(response_id)
@@ -125,13 +136,17 @@ class Slots:
             if not (isinstance(content, DecodeError) or oldest.request.accepts(content)):  # `fits`, on the way of all
                 return None
             if oldest is self._order[0] and not self.unmatched:  # nothing older is open: the usual case
-                if len(slots) == 1:
-                    self.unproved = self.unanswerable = 0
-                self._order.popleft()
-                self._close(oldest)
+                self.close_oldest(oldest)
                 return [(oldest, content)]
             return self._settle_exact(oldest, content) if len(slots) == 1 else self._settle_oldest(oldest, content)
         return self._settle_among(lane, content)
+
+    def close_oldest(self, slot: Slot) -> None:
+        """Close the oldest of all slots, with the response on its lane that can belong to no older one."""
+        if len(slot.lane.slots) == 1:
+            self.unproved = self.unanswerable = 0
+        self._order.popleft()
+        self._close(slot)
 
     def _settle_among(self, lane: Lane, content: Content) -> list[Settled] | None:
         """Several slots with different requests: the content tells which of them may be the origin."""
@@ -254,7 +269,7 @@ class Slots:
     def _obstacle_on_lane(self, request: Request[Any] | Command, lane: Lane) -> Obstacle:
         """A lane holds either equal queries or requests about different records; overdue ones hold back new calls."""
         slots = lane.slots
-        if lane.equal and slots[0].request == request:
+        if lane.equal and (slots[0].request is request or slots[0].request == request):
             return Obstacle.FENCE_BESIDE if lane.overdue else NO_OBSTACLE
         # Another request than all that are open, or one among several different ones.
         if any(slot.request == request or _conflict(request, slot.request) for slot in slots):

@@ -99,13 +99,13 @@ async def test_a_permit_that_is_granted_as_the_connection_ends_is_not_used() -> 
     board = FakeBoard()
     async with connected(board) as connection:
         first = asyncio.create_task(connection.request(PROJECT))
-        second = asyncio.create_task(connection.request(QueryServoListRequest()))
+        second = asyncio.create_task(connection.request(WriteProjectIDRequest(5)))
         await turns_of_the_loop(2)
         loop = asyncio.get_running_loop()
         loop.call_later(LATENCY, lambda: loop.call_soon(board.vanish))
         await asyncio.wait((first, second))
         assert isinstance(second.exception(), ConnectionLost)
-        assert board.sent_of(QueryServoListRequest) == []
+        assert board.sent_of(WriteProjectIDRequest) == []
 
 
 # --- a board that sends nothing any more --------------------------------------------------------------------------
