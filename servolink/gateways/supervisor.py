@@ -15,7 +15,7 @@ import msgspec
 from msgspec import Raw
 
 from servolink.client.board import Board
-from servolink.client.captions import find_servos
+from servolink.client.captions import servo_targets
 from servolink.client.collect import collect
 from servolink.client.connect import connect
 from servolink.control.channel import RpcChannel, open_channel
@@ -109,11 +109,10 @@ class Supervisor:
     ) -> SupervisedMotion:
         """Return a movement to angles in degrees. Raise MotionRefused for one beyond the limits, or without effect."""
         seconds = await self.board.move(dict(targets), duration=duration, speed=speed, dry_run=True)
-        servo_ids, _ = await find_servos(self.board, list(targets))
-        await self._refuse_idle(servo_ids)
+        by_id = await servo_targets(self.board, targets)
+        await self._refuse_idle(by_id)
         angles = ", ".join(f"{escape(servo)} to {angle:g} degrees" for servo, angle in targets.items())
-        by_id = {str(servo_id): angle for servo_id, angle in zip(servo_ids, targets.values(), strict=True)}
-        params = {"targets": by_id, "duration": seconds}
+        params = {"targets": {str(servo_id): angle for servo_id, angle in by_id.items()}, "duration": seconds}
         return _checked(SupervisedMotion("move", params, f"move servo {angles}", seconds))
 
     async def check_run(self, kind: RecordType[Any], name: int | str) -> SupervisedMotion:

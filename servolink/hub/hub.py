@@ -24,7 +24,7 @@ from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.stop_order import MotionsCancelled, Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
-from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.exchanges import Exchange, RunEnd
 from servolink.hub.rules.lease import SECONDS_AFTER
 from servolink.motion.angles import AngleUnit
 from servolink.motion.set_points import SetPoints
@@ -198,14 +198,14 @@ class Hub:
         session_id: str,
         packet: ExecuteActionExRequest | ExecuteMacroRequest,
         ticket: Ticket,
-        seconds: float | None,
+        end: RunEnd | None,
     ) -> None:
         """Run a stored record for a program ahead of all waiting requests, unchecked against the program's limits.
 
-        `seconds` is how long it lasts, if that is known. Raise MotionRefused if that must not be: without the lease, or
+        `end` is its end, if that is known. Raise MotionRefused if that must not be: without the lease, or
         after a stop since `ticket` was issued. Raise Rejected if the board refuses.
         """
-        exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), seconds=seconds)
+        exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), end=end)
         response = await self._begin(exchange)
         if response == ExecuteMacroResponse(0):
             raise Rejected(f"{self.url} refused to run what was prepared", packet)

@@ -1,7 +1,9 @@
 """`lerobot-teleoperate`, `lerobot-record` and `lerobot-replay` at 30 Hz, with a virtual board and with the twin.
 
 `python -m tests.gateways.lerobot_runs FOLDER` runs those in FOLDER/bin, an environment with LeRobot and the plug-in of
-the documentation. It prints the rate of each, and fails if one is slower or a step is missing.
+the documentation. It prints the rate of each, and fails if one is slower or a step is missing. A busy machine wakes
+LeRobot late from its pauses, and so costs frames: with a load of 8 on two processors, 95 to 119 of 120 were recorded.
+What the plug-in costs is in the turns that take longer than their period, which LeRobot reports: they must be few.
 """
 
 from __future__ import annotations
@@ -64,13 +66,19 @@ def try_board(programs: Path, what: str, address: str) -> None:
         loops = [float(found) for found in re.findall(r"loop time: ([0-9.]+)ms", text)]
         task = ("--dataset.single_task=Wave", "--dataset.num_episodes=1", "--dataset.push_to_hub=false")
         times = (f"--dataset.fps={FPS}", f"--dataset.episode_time_s={EPISODE}", "--dataset.reset_time_s=1")
-        run(programs / "lerobot-record", *options, *data, *task, *times, "--dataset.video=false", "--play_sounds=false")
+        quiet = ("--dataset.video=false", "--play_sounds=false")
+        text = run(programs / "lerobot-record", *options, *data, *task, *times, *quiet)
+        late = text.count("Record loop is running slower")
         frames = json.loads((folder / "meta/info.json").read_text())["total_frames"]
         episode = ("--dataset.episode=0", f"--dataset.fps={FPS}", "--play_sounds=false")
         run(programs / "lerobot-replay", *robot, *data, *episode)
-    print(f"{what}: {1000 / median(loops):.1f} Hz, {frames} frames of {FPS * EPISODE} recorded and replayed")
+    print(
+        f"{what}: {1000 / median(loops):.1f} Hz, {frames} frames of {FPS * EPISODE} recorded and replayed, "
+        f"{late} turns took too long"
+    )
     assert median(loops) < 1000 / FPS * 1.1
-    assert frames >= FPS * EPISODE * 0.8  # the first frame takes long
+    assert late <= 0.1 * frames
+    assert frames >= FPS * EPISODE * 2 / 3
 
 
 if __name__ == "__main__":

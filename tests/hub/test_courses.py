@@ -13,7 +13,7 @@ import pytest
 from servolink.hub.rules.courses import Courses
 from servolink.motion.angles import AngleUnit
 from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
+from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
 from tests.hub.control_program import RpcProgram, shared
 
@@ -57,18 +57,45 @@ def test_what_turns_servos_in_other_ways_ends_their_courses(packet: Packet, know
     assert moved(Step(1, 500, 10), unit="adc").lag(1, 0, 20.0) is None
 
 
-async def test_watchers_are_told_the_lag_until_a_stop() -> None:
-    async def lags(page: RpcProgram) -> list[int | None]:
-        return [servo.get("lag") for servo in (await page.call("servos.list"))["servos"]]
+async def read(page: RpcProgram) -> list[tuple[int, int | None]]:
+    """Return angle and lag of each servo."""
+    return [(servo["angle"], servo.get("lag")) for servo in (await page.call("servos.list"))["servos"]]
 
+
+async def test_watchers_are_told_the_lag_until_a_stop() -> None:
     async with shared() as here, here.program("page") as page:
-        assert await lags(page) == [None, None, None]
+        assert [lag for _, lag in await read(page)] == [None, None, None]
         await page.call("move", targets={"1": 60, "2": 60}, duration=0.1, wait=True)
         here.virtual.servos[2].angle = 50.0  # as if a load had pulled it
-        assert await lags(page) == [0, 10, None]
+        assert await read(page) == [(60, 0), (50, 10), (6, None)]
         await page.call("servos.watch", hz=10)
         frame: dict[str, Any] = await page.until("servos")
         assert [servo.get("lag") for servo in frame["servos"]] == [0, 10, None]
         await page.call("stop")
         await asyncio.sleep(0.1)
-        assert await lags(page) == [None, None, None]
+        assert [lag for _, lag in await read(page)] == [None, None, None]
+
+
+@pytest.mark.parametrize("is_prepared", [True, False])
+async def test_after_a_stored_run_the_last_pose_is_expected_unless_something_else_was_sent(is_prepared: bool) -> None:
+    async def run(page: RpcProgram) -> None:
+        if is_prepared:
+            await page.call("run.prepare", type="macro", id=1)
+            await page.call("run.start")
+        else:
+            await page.call("run", type="macro", id=1)
+
+    async with shared() as here, here.program("page") as page:
+        await here.hub.board.add_action(Action(1, "a", (Step(1, 20, 100), Step(2, 30, 50))))
+        await here.hub.board.add_macro(Macro(1, "m", (MacroCommand(1),)))
+        await run(page)
+        await asyncio.sleep(0.5)
+        assert [lag for _, lag in await read(page)] == [None, None, None]
+        await asyncio.sleep(2)
+        assert await read(page) == [(20, 0), (30, 0), (6, None)]
+        await run(page)
+        await page.call("move", targets={"1": 25}, duration=0.1)
+        await asyncio.sleep(3)
+        assert [lag for _, lag in await read(page)] == [None, None, None]  # the run may have turned servo 1 again
+        await page.call("move", targets={"1": 20}, duration=0.1, wait=True)
+        assert [lag for _, lag in await read(page)] == [0, None, None]

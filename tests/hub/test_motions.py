@@ -204,7 +204,8 @@ def test_a_refused_start_is_answered_with_the_flags_of_the_servo() -> None:
 )
 def test_the_duration_of_a_motion_is_computed_where_that_is_possible(packet: Packet, seconds: float | None) -> None:
     async def use(motions: Motions, board: Board, virtual: VirtualBoard) -> float | None:
-        return await motions.seconds_of(packet)
+        end = await motions.end_of(packet)
+        return None if end is None else end.seconds
 
     assert on_board(use) == seconds
     assert on_board(use, interval_unit=0.02) == (None if seconds is None else 2 * seconds)

@@ -14,7 +14,7 @@ from servolink.control.status import LeaseStatus
 from servolink.escaping import escape
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
-from servolink.hub.rules.exchanges import Exchange
+from servolink.hub.rules.exchanges import Exchange, RunEnd
 from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
 from servolink.motion.ticket import Ticket
@@ -92,12 +92,13 @@ class LeaseKeeper:
         if isinstance(packet, ExecuteActionRequest):
             self._count(session, sent_at + self._motions.seconds_of_steps(packet))
             return
-        if exchange.seconds is not None:
-            self._count_run(exchange, sent_at + exchange.seconds)
+        changes = self._motions.courses.changes
+        if exchange.end is not None:
+            self._count_run(exchange, sent_at, exchange.end, changes)
             return
         if isinstance(packet, ExecuteMacroRequest):  # whose end is known a little later
             self._units.keep_for(exchange.program.units, math.inf)
-        counting = self._tasks.begin(self._count_later(exchange, sent_at))
+        counting = self._tasks.begin(self._count_later(exchange, sent_at, changes))
         self._counting.add(counting)
         counting.add_done_callback(self._counting.discard)
 
@@ -139,16 +140,18 @@ class LeaseKeeper:
 
     # --- what time does -----------------------------------------------------------------------------------------
 
-    async def _count_later(self, exchange: Exchange, sent_at: float) -> None:
-        """Count a motion with a duration that must be read from the board, without waiting for the reading."""
-        seconds = await self._motions.seconds_of(exchange.packet)
-        if seconds is None:
+    async def _count_later(self, exchange: Exchange, sent_at: float, changes: int) -> None:
+        """Count a motion with an end that must be read from the board, without waiting for the reading."""
+        end = await self._motions.end_of(exchange.packet)
+        if end is None:
             self._count(exchange.program.session_id, None)
         else:
-            self._count_run(exchange, sent_at + seconds)
+            self._count_run(exchange, sent_at, end, changes)
 
-    def _count_run(self, exchange: Exchange, ends_at: float) -> None:
-        """Count a stored record that runs until `ends_at`."""
+    def _count_run(self, exchange: Exchange, sent_at: float, end: RunEnd, changes: int) -> None:
+        """Count a stored record that runs until `end`; `changes` is from the moment of the sending."""
+        ends_at = sent_at + end.seconds
+        self._motions.expect(end, ends_at - seconds_asleep(), changes)
         if isinstance(exchange.packet, ExecuteMacroRequest):
             self._units.keep_for(exchange.program.units, ends_at)
         self._count(exchange.program.session_id, ends_at)

@@ -16,6 +16,7 @@ from servolink.errors import (
     TargetNotReached,
 )
 from servolink.hub.rules.courses import Courses
+from servolink.hub.rules.exchanges import RunEnd
 from servolink.hub.rules.hub_gates import refused_response
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.motion.set_points import SetPoints
@@ -64,7 +65,6 @@ class Motions:
         try:
             outcome = Outcome(await self._response_to(board, packet, ticket, unchecked=unchecked))
         except (RequestTimeout, OutcomeUnknown):
-            self.courses.forget()
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
             return Outcome(await self.refused(packet), error)
@@ -106,17 +106,25 @@ class Motions:
             return None
         return refused_response(packet, states.servos)
 
-    async def seconds_of(self, packet: Packet) -> float | None:
-        """Return the duration of a motion that was just sent, in seconds; None if unknown."""
+    async def end_of(self, packet: Packet) -> RunEnd | None:
+        """Return the end of a motion; None if it is unknown."""
         match packet:
             case ExecuteActionRequest():
-                return self.seconds_of_steps(packet)
+                return RunEnd(self.seconds_of_steps(packet), {step.servo_id: step.degree for step in packet.steps})
             case ExecuteActionExRequest():
-                return await self._seconds_of(ACTION, packet.action_id)
+                return await self._end_of(ACTION, packet.action_id)
             case ExecuteMacroRequest():
-                return await self._seconds_of(MACRO, packet.macro_id)
+                return await self._end_of(MACRO, packet.macro_id)
             case _:  # a started servo may turn to an old target, a released one falls
                 return None
+
+    def expect(self, end: RunEnd, ends_at: float, changes: int) -> None:
+        """Expect the end of a stored run at `ends_at`, on the clock of the event loop.
+
+        The servos are in its last pose then, unless courses have changed since `changes`.
+        """
+        pose = end.pose if changes == self.courses.changes else {}
+        self.courses.end(pose, ends_at, self._board.unit_of)
 
     def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
         """Return how long a movement takes."""
@@ -147,14 +155,16 @@ class Motions:
         profile = self._board.profile
         return (profile and profile.settings.interval_unit) or INTERVAL_UNIT
 
-    async def _seconds_of(self, kind: RecordType[Any], record_id: int) -> float | None:
+    async def _end_of(self, kind: RecordType[Any], record_id: int) -> RunEnd | None:
         from servolink.project.speed import RecordRun  # late: most programs run nothing that is stored
 
         try:
             stored = await collect(self._get, kind, record_id)
         except ServolinkError:
             return None
-        return RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit).known_seconds()
+        run = RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit)
+        seconds = run.known_seconds()
+        return None if seconds is None else RunEnd(seconds, run.last_pose())
 
     async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
         return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))

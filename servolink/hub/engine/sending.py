@@ -215,6 +215,7 @@ class PacketSender:
                 exchange.packet = ExecuteActionRequest(exchange.points.latest)
         except (OutcomeUnknown, ConnectionLost):
             self._keeper.moved(exchange)  # the board may have carried out the motion
+            self._motions.courses.forget()
             raise
         finally:
             if exchange.has_begun:

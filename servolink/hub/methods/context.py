@@ -24,6 +24,7 @@ from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
+from servolink.hub.rules.exchanges import RunEnd
 from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import MotionLimits
@@ -48,8 +49,8 @@ class PreparedRun(NamedTuple):
     """Of the hub with the board, when it was checked."""
     ticket: Ticket
     """Ticket from before the check."""
-    seconds: float | None
-    """Duration in seconds; None if unknown."""
+    end: RunEnd | None
+    """End of the run; None if unknown."""
 
 
 class Readings:

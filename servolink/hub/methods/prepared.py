@@ -36,8 +36,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
         packet = ExecuteMacroRequest((await board.macro(params.id)).macro_id)
         await board.run_macro(packet.macro_id, dry_run=True)
     control.take_lease()
-    lasts = await control.hub.motions.seconds_of(packet)
-    control.prepared = PreparedRun(packet, connection, ticket, lasts)
+    control.prepared = PreparedRun(packet, connection, ticket, await control.hub.motions.end_of(packet))
     return Ran(seconds)
 
 
@@ -68,7 +67,7 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     packet = prepared.packet
     if not board.limits:
         sent = clock()
-        await control.hub.run(control.session, packet, prepared.ticket, prepared.seconds)
+        await control.hub.run(control.session, packet, prepared.ticket, prepared.end)
         return RunStarted(sent)
     if isinstance(packet, ExecuteMacroRequest):
         await board.run_macro(packet.macro_id)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import islice
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from msgspec import Struct
 
@@ -55,6 +55,15 @@ class Asker(Protocol):
         """Finish a request with a response, or with None; `content` is the response in the encoding of `codec`."""
 
 
+class RunEnd(NamedTuple):
+    """End of a run of an action or a macro."""
+
+    seconds: float
+    """Duration in seconds."""
+    pose: Mapping[int, int]
+    """Last target of each servo, by id."""
+
+
 class Exchange(Struct, eq=False):
     """Request of a program until the response, the sending (without a response) or the failure."""
 
@@ -66,8 +75,8 @@ class Exchange(Struct, eq=False):
     """Time of arrival, on the clock of the event loop."""
     size: int = 0
     """Bytes that count as held until the request is finished."""
-    seconds: float | None = None
-    """Duration of the motion in seconds, if known in advance."""
+    end: RunEnd | None = None
+    """End of the motion, if known in advance."""
     points: SetPoints | None = None
     """Limiter of a set-point of a stream, which is shortened and not refused; None for any other request."""
     is_unchecked: bool = True
