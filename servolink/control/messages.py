@@ -285,9 +285,9 @@ class QuestionAsk(Struct, forbid_unknown_fields=True):
 
     seconds: Annotated[float, Meta(ge=0, le=3600, description="planned duration of the motion")]
     targets: Annotated[
-        Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=255)] | None,
-        about("degrees by servo id, of a movement"),
-    ] = None
+        dict[Annotated[str, Meta(max_length=64)], float],
+        Meta(max_length=255, description="degrees by servo id, of a movement"),
+    ] = {}
     record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run")] = None
     caption: Annotated[str, Meta(max_length=200, description="caption of the record, or its id")] = ""
 

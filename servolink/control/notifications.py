@@ -100,7 +100,7 @@ class QuestionNotice(Struct, frozen=True):
     number: Annotated[int, about("for `question.answer`")]
     who: Annotated[str, about("the program")]
     seconds: Annotated[float, about("planned duration of the motion")]
-    targets: Annotated[dict[str, float] | None, about("degrees by servo id, of a movement; else null")] = None
+    targets: Annotated[dict[str, float], about("degrees by servo id, of a movement; else empty")] = {}
     record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run; else null")] = None
     caption: Annotated[str, about("caption of the record, or its id")] = ""
 

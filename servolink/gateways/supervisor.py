@@ -280,8 +280,8 @@ def _checked(motion: SupervisedMotion) -> SupervisedMotion:
 
 def _asked(motion: SupervisedMotion) -> dict[str, Any]:
     """Return the params of a question about a motion."""
-    about = {"targets": motion.params.get("targets"), "record": motion.params.get("type"), "caption": motion.caption}
-    return {"seconds": motion.seconds, **about}
+    targets, record = motion.params.get("targets", {}), motion.params.get("type")
+    return {"seconds": motion.seconds, "targets": targets, "record": record, "caption": motion.caption}
 
 
 @asynccontextmanager

@@ -32,9 +32,9 @@ export function Questions({ link, motion }) {
 function asked({ targets, record, caption, seconds: lasts }) {
   const time = seconds(lasts);
   if (record !== null) return t(`ask.run_${record}`, { caption: safeText(caption), time });
-  if (targets === null) return t("ask.start");
   const each = Object.entries(targets).map(([id, angle]) =>
     t("ask.target", { servo: nameOf(Number(id)), angle: number(angle, Number.isInteger(angle) ? 0 : 1) }),
   );
+  if (each.length === 0) return t("ask.start");
   return t("ask.move", { targets: list(each), time });
 }
