@@ -21,7 +21,7 @@ def missing(page: str, names: set[str]) -> set[str]:
 
 def test_each_finding_of_doctor_is_on_the_page() -> None:
     checks = {
-        constant.value
+        str(constant.value)
         for path in (ROOT / "servolink/doctor").glob("*.py")
         for call in ast.walk(tree_of(path))
         if isinstance(call, ast.Call) and ast.unparse(call.func) == "Finding"
