@@ -32,12 +32,13 @@ async def serve_on_http(server: MCPServer, port: int, announce: Callable[[str, s
         allowed_origins=[f"http://{name}" for name in names],
     )
     app = server.streamable_http_app(streamable_http_path=PATH, transport_security=security)
-    config = uvicorn.Config(_Guarded(app, token), log_level="warning", lifespan="on", timeout_graceful_shutdown=1)
+    config = uvicorn.Config(_Guarded(app, token), log_level="warning", lifespan="off", timeout_graceful_shutdown=1)
     http = uvicorn.Server(config)
     http.capture_signals = nullcontext  # type: ignore[assignment,method-assign,unused-ignore]  # the command has its own
     sockets = await listening_sockets(HOST, port)
     announce(f"http://{place_of(sockets)}{PATH}", token)
-    await http.serve(sockets)
+    async with server.session_manager.run():  # not as the lifespan of uvicorn, which logs the end as an error
+        await http.serve(sockets)
 
 
 class _Guarded:
@@ -49,9 +50,8 @@ class _Guarded:
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         """Serve a request; one without the token gets the status 401."""
-        if scope["type"] != "lifespan":
-            given = dict(scope["headers"]).get(b"authorization", b"")
-            if not secrets.compare_digest(given, self._expected):
-                await Response("the token is missing or wrong\n", 401)(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+        given = dict(scope["headers"]).get(b"authorization", b"")
+        if secrets.compare_digest(given, self._expected):
+            await self._app(scope, receive, send)
+        else:
+            await Response("the token is missing or wrong\n", 401)(scope, receive, send)

@@ -268,12 +268,14 @@ async def served_on_http(*options: str) -> AsyncIterator[tuple[RobotSeen, Any, d
     """Serve the robot on HTTP; yield the robot, the process, and what it has announced."""
     async with asyncio.timeout(GUARD), shared_robot() as robot:
         robot.motions.clear()
-        serving = started("mcp", "--board", "share://rex", "--http", "0", "--json", *options)
+        serving = started("mcp", "--board", "share://rex", "--http", "0", *options)
         assert serving.stdout is not None
         try:
-            yield robot, serving, json.loads(await asyncio.to_thread(serving.stdout.readline))
+            lines = [await asyncio.to_thread(serving.stdout.readline) for _ in ("mcp URL", "token TOKEN")]
+            yield robot, serving, dict(line.split() for line in lines)
         finally:
-            await asyncio.to_thread(finished, serving, signal.SIGTERM)
+            over = await asyncio.to_thread(finished, serving, signal.SIGTERM)
+        assert "Traceback" not in over.err
 
 
 @asynccontextmanager

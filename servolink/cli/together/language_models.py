@@ -11,7 +11,7 @@ from time import strftime
 from servolink.cli.arguments import SPEED, file_path, whole_number
 from servolink.cli.command import TOGETHER, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
-from servolink.cli.screen.output import print_error, print_result
+from servolink.cli.screen.output import print_error, print_result, print_text
 from servolink.cli.usage import needing_extra, usage_error
 from servolink.project.project_file import read_project_file
 from servolink.script import OK
@@ -84,4 +84,6 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
 
 def _announce(args: argparse.Namespace, url: str, token: str) -> None:
     """Print the address for clients, and the token that requests must have."""
-    print_result(args, {"mcp": url, "token": token}, f"mcp {url}\ntoken {token}")
+    print_result(args, {"mcp": url, "token": token}, f"mcp {url}")
+    if not args.json:
+        print_text(f"token {token}")
