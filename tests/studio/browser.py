@@ -46,8 +46,8 @@ _FILLED = {
 SCREENS = tuple(_FILLED)
 SIZES = {"desktop": (1440, 900), "tablet": (1024, 768), "phone": (390, 844)}
 
-ZOOMED = (720, 450)
-"""The size of the page on a desktop at 200 % zoom."""
+NARROW = {"zoomed": (720, 450), "upright": (768, 1024)}
+"""Sizes of the page on a desktop at 200 % zoom, and on a tablet that is held upright."""
 
 in_browser = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")]
 
@@ -98,7 +98,7 @@ class Studio(NamedTuple):
 
 def new_profile(browser: Any, size: str = "desktop", theme: str = "light", locale: str = "en-GB") -> Any:
     """Return a user of the browser, who has used it for nothing yet."""
-    width, height = ZOOMED if size == "zoomed" else SIZES[size]
+    width, height = (SIZES | NARROW)[size]
     return browser.new_context(viewport={"width": width, "height": height}, locale=locale, color_scheme=theme)
 
 

@@ -164,4 +164,7 @@ def test_the_screen_is_accessible_and_fits(studio: Studio, browser: Any, axe: st
         drag(page, "Not on a board", "repeat", 330, 300)
         page.evaluate(axe)
         assert found_by_axe(page) == []
+        page.locator(".blocklyToolboxCategory").nth(1).click()
+        page.locator(".blocklyToolboxFlyout [role=option], .blocklyFlyout [role=option]").first.wait_for()
+        assert found_by_axe(page) == []
         assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")

@@ -109,7 +109,7 @@ def test_another_robot_is_chosen_when_the_program_that_shared_the_board_has_ende
         expect(page.locator(".boardbtn")).to_contain_text("virtual")
 
 
-_COVERED = """() => [...document.querySelectorAll("button, input, a, select")].filter(one => {
+_COVERED = """() => [...document.querySelectorAll("button, input, a, select, .toast")].filter(one => {
   const { left, top, width, height } = one.getBoundingClientRect(), x = left + width / 2, y = top + height / 2;
   if (!one.checkVisibility() || width < 2 || x < 0 || y < 0 || x > innerWidth || y > innerHeight) return false;
   const scrolled = one.closest("main, .otherlist")?.getBoundingClientRect();
@@ -117,7 +117,7 @@ _COVERED = """() => [...document.querySelectorAll("button, input, a, select")].f
   const above = document.elementFromPoint(x, y);
   return !one.contains(above) && !above?.contains(one) && !one.labels?.[0]?.contains(above);
 }).map(one => one.outerHTML.slice(0, 120))"""
-"""The controls that something else lies over, on the part of the page that is shown."""
+"""The controls and messages that something else lies over, on the part of the page that is shown."""
 
 
 def no_overflow(page: Any) -> None:
@@ -190,7 +190,7 @@ def test_a_board_is_shared_with_other_programs_and_given_back(nothing: str, arm:
 
 
 @needs_npm
-@pytest.mark.parametrize("size", ["phone", "zoomed"])
+@pytest.mark.parametrize("size", ["phone", "zoomed", "upright"])
 def test_a_small_page_reaches_everything_and_covers_nothing(studio: Studio, browser: Any, axe: str, size: str) -> None:
     with opened(browser, studio.url, size) as page:
         page.evaluate(axe)

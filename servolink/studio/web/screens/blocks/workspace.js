@@ -149,6 +149,7 @@ export class Workspace {
    */
   _changed(event) {
     const { Events } = this._Blockly;
+    if (event.type === Events.TOOLBOX_ITEM_SELECT) this._hideConnections();
     const isDropped = event.type === Events.BLOCK_DRAG && !event.isStart;
     if (isDropped) Events.setGroup(false); // Blockly forgets to after a move by keyboard
     if (event.type === Events.BLOCK_CREATE && event.recordUndo) this._created.push(event);
@@ -162,6 +163,12 @@ export class Workspace {
     if (text === this._shown) return;
     this._shown = text;
     this._onChange(stacks);
+  }
+
+  /** Hide the connections of the blocks in the open list from screen readers: a list box has options only. */
+  _hideConnections() {
+    const canvas = this._space.getFlyout()?.getWorkspace().getCanvas();
+    for (const path of canvas?.querySelectorAll("[role=figure]") ?? []) path.setAttribute("aria-hidden", "true");
   }
 
   /**
