@@ -160,6 +160,7 @@ def test_a_robot_is_connected_and_changed_with_the_mouse_on_all_pages(nothing: s
 
 def test_the_firmware_of_a_pico_is_saved_from_the_page(nothing: str, browser: Any) -> None:
     with opened(browser, nothing) as page:
+        page.get_by_role("heading", name="Choose a robot").wait_for()
         page.get_by_label("Servos").select_option("6")
         with page.expect_download() as download:
             page.get_by_role("button", name="Save the firmware").click()
