@@ -183,7 +183,7 @@ class Board:
 
     @property
     def limits(self) -> MotionLimits:
-        """The limits of movements: those given to `connect`, tightened by the profile's. False if there are none."""
+        """The limits of movements: those given to `connect`, tightened by the profile's. Falsy without limits."""
         return self._limits
 
     @property

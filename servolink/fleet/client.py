@@ -33,7 +33,17 @@ _KEPT: tuple[BoardTopic, ...] = ("state", "vitals", "pulse", "available")  # by 
 
 
 class Fleet:
-    """Boards known to a broker. Use `connect`."""
+    """Boards known to a broker. Use `connect`.
+
+    `on` is "all" for the connected boards, or names of boards and groups, with commas between them or in a list. What
+    fails on single boards is in the result.
+
+    Raises:
+        OpenError: The broker cannot be reached. From `async with`.
+        ConnectionLost: The connection with the broker was lost.
+        NotFound: A name is neither a board nor a group, or no board is connected.
+        ServolinkError: The file of groups cannot be used; the text names file and line.
+    """
 
     def __init__(
         self, access: BrokerAccess, prefix: str, groups: Groups | Path | None, *, with_servos: bool = False
@@ -76,7 +86,11 @@ class Fleet:
     async def call(
         self, board: str, method: str, params: Mapping[str, Any] | None = None, *, patience: float | None = None
     ) -> Any:
-        """Return the result of a method of the control interface. Raise the library's error for a reported failure."""
+        """Return the result of a method of the control interface. Raise the library's error for a reported failure.
+
+        Without an answer in `patience` seconds, 10 unless given, raise OutcomeUnknown if the method moves or changes
+        something, else RequestTimeout.
+        """
         return await self.controller.call(board, method, params, patience=patience)
 
     async def run(
