@@ -35,6 +35,16 @@ async def test_the_end_of_one_connection_frees_the_board_and_the_end_of_both_end
                 assert failed.value.kind == "ConnectionLost"
 
 
+async def test_a_program_with_button_events_that_leaves_frees_the_board() -> None:
+    async with shared() as here, here.program("tablet") as tablet:
+        async with asyncio.timeout(10), here.program("script") as script:
+            await script.call("buttons.subscribe")
+            await script.call("lease.take")
+            await script.call("board.hold")
+        assert (await tablet.call("board.state"))["lease"] is None
+        assert len((await tablet.call("servos.list"))["servos"]) == 3
+
+
 async def test_a_program_that_leaves_while_it_waits_to_have_the_board_alone() -> None:
     async with shared() as here, here.program("tablet") as tablet:
         await tablet.call("board.hold")

@@ -103,6 +103,7 @@ class ControlSession:
             self._end_listening()
         self._tap.stop()
         await self._peer.close()
+        self._hub.end_exclusive_use(self.control.session)  # the feeds end with a query, which waits for the end of it
         await self._servos.close()
         await self._buttons.close()
         await self.control.close()
