@@ -1,4 +1,4 @@
-"""Moment of a run: which command and which action of a record are running."""
+"""Duration of a run, and its moments: which command and which action of a record are running."""
 
 from __future__ import annotations
 
@@ -22,6 +22,11 @@ class Moment(NamedTuple):
     """Text for people, such as "command 2, action 5 'Bow'"."""
 
 
+def duration(project: Project, record: Action | Macro) -> float:
+    """Return the seconds of a run. Every record needed must be present, and no macro may run itself."""
+    return record.seconds if isinstance(record, Action) else _Run(project).seconds(record.macro_id)
+
+
 def moment(project: Project, record: Action | Macro, seconds: float) -> Moment:
     """Return the part of a run that is running after `seconds`.
 
@@ -39,7 +44,11 @@ class _Run:
         self._actions, self._macros = ACTION.by_id(project), MACRO.by_id(project)
         self._lasts: dict[int, list[float]] = {}  # at full speed
         for macro_id in dependency_order(self._macros):
-            self._lasts[macro_id] = [self._seconds(command) for command in self._macros[macro_id].commands]
+            self._lasts[macro_id] = [self._seconds_of(command) for command in self._macros[macro_id].commands]
+
+    def seconds(self, macro_id: int) -> float:
+        """Return the duration of a macro at full speed."""
+        return sum(self._lasts[macro_id])
 
     def in_macro(self, macro_id: int, seconds: float, speed: float) -> Moment:
         """Return the part of a macro that is running after `seconds` at a speed."""
@@ -56,11 +65,11 @@ class _Run:
         if command.type == MacroCommandType.ACTION:
             return name_of(self._actions[command.command_id])
         inner, faster = self._macros[command.command_id], speed * command.ratio / 100
-        once = sum(self._lasts[inner.macro_id]) / faster
+        once = self.seconds(inner.macro_id) / faster
         within = self.in_macro(inner.macro_id, seconds % once if once else 0.0, faster)
         return name_of(inner) if within.command is None else f"{name_of(inner)}, {within.step}"
 
-    def _seconds(self, command: MacroCommand) -> float:
+    def _seconds_of(self, command: MacroCommand) -> float:
         """Return the duration of a command as `MacroPlaying` plays it; a record that is missing takes no time."""
         if command.type == MacroCommandType.MACRO:
             once = sum(self._lasts.get(command.command_id, ()))

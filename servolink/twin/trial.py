@@ -14,7 +14,7 @@ from servolink.project.model import Project
 from servolink.project.record_lookup import name_of
 from servolink.protocol.records import Action, Macro
 from servolink.twin.mjcf import BASE, FLOOR, part_names
-from servolink.twin.moment import moment
+from servolink.twin.moment import duration, moment
 from servolink.twin.simulation import Physics, Simulation
 from servolink.virtual.dry_run import DryRun
 
@@ -85,9 +85,10 @@ class TrialResult(Struct, frozen=True):
 def run_seconds(project: Project, record: Action | Macro) -> float:
     """Return the duration of a run. Raise ProjectError for a macro that no board can play."""
     try:
-        return DryRun(project.actions, project.macros, ()).play(record).seconds
+        DryRun(project.actions, project.macros, ()).begin(record)
     except ProjectError as error:
         raise ProjectError(f"{name_of(record)}: {error}; `servolink project check` explains it") from error
+    return duration(project, record)
 
 
 def start(physics: Physics, project: Project, record: Action | Macro, variation: Variation) -> Simulation:

@@ -16,7 +16,7 @@ from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommand
 from servolink.twin.body import GRAVITY, body_of
 from servolink.twin.moment import AFTER, moment
 from servolink.twin.simulation import Physics
-from servolink.twin.trial import Variation, run_trial
+from servolink.twin.trial import Variation, run_seconds, run_trial
 from tests.twin.figures import LIMB, arm, body, template
 
 HUMANOID = Physics(body_of(template("humanoid-16")))
@@ -62,11 +62,22 @@ def test_a_moment_is_named_by_command_and_action(seconds: float, step: str) -> N
     assert moment(PROJECT, SHOW, seconds).step == step
 
 
+def test_a_slow_action_is_tried_to_its_end() -> None:
+    slow = Action(2, "Bow", (Step(8, 80, 600), Step(13, -80, 600)))
+    twice = Macro(3, "Bowing", (MacroCommand(2, loop=2),))
+    project = Project(actions=(slow,), macros=(twice,))
+    assert (run_seconds(project, slow), run_seconds(project, twice)) == (6.0, 12.0)
+    trial = run_trial(HUMANOID, project, slow)
+    assert trial.fall is not None
+    assert trial.fall.seconds > 3
+
+
 def test_a_moment_of_a_run_of_years_is_found_at_once() -> None:
     loops = [
         Macro(at, f"Loop {at}", (MacroCommand(at - 1, MacroCommandType.MACRO, loop=30_000),)) for at in range(5, 9)
     ]
     project = replace(PROJECT, macros=(*PROJECT.macros, *loops))
+    assert run_seconds(project, loops[-1]) > 1e18
     found = moment(project, loops[-1], 3e9)
     assert found.step.startswith(
         "command 1, macro 7 'Loop 7', command 1, macro 6 'Loop 6', command 1, macro 5 'Loop 5'"
