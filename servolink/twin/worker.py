@@ -10,6 +10,7 @@ import signal
 from collections.abc import AsyncGenerator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from multiprocessing.process import BaseProcess
 from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 from servolink.errors import TwinError
@@ -17,6 +18,7 @@ from servolink.errors import TwinError
 NICENESS: Final = 10
 """Niceness of the process, where the system knows it."""
 
+_PATIENCE = 1.0  # seconds for the present piece at the end of the program
 _ENDED = "the process with the physics was ended from outside; try again"
 
 T = TypeVar("T")
@@ -51,6 +53,7 @@ class Worker:
         """Start nothing yet."""
         self._thread = ThreadPoolExecutor(1, "twin")  # one exchange with the process at a time
         self._pipe: _Pipe | None = None
+        self._process: BaseProcess | None = None
         self._numbers = itertools.count()
         self._urgent = 0
         self._calm = asyncio.Event()
@@ -88,8 +91,12 @@ class Worker:
                 self._thread.submit(self._end, number)
 
     async def close(self) -> None:
-        """End the process after its present piece."""
-        await asyncio.to_thread(self._thread.shutdown, cancel_futures=True)
+        """End the process after its present piece, or within a second."""
+        ending = asyncio.ensure_future(asyncio.to_thread(self._thread.shutdown, cancel_futures=True))
+        await asyncio.wait((ending,), timeout=_PATIENCE)
+        if not ending.done() and self._process is not None:
+            self._process.terminate()
+        await ending
         if self._pipe is not None:
             self._pipe.close()
             self._pipe = None
@@ -115,7 +122,7 @@ class Worker:
         """Return the answer to an order; an error is an answer, too."""
         try:
             if self._pipe is None:
-                self._pipe = _start()
+                self._pipe, self._process = _start()
             self._pipe.send(order)
             return self._pipe.recv()
         except (EOFError, OSError):
@@ -125,15 +132,15 @@ class Worker:
             return TwinError(_ENDED)
 
 
-def _start() -> _Pipe:
-    """Start a process, and return the pipe to it; the process ends with the pipe."""
+def _start() -> tuple[_Pipe, BaseProcess]:
+    """Start a process, and return the pipe to it, with which it ends, and the process."""
     # A fork would copy the threads of the program half-way through their work.
     context = multiprocessing.get_context("spawn")
     here, there = context.Pipe()
     process = context.Process(target=_serve, args=(there,), name="servolink twin", daemon=True)
     process.start()
     there.close()
-    return here
+    return here, process
 
 
 def _serve(pipe: _Pipe) -> None:

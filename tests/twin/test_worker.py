@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from servolink.errors import ProjectError, TwinError
+from servolink.twin import worker as worker_module
 from servolink.twin.worker import NICENESS, Worker
 
 
@@ -29,6 +30,12 @@ def niceness() -> int:
 
 def facts() -> Iterator[tuple[int, int]]:
     yield os.getpid(), niceness()
+
+
+def work_for_ever() -> Iterator[int]:
+    yield os.getpid()
+    while True:
+        pass
 
 
 def refuse() -> Iterator[int]:
@@ -66,5 +73,22 @@ def test_jobs_take_turns_and_their_errors_come_back() -> None:
         finally:
             await worker.close()
         assert os.waitpid(other, 0)[1] == 0, "it ends with the pipe"
+
+    asyncio.run(main())
+
+
+def test_the_end_of_the_program_ends_a_piece_that_takes_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_module, "_PATIENCE", 0.05)
+
+    async def main() -> None:
+        worker = Worker()
+        async with asyncio.timeout(60), aclosing(worker.run(work_for_ever)) as endless:
+            process = await anext(endless)
+            waiting = asyncio.ensure_future(anext(endless))
+            await asyncio.sleep(0)
+            await worker.close()
+            with pytest.raises(TwinError, match="was ended"):
+                await waiting
+        assert os.waitpid(process, 0)[1] == signal.SIGTERM
 
     asyncio.run(main())
