@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from copy import copy
 from importlib import import_module
@@ -19,6 +20,7 @@ TICK: Final = 0.01
 STEP: Final = 0.002
 """Seconds of a step of the physics; a tick has a whole number of steps."""
 
+_logger = logging.getLogger(__name__)
 _DEGREES = 180 / math.pi
 _DEEPEST = 1e-3  # metres by which parts may overlap at rest
 
@@ -26,10 +28,13 @@ _DEEPEST = 1e-3  # metres by which parts may overlap at rest
 def mujoco() -> Any:
     """Return the module of MuJoCo. Raise TwinError without the extra `twin`."""
     try:
-        return import_module("mujoco")
+        found = import_module("mujoco")
     except ImportError as error:
         reason = str(error).strip().rpartition("\n")[2]  # NumPy gives a page of advice first
         raise TwinError(f"the twin needs MuJoCo; {install_extra('twin')} ({reason})") from error
+    # MuJoCo prints its warnings otherwise, and writes them to MUJOCO_LOG.TXT in whatever folder is the present one.
+    found.set_mju_user_warning(_logger.debug)
+    return found
 
 
 def is_installed() -> bool:

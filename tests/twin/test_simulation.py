@@ -137,3 +137,8 @@ def test_a_released_servo_hangs_and_its_board_knows_where() -> None:
     servo.move(0, 0.5, simulation.now)
     simulation.advance(6)
     assert simulation.physics.angle(0) == pytest.approx(0, abs=15)
+
+
+def test_warnings_of_mujoco_are_neither_printed_nor_written_to_a_file() -> None:
+    Physics(box())
+    assert mujoco().get_mju_user_warning() is not None
