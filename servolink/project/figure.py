@@ -6,6 +6,7 @@ in millimetres, angles in degrees; x points to the robot's left, y up, z forward
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -23,6 +24,7 @@ MOST_JOINTS = 64
 COLOURS = ("ra", "rm", "rl", "la", "lm", "ll")
 """Groups of joints, each with a colour: arm (or front), middle, and leg (or rear) of the right and of the left."""
 
+_SHORTEST_AXIS = 1e-9  # one over the length of a shorter axis may be infinite
 _SHOWN = 6
 """Joints of a cycle named in an error message."""
 
@@ -220,8 +222,9 @@ def _refuse_wrong_shape(path: str, joint: Joint) -> None:
     low, high = joint.limits
     if low > high:
         raise EncodeError(f"the lowest angle {low:g} is above the highest, {high:g}", f"{path}.limits")
-    if not isinstance(joint.axis, str) and not any(joint.axis):
-        raise EncodeError("an axis needs a direction, not [0, 0, 0]", f"{path}.axis")
+    if not isinstance(joint.axis, str) and math.hypot(*joint.axis) < _SHORTEST_AXIS:
+        found = ", ".join(f"{one:g}" for one in joint.axis)
+        raise EncodeError(f"an axis needs a direction, not [{found}]", f"{path}.axis")
     for number, shape in enumerate(joint.shapes or ()):
         if (shape.box is UNSET) == (shape.disc is UNSET):
             raise EncodeError("a shape has either a box or a disc", f"{path}.shapes[{number}]")

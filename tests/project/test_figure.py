@@ -134,6 +134,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     (joint(axis="w"), "figure.joints[0].axis: must be one of x, y, z, not 'w'"),
     (joint(axis=[1, 2]), "figure.joints[0].axis: must be a list of 3 items, not [1, 2]"),
     (joint(axis=[0, 0, 0]), "figure.joints[0].axis: an axis needs a direction, not [0, 0, 0]"),
+    (joint(axis=[0, 1e-320, 0]), "figure.joints[0].axis: an axis needs a direction, not [0, 9.99989e-321, 0]"),
     (joint(axis=[0, 0, "x"]), "figure.joints[0].axis[2]: must be a number, not 'x'"),
     (joint(at=[0, 1e5, 0]), "figure.joints[0].at[1]: must be at least -5000 and at most 5000, not 100000.0"),
     (joint(sign=2), "figure.joints[0].sign: must be one of -1, 1, not 2"),
