@@ -18,6 +18,14 @@ HOST: Final = "127.0.0.1"
 PATH: Final = "/mcp"
 
 
+async def serve_on_stdio(server: MCPServer) -> None:
+    """Serve until the client closes standard input. A client that was killed does not read the last words."""
+    try:
+        await server.run_stdio_async()
+    except* OSError:
+        pass
+
+
 async def serve_on_http(server: MCPServer, port: int, announce: Callable[[str, str], None]) -> None:
     """Serve until cancelled; `announce` gets the address and the token that each request must have.
 

@@ -21,6 +21,7 @@ from servolink.project.project_file import read_project_file
 from servolink.protocol.records import Action, Step
 from tests.cli.programs import call, environment, finished, started
 from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
+from tests.processes import start
 from tests.twin.figures import DEMO
 
 pytest.importorskip("mcp", reason="in the extra mcp")
@@ -259,6 +260,37 @@ def test_the_end_of_a_call_or_of_the_client_stops_what_it_moved(end: str) -> Non
             await robot.until(lambda: bool(robot.stops))
             await asyncio.wait((moving,))
             assert (await robot.board.servo(1)).angle < 60
+
+    asyncio.run(main())
+
+
+def test_a_client_that_is_killed_stops_the_robot_and_the_server_ends_quietly() -> None:
+    client = f"""
+import asyncio, sys
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
+
+async def main():
+    words = ["-m", "servolink", "mcp", "--board", "share://rex", "--allow-motion", "--no-ask"]
+    server = StdioServerParameters(command=sys.executable, args=words, env={environment()!r})
+    async with Client(stdio_client(server)) as client:
+        await client.call_tool("move", {{"targets": {{"1": 90}}, "duration": 9}})
+
+asyncio.run(main())
+"""
+
+    async def main() -> None:
+        async with asyncio.timeout(GUARD), shared_robot() as robot:
+            robot.motions.clear()
+            process = start((sys.executable, "-c", client))
+            await robot.until(lambda: bool(robot.motions))
+            process.kill()
+            await robot.until(lambda: bool(robot.stops))
+            assert process.stderr is not None
+            said = await asyncio.to_thread(process.stderr.read)  # the server writes to it until it ends
+            await asyncio.to_thread(finished, process)
+            assert "the program that asked for it has gone" in said
+            assert "error" not in said
 
     asyncio.run(main())
 

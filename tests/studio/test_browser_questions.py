@@ -62,9 +62,10 @@ def test_the_question_is_in_the_language_of_the_page(studio: Studio, browser: An
     profile = new_profile(browser, "phone", locale=locale)
     with ThreadPoolExecutor() as pool, opened(browser, studio.url, profile=profile) as page:
         page.locator(".stop:visible").wait_for()
+        page.evaluate("document.querySelector('main').scrollTop = 10_000")
         moving = asked(pool)
         note = page.get_by_role("alert").filter(has_text=title)
-        expect(note).to_be_visible()
+        expect(note).to_be_in_viewport()
         page.locator(".stop:visible").click(trial=True)
         note.get_by_role("button").last.click()
         assert "the person said no" in moving.result()

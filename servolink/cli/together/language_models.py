@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
 async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
     """Serve until the client has left, or until the task is cancelled."""
     with needing_extra("mcp"):
-        from servolink.gateways.model_serving import serve_on_http
+        from servolink.gateways.model_serving import serve_on_http, serve_on_stdio
         from servolink.gateways.model_tools import ModelTools
     from servolink.gateways.supervisor import supervised
     from servolink.hub import hub_of_board
@@ -76,7 +76,7 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         interruption.state, interruption.code = "the content of the board was left unchanged", OK
         server = ModelTools(supervisor, project, asks=not args.no_ask).server()
         if args.http is None:
-            await server.run_stdio_async()
+            await serve_on_stdio(server)
         else:
             await serve_on_http(server, args.http, partial(_announce, args))
     return OK
