@@ -17,7 +17,7 @@ from time import sleep
 from typing import IO, Any
 
 MOSQUITTO = shutil.which("mosquitto", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
-_PER_PROCESS = 50
+PER_PROCESS = 50
 """Boards of one process at most; a machine of a classroom has a few."""
 
 
@@ -78,8 +78,8 @@ def workers(url: str, count: int, hz: float) -> Iterator[list[Worker]]:
     """Run `count` boards in several processes; yield the processes, when all boards have joined."""
     with ExitStack() as stack:
         found = []
-        for first in range(0, count, _PER_PROCESS):
-            size = min(_PER_PROCESS, count - first)
+        for first in range(0, count, PER_PROCESS):
+            size = min(PER_PROCESS, count - first)
             arguments = ("boards", url, str(first), str(size), str(hz))
             found.append(Worker(stack.enter_context(_started(*arguments)), size))
         for worker in found:

@@ -114,7 +114,7 @@ async def run_together(
         await _cancel(controller, start, prepared.done)
         texts = {board: str(error) for board, error in problems.items()}
         return RanTogether((), tuple(sorted(prepared.done)), texts, (), None, None, None)
-    clocks = await _compare_clocks(controller, prepared.done)
+    clocks = await compare_clocks(controller, prepared.done)
     with controller.pending_command(start) as pending:
         loop = asyncio.get_running_loop()
         with suppress(ConnectionLost):  # the broker may have the message: answers show the started boards
@@ -130,7 +130,7 @@ async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> 
     await for_each(boards, lambda board: controller.call(board, "cancel", Cancel(start), patience=1.0), parallel=64)
 
 
-async def _compare_clocks(controller: Controller, boards: Iterable[str]) -> BoardClocks:
+async def compare_clocks(controller: Controller, boards: Iterable[str]) -> BoardClocks:
     """Return the differences between the clocks of boards, by some round trips of a message."""
 
     def host_of(board: str) -> str:
