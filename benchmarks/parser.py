@@ -19,6 +19,10 @@ TIMES = {"14": 2.5, "186": 3.5, "3611": 4.5}
 """How many times faster than the textbook, by frame size, in 4 KiB chunks of a clean stream of one kind."""
 LONG = 1000
 """MB/s of 3.6 KB frames in the same chunks."""
+LINE = 1.216
+"""MB/s of a full USB line at full speed, 12 Mbit/s, the most that a board sends."""
+SHARES = {("14", "64"): 4.0, ("186", "64"): 1.0, ("15 ids of 186 bytes", "4096"): 0.5, ("both in turns", "4096"): 0.5}
+"""Percent of a core that such a line may take, by frames and by chunk: a packet of USB, or what waits for a program."""
 AT_ONCE = 450
 """Nanoseconds for a call with one whole frame of 14 or 186 bytes of any kind, as most responses arrive."""
 
@@ -81,6 +85,10 @@ def _goals(cases: list[dict[str, Any]]) -> Iterator[Goal]:
     for size, times in TIMES.items():
         yield at_least(f"textbook parser, {size} bytes, 4 KiB chunks", clean[size, "4096"]["ratio"], times)
     yield at_least("speed on 3,611 bytes, 4 KiB chunks", clean["3611", "4096"]["mb_per_s"], LONG, "{:,.0f} MB/s")
+    for (frames, chunk), most in SHARES.items():
+        name = f"a full USB line of 1.2 MB/s, frames of {frames}" + (" bytes" if frames.isdecimal() else "")
+        share = 100 * LINE / clean[frames, chunk]["mb_per_s"]
+        yield at_most(f"{name}, {chunk} bytes a chunk", share, most, "{:.2f} % of a core")
     for name, frames in {"14": "14 bytes", "186": "186 bytes", **{mix: mix for mix in MIXES}}.items():
         case = clean[name, "one frame"]
         yield at_most(f"one whole frame a call, {frames}", case["ours"] / case["frames"], AT_ONCE, "{:,.0f} ns")
