@@ -23,6 +23,7 @@ WORLD: Final = "world"
 """Frame of the floor below the robot: x points forward, y to the robot's left, z up."""
 JOINTS, TRANSFORMS, SCENE, LOG = "/joint_states", "/tf", "/scene", "/log"
 
+_LAST = 0xFFFF_FFFF  # seconds since 1970 that a time stamp holds; a recording may have any
 _RECORDED = ("/servos", "/events", "/commands", "/problems")
 _TONES = {
     "shell": (0.84, 0.86, 0.89),
@@ -127,7 +128,8 @@ def _schema(topic: str) -> Any:
 
 
 def _stamp(time: int) -> Any:
-    return messages.Timestamp(*divmod(time, 10**9))
+    seconds, rest = divmod(time, 10**9)
+    return messages.Timestamp(min(seconds, _LAST), rest)
 
 
 def _transform(stamp: Any, part: BodyPart, place: Placement) -> Any:

@@ -184,6 +184,14 @@ def test_the_end_of_a_client_stops_what_it_moved() -> None:
     asyncio.run(main())
 
 
+def test_messages_of_any_time_are_shown() -> None:
+    channels = LiveChannels(foxglove.Context(), template("humanoid-16"))
+    state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
+    for message in (ServosRead((state,)), Event("mark", "mark", text="here")):
+        for time in (0, 2**64 - 1):
+            channels.take(time, message)
+
+
 def test_without_permission_nobody_can_publish() -> None:
     async def main() -> None:
         async with live(may_move=False) as (robot, port), client_at(port) as client:
