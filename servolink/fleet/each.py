@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Generic, TypeVar
 
@@ -45,11 +46,11 @@ async def for_each(
     with each board as soon as its work has ended, and the error if it failed.
     """
     outcomes: Outcomes[T] = Outcomes()
-    waiting = list(dict.fromkeys(boards))
+    waiting = deque(dict.fromkeys(boards))
 
     async def worker() -> None:
         while waiting and not (fail_fast and outcomes.failed):
-            board, error = waiting.pop(0), None
+            board, error = waiting.popleft(), None
             try:
                 outcomes.done[board] = await work(board)
             except ServolinkError as raised:

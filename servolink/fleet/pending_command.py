@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from typing import Any, TypeVar
 
 import msgspec
@@ -29,10 +29,13 @@ class PendingCommand:
         """Results by board, in order of arrival."""
         self.seconds: dict[str, float] = {}
         """When each came, in seconds of the clock of the event loop."""
-        self.heard = asyncio.get_running_loop().time()
+        self._now = asyncio.get_running_loop().time
+        self.heard = self._now()
         """Time of the latest arrival, by the loop's clock."""
         self.board = board
         """Board whose results are accepted; None for any board."""
+        self.awaited: set[str] = set()
+        """Expected boards without a result."""
         self._on_step = on_step
         self._changed = asyncio.Event()
 
@@ -40,13 +43,14 @@ class PendingCommand:
         """Take a result or a step."""
         if self.board not in {None, result.board}:
             return
-        self.heard = asyncio.get_running_loop().time()
+        self.heard = self._now()
         if result.progress is not UNSET:
             if self._on_step is not None:
                 self._on_step(result.progress)
         elif result.ok is not UNSET and result.board not in self.results:
             self.results[result.board] = result
             self.seconds[result.board] = self.heard
+            self.awaited.discard(result.board)
         self._changed.set()
 
     def wake(self) -> None:
@@ -63,16 +67,16 @@ class PendingCommand:
         self._changed.clear()
         return True
 
-    def missing(self, boards: Collection[str]) -> tuple[str, ...]:
-        """Return the members of `boards` without a result."""
-        return tuple(board for board in boards if board not in self.results)
+    def expect(self, boards: Iterable[str]) -> None:
+        """Await results of `boards`, too."""
+        self.awaited.update(board for board in boards if board not in self.results)
 
-    async def until(self, boards: Collection[str], deadline: float) -> tuple[str, ...]:
-        """Wait for the results of `boards`. Return the boards without a result at `deadline`."""
-        while missing := self.missing(boards):
-            if not await self.wait(deadline):
-                return missing
-        return ()
+    async def until(self, boards: Iterable[str], deadline: float) -> Collection[str]:
+        """Wait for the results of `boards` and of expected boards. Return the boards without a result at `deadline`."""
+        self.expect(boards)
+        while self.awaited and await self.wait(deadline):  # woken by each of thousands of results: no board is examined
+            pass
+        return self.awaited
 
 
 def failure_of(result: Result) -> ServolinkError | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 
 import msgspec
@@ -46,52 +46,55 @@ async def stop_all(
     """
     loop = asyncio.get_running_loop()
     begun, stop = loop.time(), Stop(new_id(), controller.who)
+    chosen = None if boards is None else tuple(dict.fromkeys(boards))
     with controller.pending_command(stop.id) as pending:
-        # A connected board that is lost meanwhile may still move.
-        seen = dict.fromkeys(_online(controller, boards))
-        sending = asyncio.create_task(_send(controller, pending, stop, boards, begun + patience))
+        pending.expect(_online(controller, chosen))  # a connected board that is lost meanwhile may still move
+        sending = asyncio.create_task(_send(controller, pending, stop, chosen, begun + patience))
         try:
             try:
                 await controller.settle(patience)  # meanwhile the stop is under way
             except ConnectionLost:  # not for a moment only: there may be boards unknown here
-                if not pending.missing(seen):
+                if not pending.awaited:
                     raise
             while True:
-                seen |= dict.fromkeys(_online(controller, boards))
-                if not pending.missing(seen) or not await pending.wait(begun + patience):
+                pending.expect(_online(controller, chosen))  # others may have joined meanwhile
+                if not pending.awaited or await pending.until((), begun + patience):
                     break
         finally:
             sending.cancel()
             await asyncio.wait((sending,))
-        missing = pending.missing(seen)  # a result may have come at the very end of the wait
         failures = {board: failure_of(result) for board, result in pending.results.items()}
-        known = (board.name for board in controller.roster) if boards is None else boards
-        offline = tuple(board for board in known if board not in controller.roster.online)
+        known = [board.name for board in controller.roster] if chosen is None else chosen
+        accounted = {*controller.roster.online, *failures, *pending.awaited}
         return Stopped(
             {board: pending.seconds[board] - begun for board, failure in failures.items() if failure is None},
             {board: str(failure) for board, failure in failures.items() if failure is not None},
-            tuple(missing),
-            tuple(board for board in offline if board not in failures and board not in missing),
+            tuple(sorted(pending.awaited)),
+            tuple(board for board in known if board not in accounted),
         )
 
 
-def _online(controller: Controller, boards: Collection[str] | None) -> list[str]:
-    return [board for board in controller.roster.online if boards is None or board in boards]
+def _online(controller: Controller, boards: Sequence[str] | None) -> Iterator[str]:
+    """Yield the connected boards of `boards`, of all for None."""
+    if boards is None:
+        return iter(controller.roster.online)
+    return (board for board in boards if (seen := controller.roster.get(board)) is not None and seen.is_online)
 
 
 async def _send(
-    controller: Controller, pending: PendingCommand, stop: Stop, boards: Collection[str] | None, deadline: float
+    controller: Controller, pending: PendingCommand, stop: Stop, boards: Sequence[str] | None, deadline: float
 ) -> None:
     """Send the stop to all or to `boards`, and again to each board without an answer."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
     topics = [controller.topics.fleet("stop")] if boards is None else [*_topics_of(controller, boards)]
     while loop.time() < deadline:
         left = deadline - loop.time()
-        again = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
-        await asyncio.gather(*again, return_exceptions=True)  # a lost broker shows in the silent boards
+        sending = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
+        await asyncio.gather(*sending, return_exceptions=True)  # a lost broker shows in the silent boards
         await asyncio.sleep(_AGAIN)
-        missing = pending.missing(_online(controller, boards))
-        topics = [controller.topics.board(board, "stop") for board in missing]
+        pending.expect(_online(controller, boards))
+        again = [board for board in _online(controller, boards) if board in pending.awaited]
+        topics = [controller.topics.board(board, "stop") for board in again]
 
 
 def _topics_of(controller: Controller, boards: Collection[str]) -> Iterator[str]:

@@ -36,6 +36,11 @@ class Network:
     def tell(self, board: str, available: str) -> None:
         self.roster.take(board, "available", available.encode(), 0.0)
 
+    @property
+    def missing(self) -> int:
+        """How many boards have to answer."""
+        return len(self._exchange.awaited)
+
     def answer(self, board: str) -> None:
         self._exchange.take(Result(id=self._exchange.id, board=board, ok=True))
 
@@ -122,3 +127,32 @@ async def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_
             network.answer(board)
         with pytest.raises(ConnectionLost):
             await stopping
+
+
+class _CountingRoster(Roster):
+    """Roster that counts how often the connected boards are listed."""
+
+    listed = 0
+
+    @property
+    def online(self) -> tuple[str, ...]:
+        self.listed += 1
+        return super().online
+
+
+@pytest.mark.parametrize("are_named", [False, True])
+async def test_answers_of_a_thousand_boards_are_counted_without_listing_the_boards_for_each(are_named: bool) -> None:
+    network, names = Network(), tuple(f"board{number}" for number in range(1000))
+    network.roster = _CountingRoster()
+    for name in names:
+        network.tell(name, "online")
+    network.tell("board7", "offline")
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), names if are_named else None, patience=5.0))
+    await asyncio.sleep(0.5)
+    for at, name in enumerate(name for name in names if name != "board7"):
+        assert network.missing == 999 - at
+        network.answer(name)
+        await asyncio.sleep(0)
+    stopped = await stopping
+    assert (len(stopped.stopped), stopped.silent, stopped.offline) == (999, (), ("board7",))
+    assert network.roster.listed < 8
