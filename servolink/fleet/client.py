@@ -46,11 +46,17 @@ class Fleet:
     """
 
     def __init__(
-        self, access: BrokerAccess, prefix: str, groups: Groups | Path | None, *, with_servos: bool = False
+        self,
+        access: BrokerAccess,
+        prefix: str,
+        groups: Groups | Path | None,
+        *,
+        with_servos: bool = False,
+        may_move: bool = True,
     ) -> None:
         """Enter the fleet with `async with` to connect."""
         self._groups = groups
-        self.controller = Controller(access, Topics(prefix), with_servos=with_servos)
+        self.controller = Controller(access, Topics(prefix), with_servos=with_servos, may_move=may_move)
 
     async def __aenter__(self) -> Self:
         """Connect with the broker, and learn the names of the boards. Raise OpenError on failure."""
@@ -185,17 +191,20 @@ def connect(
     prefix: str = PREFIX,
     groups: Groups | str | Path | None = None,
     servos: bool = False,
+    may_move: bool = True,
 ) -> Fleet:
     """Return the fleet at `broker` under `prefix`, to be used with `async with`.
 
     `broker` is its address, or what `servolink.fleet.access.broker_access` returns, with certificates and a password.
     `groups` are names by group, or the file they are in: the user's `fleet.toml` unless given. `servos` subscribes to
-    the states of all servos too. Raise InvalidAddress for an impossible address.
+    the states of all servos too. Without `may_move` the program can watch and stop, but not move or write, and is sent
+    half as many messages when a fleet stops, and none while it rests. Raise InvalidAddress for an impossible address.
     """
     from servolink.fleet.access import broker_access
 
     access = broker_access(broker) if isinstance(broker, str) else broker
-    return Fleet(access, prefix, Path(groups) if isinstance(groups, str) else groups, with_servos=servos)
+    file = Path(groups) if isinstance(groups, str) else groups
+    return Fleet(access, prefix, file, with_servos=servos, may_move=may_move)
 
 
 def _check_away(controller: Controller, name: str) -> None:

@@ -42,7 +42,7 @@ PATIENCE = 10.0
 """Seconds until a board must answer, or send the next step of a long command."""
 _KEPT = 60  # seconds for which the broker keeps results for a program after a lost connection
 _PAUSE = 0.05  # seconds until the next attempt after a message could not be sent
-_QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds without news after which all retained messages have come
+_QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds without a retained message after which all have come
 _RESULT = msgspec.json.Decoder(Result)
 _logger = logging.getLogger(__name__)
 
@@ -50,8 +50,13 @@ _logger = logging.getLogger(__name__)
 class Controller:
     """Observer and commander of a fleet's boards, across restarts of the broker."""
 
-    def __init__(self, access: BrokerAccess, topics: Topics, *, with_servos: bool = False) -> None:
-        """Enter the controller to connect. `with_servos` subscribes to the states of all servos, sent at 10 Hz."""
+    def __init__(
+        self, access: BrokerAccess, topics: Topics, *, with_servos: bool = False, may_move: bool = True
+    ) -> None:
+        """Enter the controller to connect. `with_servos` subscribes to the states of all servos, sent at 10 Hz.
+
+        `may_move` subscribes to the pulses, sent at 1 Hz, which commands that move or write need.
+        """
         self.topics = topics
         self.roster = Roster()
         self.who = sender()
@@ -62,9 +67,12 @@ class Controller:
         self.on_change: OnChange | None = None
         """Function called with each changed board (not for servo frames); must not raise."""
         token = secrets.token_hex(8)
-        self.broker = BrokerConnection(access, MqttOptions(f"servolink-fleet-{token}", session_seconds=_KEPT))
+        options = MqttOptions(f"servolink-fleet-{token}", session_seconds=_KEPT, sees_retained=False)
+        self.broker = BrokerConnection(access, options)
         self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
-        kinds: list[BoardTopic] = ["available", "state", "log", "pulse"]
+        kinds: list[BoardTopic] = ["available", "state", "log"]
+        if may_move:
+            kinds.append("pulse")
         if with_servos:
             kinds.append("servos")
         at_most_once = {"log", "pulse", "servos"}
@@ -73,7 +81,8 @@ class Controller:
         self.broker.on_message = self._receive
         self.broker.on_connect = self._connected_again
         self._pending: dict[str, PendingCommand] = {}
-        self._heard = 0.0  # arrival of the latest message of a board, except servo states
+        self._may_move = may_move
+        self._heard = 0.0  # arrival of the latest retained message, except those of servos and pulses
         self._task: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -119,7 +128,10 @@ class Controller:
         topic, message_id = self.topics.board(board, "cmd"), new_id()
         patience = self.patience if patience is None else patience
         seen = self.roster.get(board)
-        pulse = seen.pulse if seen is not None and method in MOTION | TRANSFERS else None
+        needs_word = method in MOTION | TRANSFERS
+        if needs_word and not self._may_move:
+            raise ServolinkError(f"{board}: this program has connected without `may_move`, which {method} needs")
+        pulse = seen.pulse if seen is not None and needs_word else None
         command = Command(message_id, method, _plain(params), self.who, pulse)
         payload = msgspec.json.encode(command)
         if len(payload) > MOST_BYTES:
@@ -229,7 +241,8 @@ class Controller:
         elif (parsed := self.topics.parse(message.topic)) is not None:
             now = asyncio.get_running_loop().time()
             if (changed := self.roster.take(*parsed, message.payload, now)) is not None:
-                self._heard = now
+                if message.is_retained:  # of thousands of boards, one has news at any time
+                    self._heard = now
                 if self.on_change is not None:
                     self.on_change(changed)
 

@@ -6,9 +6,10 @@ import asyncio
 
 import pytest
 
-from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTimeout
+from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.fleet.access import broker_access
 from servolink.fleet.controller import Controller
+from servolink.fleet.stop_boards import stop_all
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.fleet.patience import LIMIT, patience_ends
 from tests.fleet.stand_in import TOPICS, Refused, stand_ins
@@ -52,6 +53,36 @@ def test_who_has_stopped_a_board_knows_a_word_of_its_pulse_that_is_later(broker:
             await controller.call("rex", "stop")
             await controller.call("rex", "release")
             assert rex.commands[-1].pulse == "after-1"
+
+    asyncio.run(main())
+
+
+def test_a_program_that_may_not_move_is_sent_no_pulse_and_stops_boards_all_the_same(broker: Broker) -> None:
+    async def main() -> None:
+        access = broker_access(broker.url)
+        async with stand_ins(broker, "rex") as (rex,), Controller(access, TOPICS, may_move=False) as controller:
+            await rex.publish(TOPICS.board("rex", "pulse"), "word-1")
+            await controller.settle()
+            assert controller.roster["rex"].pulse is None
+            with pytest.raises(ServolinkError, match="rex: this program has connected without `may_move`"):
+                await controller.call("rex", "move", {"targets": {"1": 5}})
+            assert rex.commands == []
+            assert list((await stop_all(controller)).stopped) == ["rex"]
+
+    asyncio.run(main())
+
+
+def test_news_of_boards_that_come_all_the_time_do_not_prolong_the_wait_for_what_the_broker_kept(broker: Broker) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex") as (rex,), controller_of(broker) as controller:
+            await controller.settle()
+            began = asyncio.get_running_loop().time()
+            heard = asyncio.Event()
+            controller.on_change = lambda seen: heard.set()
+            await rex.announce()
+            await heard.wait()
+            await controller.settle()
+            assert controller._heard < began
 
     asyncio.run(main())
 

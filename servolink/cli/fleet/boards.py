@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 @interruptible("nothing was changed")
 async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     """Print every board known to the broker; return 0 if any board is connected."""
-    async with fleet_of(args) as fleet:
+    async with fleet_of(args, may_move=False) as fleet:
         boards = await fleet.list()
     if args.json:
         print_json({"boards": [described(seen) for seen in boards]})
@@ -101,7 +101,7 @@ def problems_of(boards: Iterable[BoardSeen]) -> list[str]:
 @interruptible("nothing was changed")
 async def run_doctor(args: argparse.Namespace, interruption: Interruption) -> int:
     """Examine the fleet; return 0 if nothing is wrong, else 1."""
-    async with fleet_of(args) as fleet:
+    async with fleet_of(args, may_move=False) as fleet:
         findings = await fleet.doctor()
         online, known = len(fleet.controller.roster.online), len(fleet.controller.roster)
     if args.json:
@@ -138,7 +138,7 @@ def run_forget(args: argparse.Namespace) -> int:
     boards = list(dict.fromkeys(args.boards))
 
     async def main(interruption: Interruption) -> int:
-        async with fleet_of(args) as fleet:
+        async with fleet_of(args, may_move=False) as fleet:
             if not await agreed(args, interruption, f"forget {', '.join(boards)} until they join again?"):
                 return FAILED
             interruption.state = "some boards may be forgotten"

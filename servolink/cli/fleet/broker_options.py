@@ -67,14 +67,15 @@ GROUPS = (
 )
 
 
-def fleet_of(args: argparse.Namespace, *, servos: bool = False) -> Fleet:
+def fleet_of(args: argparse.Namespace, *, servos: bool = False, may_move: bool = True) -> Fleet:
     """Return the fleet of `args`. Raise InvalidAddress or ServolinkError with the correction."""
     from servolink import fleet
     from servolink.fleet.topics import PREFIX
 
     url = args.broker or os.environ.get(BROKER_VARIABLE) or _BROKER
     groups = getattr(args, "groups", None)
-    return fleet.connect(access_of(args, url), prefix=args.prefix or PREFIX, groups=groups, servos=servos)
+    access, prefix = access_of(args, url), args.prefix or PREFIX
+    return fleet.connect(access, prefix=prefix, groups=groups, servos=servos, may_move=may_move)
 
 
 @asynccontextmanager

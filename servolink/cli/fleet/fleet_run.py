@@ -98,7 +98,7 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
 @interruptible("nothing was stopped")
 async def run_stop(args: argparse.Namespace, interruption: Interruption) -> int:
     """Stop every chosen board, again and again until each has answered or is silent."""
-    async with fleet_of(args) as fleet:
+    async with fleet_of(args, may_move=False) as fleet:
         interruption.state = "a stop was sent, and not every board has answered; send it again"
         stopped = await fleet.stop(args.on or "all", patience=args.within)
     if args.json:

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     draws = not args.json and can_draw()
 
     async def main(interruption: Interruption) -> int:
-        async with fleet_of(args, servos=draws) as fleet:
+        async with fleet_of(args, servos=draws, may_move=False) as fleet:
             if args.seconds is None:
                 interruption.code = OK
             await fleet.list()
