@@ -26,6 +26,7 @@ BENCHMARKS = {
     "hub": Benchmark("benchmarks.hub", "A board that a hub shares"),
     "recorder": Benchmark("benchmarks.recorder", "A board that is recorded"),
     "fleet": Benchmark("benchmarks.fleet", "Many boards through a broker", is_short=False),
+    "thousands": Benchmark("benchmarks.thousands", "Thousands of boards at one broker", is_short=False),
     "spy": Benchmark("benchmarks.spy", "A spy between a program and a board", is_short=False),
     "twin": Benchmark("benchmarks.twin", "A body with physics", is_short=False),
     "twin_uses": Benchmark("benchmarks.twin_uses", "Boards, learning and poses on the twin"),

@@ -19,7 +19,7 @@ from paho.mqtt.properties import Properties
 from benchmarks.fleet_processes import PER_PROCESS, Worker, broker, echo, workers
 from benchmarks.fleet_worker import ECHO, MACRO, BareClient
 from benchmarks.goals import Goal, at_least, at_most
-from benchmarks.measuring import CORES, Result, Table, table
+from benchmarks.measuring import CORES, Result, Table, percentile, table
 from servolink.control.messages import Runnable
 from servolink.fleet.access import parse_broker
 from servolink.fleet.client import Fleet, connect
@@ -255,35 +255,30 @@ async def _start_in_turns(fleet: Fleet, case: Case) -> None:
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
-def _percentile(values: list[float], percent: float) -> float:
-    ordered = sorted(values)
-    return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100))]
-
-
 def _goals(ours: list[float], bare: list[float], cases: list[Case]) -> Iterator[Goal]:
     for percent in (50, 99):
-        ratio = _percentile(ours, percent) / _percentile(bare, percent)
+        ratio = percentile(ours, percent) / percentile(bare, percent)
         yield at_most(f"p{percent} of a command that reads over that of a bare message and its echo", ratio, ROUND_TRIP)
     most = cases[-1]
     where = f"{most.boards} boards"
     yield at_least(f"samples at {HZ:g} Hz that arrive; {where}", most.delivered, DELIVERED, "{:.2f} %")
     name = f"from a stop until the last board has stopped, 99 times in 100; {where}"
-    yield at_most(name, 1000 * _percentile(most.stops, 99), 1000 * STOPPED, "{:.0f} ms")
+    yield at_most(name, 1000 * percentile(most.stops, 99), 1000 * STOPPED, "{:.0f} ms")
     machines = -(-most.boards // PER_PROCESS)
     name = f"between the first and the last start, 99 times in 100; {where}, {machines} machines in turns"
-    yield at_most(name, 1000 * _percentile(most.spreads_in_turns, 99), 1000 * SPREAD, "{:.1f} ms")
+    yield at_most(name, 1000 * percentile(most.spreads_in_turns, 99), 1000 * SPREAD, "{:.1f} ms")
 
 
 def _trip_table(ours: list[float], bare: list[float], changes: list[float]) -> Table:
     rows = [
-        (name, *(f"{1000 * _percentile(times, percent):.2f}" for percent in (50, 99)))
+        (name, *(f"{1000 * percentile(times, percent):.2f}" for percent in (50, 99)))
         for name, times in (
             ("bare paho-mqtt: a message and its echo", bare),
             ("a command that reads (`board.state`), and its result", ours),
             ("a command that changes (`servo.set`), and its result", changes),
         )
     ]
-    ratios = [f"{_percentile(ours, percent) / _percentile(bare, percent):.2f}x" for percent in (50, 99)]
+    ratios = [f"{percentile(ours, percent) / percentile(bare, percent):.2f}x" for percent in (50, 99)]
     return table(
         "A command and its result, one at a time, through mosquitto on the same machine",
         ("", "p50, ms", "p99, ms"),
@@ -326,12 +321,12 @@ def _together_table(cases: list[Case]) -> Table:
     rows = [
         (
             case.boards,
-            *(f"{1000 * value:.1f}" for value in (median(case.spreads), _percentile(case.spreads, 99))),
+            *(f"{1000 * value:.1f}" for value in (median(case.spreads), percentile(case.spreads, 99))),
             *(
                 f"{1000 * value:.1f}"
-                for value in (median(case.spreads_in_turns), _percentile(case.spreads_in_turns, 99))
+                for value in (median(case.spreads_in_turns), percentile(case.spreads_in_turns, 99))
             ),
-            *(f"{1000 * value:.0f}" for value in (median(case.stops), _percentile(case.stops, 99))),
+            *(f"{1000 * value:.0f}" for value in (median(case.stops), percentile(case.stops, 99))),
         )
         for case in cases
     ]

@@ -84,6 +84,12 @@ def timed(work: Callable[[], object]) -> int:
     return process_time_ns() - began
 
 
+def percentile(values: Sequence[float], percent: float) -> float:
+    """Return the value that `percent` of the values are below."""
+    ordered = sorted(values)
+    return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100))]
+
+
 def in_turns(sides: Sequence[Callable[[], Callable[[], object]]], rounds: int) -> list[list[int]]:
     """Return the CPU nanoseconds of each side in each round; a side makes its work anew, unmeasured, each time."""
     for side in sides:

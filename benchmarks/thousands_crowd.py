@@ -1,0 +1,247 @@
+"""Stand-ins for thousands of boards: what their bridges say to a broker, without bridges, hubs and boards.
+
+Each board has a connection with a last will, says that it is there and sends its pulse each second. Ten boards share
+one more connection, which answers stops as the bridges of a machine do. MQTT is written by hand, as a library would
+take longer than the program that is measured.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import socket
+import struct
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import msgspec
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+from servolink.fleet.access import parse_broker
+from servolink.fleet.topics import OFFLINE, ONLINE, BoardNow, BoardTopic, Result, Stop, StopOver, Stored, Topics
+
+PER_MACHINE = 10
+"""Boards that share a connection for stops."""
+_TOPICS = Topics()
+_AT_ONCE = 50  # machines that connect together
+_CONNECT, _PUBLISH, _CONFIRM, _SUBSCRIBE, _PING = 0x10, 0x30, 0x40, 0x82, 0xC0
+_QOS_1, _RETAIN = 0x02, 0x01
+_KEEPALIVE = 10
+
+
+def _text(content: str | bytes) -> bytes:
+    data = content.encode() if isinstance(content, str) else content
+    return struct.pack("!H", len(data)) + data
+
+
+def _packet(head: int, body: bytes) -> bytes:
+    size, length = len(body), bytearray()
+    while size > 0x7F:
+        length.append(size & 0x7F | 0x80)
+        size >>= 7
+    return bytes((head, *length, size)) + body
+
+
+class Message(NamedTuple):
+    """Content of a PUBLISH packet."""
+
+    topic: str
+    packet_id: bytes
+    response_topic: str
+    correlation: bytes
+    payload: bytes
+
+
+def _message(head: int, body: bytes) -> Message:
+    end = 2 + int.from_bytes(body[:2], "big")
+    start = end + (2 if head & 0x06 else 0)
+    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+    _, size = properties.unpack(body[start:])  # type: ignore[no-untyped-call]
+    return Message(
+        body[2:end].decode(),
+        body[end:start],
+        getattr(properties, "ResponseTopic", ""),
+        getattr(properties, "CorrelationData", b""),
+        body[start + size :],
+    )
+
+
+class Link(asyncio.Protocol):
+    """A connection with the broker."""
+
+    def __init__(self, identifier: str, topics: Sequence[tuple[str, int]], will: str | None = None) -> None:
+        """Subscribe to `topics`, with their QoS; `will` is the topic of the last will."""
+        self.is_ready = asyncio.get_running_loop().create_future()
+        self._topics = topics
+        self._ids = itertools.cycle(range(1, 0xFFFF))
+        self._buffer = b""
+        flags = 0x02 if will is None else 0x2E  # clean start; will with QoS 1, retained
+        last = b"" if will is None else b"\0" + _text(will) + _text(OFFLINE)
+        head = _text("MQTT") + struct.pack("!BBHB", 5, flags, _KEEPALIVE, 0)
+        self._greeting = _packet(_CONNECT, head + _text(identifier) + last)
+
+    async def open(self, url: str) -> None:
+        """Connect, and return when the broker has confirmed the subscriptions."""
+        address = parse_broker(url)
+        await asyncio.get_running_loop().create_connection(lambda: self, address.host, address.port)
+        await self.is_ready
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Greet the broker."""
+        assert isinstance(transport, asyncio.Transport)  # noqa: S101 - it is a socket
+        transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._transport = transport
+        filters = b"".join(_text(topic) + bytes((qos,)) for topic, qos in self._topics)
+        self.write(self._greeting + _packet(_SUBSCRIBE, struct.pack("!HB", 1, 0) + filters))
+
+    def write(self, data: bytes) -> None:
+        """Send packets."""
+        self._transport.write(data)
+
+    def publication(
+        self, topic: str, payload: str | bytes, *, qos: int = 1, retain: bool = False, correlation: bytes = b""
+    ) -> bytes:
+        """Return a packet for `write`."""
+        content = payload.encode() if isinstance(payload, str) else payload
+        properties = b"\x09" + _text(correlation) if correlation else b""
+        number = struct.pack("!H", next(self._ids)) if qos else b""
+        head = _PUBLISH | (_QOS_1 if qos else 0) | (_RETAIN if retain else 0)
+        return _packet(head, _text(topic) + number + bytes((len(properties),)) + properties + content)
+
+    def ping(self) -> None:
+        """Show the broker that this program is there."""
+        self.write(_packet(_PING, b""))
+
+    def data_received(self, data: bytes) -> None:
+        """Handle the packets that are complete."""
+        self._buffer += data
+        for head, body in self._packets():
+            if head >> 4 == _PUBLISH >> 4:
+                message = _message(head, body)
+                if message.packet_id:
+                    self.write(_packet(_CONFIRM, message.packet_id))
+                self.heard(message)
+            elif head == _SUBSCRIBE + 0x0E and not self.is_ready.done():
+                self.is_ready.set_result(None)
+
+    def heard(self, message: Message) -> None:
+        """Take a message; a board takes none."""
+
+    def _packets(self) -> Iterator[tuple[int, bytes]]:
+        """Yield complete packets, and keep the rest."""
+        start, buffer = 0, self._buffer
+        while (end := _end(buffer, start)) is not None:
+            head, body = end
+            yield buffer[start], buffer[head:body]
+            start = body
+        self._buffer = buffer[start:]
+
+
+def _end(buffer: bytes, start: int) -> tuple[int, int] | None:
+    """Return where the body of a packet begins and ends; None for an incomplete packet."""
+    size, shift, at = 0, 0, start + 1
+    while at < len(buffer):
+        byte = buffer[at]
+        size |= (byte & 0x7F) << shift
+        shift += 7
+        at += 1
+        if byte < 0x80:
+            return (at, at + size) if at + size <= len(buffer) else None
+    return None
+
+
+class Board(Link):
+    """The connection of a board."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._words = itertools.count(1)
+        kinds: tuple[BoardTopic, ...] = ("cmd", "pulse", "available")
+        topics = [(_TOPICS.board(name, kind), 1) for kind in kinds]
+        super().__init__(f"servolink/{name}", topics, _TOPICS.board(name, "available"))
+
+    def announce(self) -> None:
+        """Say that the board is there, and in which state."""
+        stored = tuple(Stored(number, f"Action {number}") for number in range(1, 9))
+        now = BoardNow(
+            board=self.name,
+            host=f"machine-{self.name}",
+            version="0.1.0",
+            connection="connected",
+            allow="edit",
+            servos=16,
+            actions=stored,
+            at=0.0,
+        )
+        self.write(
+            self.publication(_TOPICS.board(self.name, "available"), ONLINE, retain=True)
+            + self.publication(_TOPICS.board(self.name, "state"), msgspec.json.encode(now), retain=True)
+        )
+
+    def rest(self) -> None:
+        """Read nothing until `wake`: what the broker says to boards one by one would take longer than a stop."""
+        self._transport.pause_reading()
+
+    def wake(self) -> None:
+        """Read what has come."""
+        self._transport.resume_reading()
+
+    def pulse(self, qos: int = 0) -> str:
+        """Send the next word of the pulse; return it."""
+        word = f"{self.name[-8:]}-{next(self._words)}"
+        self.write(self.publication(_TOPICS.board(self.name, "pulse"), word, qos=qos, retain=True))
+        return word
+
+
+class Machine(Link):
+    """The connection of a machine, for stops of all its boards."""
+
+    def __init__(self, boards: Sequence[Board]) -> None:
+        self.boards = boards
+        super().__init__(f"servolink/_fleet/{boards[0].name}", [(_TOPICS.fleet("stop"), 1)])
+
+    def heard(self, message: Message) -> None:
+        """Answer a stop: each board sends a word first, as a bridge does."""
+        stop = msgspec.json.decode(message.payload, type=Stop)
+        answers = []
+        for board in self.boards:
+            result = Result(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
+            payload = msgspec.json.encode(result)
+            answers.append(self.publication(message.response_topic, payload, correlation=message.correlation))
+        self.write(b"".join(answers))
+
+
+class Crowd:
+    """Boards at a broker."""
+
+    def __init__(self, count: int) -> None:
+        """Make `count` boards, named `crowd0` and so on."""
+        boards = [Board(f"crowd{number}") for number in range(count)]
+        self._machines = [Machine(boards[at : at + PER_MACHINE]) for at in range(0, count, PER_MACHINE)]
+
+    async def join(self, url: str) -> None:
+        """Connect all boards."""
+        for at in range(0, len(self._machines), _AT_ONCE):
+            await asyncio.gather(*(self._begin(machine, url) for machine in self._machines[at : at + _AT_ONCE]))
+
+    async def _begin(self, machine: Machine, url: str) -> None:
+        for board in machine.boards:
+            await board.open(url)
+            board.announce()
+        await machine.open(url)
+
+    async def live(self) -> None:
+        """Send the pulses, spread over each second, in an endless loop."""
+        while True:
+            pause = 1.0 / max(1, len(self._machines))
+            due = asyncio.get_running_loop().time()
+            for machine in self._machines:
+                machine.ping()
+                for board in machine.boards:
+                    board.wake()
+                    board.pulse()
+                due += pause
+                await asyncio.sleep(due - asyncio.get_running_loop().time())
+                for board in machine.boards:
+                    board.rest()
