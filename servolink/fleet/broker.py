@@ -34,7 +34,7 @@ class BrokerConnection:
         """Use `run`, in a separate task, after the functions are set."""
         self.access = access
         self.subscriptions: list[tuple[str, int]] = []
-        """Topics and QoS, subscribed to on each connection."""
+        """Topics and QoS, subscribed to on each connection; a later QoS of a topic holds for new messages only."""
         self.on_message: Callable[[Received], None] = lambda message: None
         """Called with each message."""
         self.on_connect: Callable[[], Awaitable[None]] | None = None
@@ -122,8 +122,10 @@ class BrokerConnection:
         self.on_state(False, f"{self.access.address}: {reason}")  # noqa: FBT003 - the only argument of its kind
 
     async def _begin(self, client: MqttClient) -> None:
+        before = set[str]()
         for topic, qos in self.subscriptions:
-            refusal = await client.subscribe(topic, qos)
+            refusal = await client.subscribe(topic, qos, with_retained=topic not in before)
+            before.add(topic)
             if refusal is not None:
                 self._report(f"the broker does not allow reading {escape(topic)}: {refusal}; correct its access list")
         if self.on_connect is not None:

@@ -42,7 +42,7 @@ PATIENCE = 10.0
 """Seconds until a board must answer, or send the next step of a long command."""
 _KEPT = 60  # seconds for which the broker keeps results for a program after a lost connection
 _PAUSE = 0.05  # seconds until the next attempt after a message could not be sent
-_QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds without a retained message after which all have come
+_QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds of silence after the last retained message
 _RESULT = msgspec.json.Decoder(Result)
 _logger = logging.getLogger(__name__)
 
@@ -69,15 +69,19 @@ class Controller:
         token = secrets.token_hex(8)
         options = MqttOptions(f"servolink-fleet-{token}", session_seconds=_KEPT, sees_retained=False)
         self.broker = BrokerConnection(access, options)
-        self._reply_to = f"{topics.prefix}/_fleet/reply/{token}"
+        self._reply_to = topics.reply(token)
+        self.reply_at_once = topics.reply(f"{token}-0")
+        """Response topic with QoS 0, for messages to all boards: thousands of answers come together."""
         kinds: list[BoardTopic] = ["available", "state", "log"]
         if may_move:
             kinds.append("pulse")
         if with_servos:
             kinds.append("servos")
         at_most_once = {"log", "pulse", "servos"}
-        boards = [(topics.board("+", kind), 0 if kind in at_most_once else 1) for kind in kinds]
-        self.broker.subscriptions = [(self._reply_to, 1), *boards]
+        # Retained messages have QoS 0: a broker queues few of QoS 1 for a program, often 1,000, and drops the others.
+        kept = [(topics.board("+", kind), 0) for kind in kinds]
+        news = [(topics.board("+", kind), 1) for kind in kinds if kind not in at_most_once]
+        self.broker.subscriptions = [(self._reply_to, 1), (self.reply_at_once, 0), *kept, *news]
         self.broker.on_message = self._receive
         self.broker.on_connect = self._connected_again
         self._pending: dict[str, PendingCommand] = {}
@@ -175,10 +179,19 @@ class Controller:
             self.topics.fleet(topic), msgspec.json.encode(payload), message_id, expires=expires, deadline=deadline
         )
 
-    async def publish(self, topic: str, payload: bytes, message_id: str, *, expires: float, deadline: float) -> None:
+    async def publish(
+        self,
+        topic: str,
+        payload: bytes,
+        message_id: str,
+        *,
+        expires: float,
+        deadline: float,
+        reply_to: str | None = None,
+    ) -> None:
         """Send a message with QoS 1, as soon as there is a connection. Raise ConnectionLost after `deadline`.
 
-        Raise OpenError if the broker does not allow the topic.
+        Boards answer to `reply_to`, by default with QoS 1. Raise OpenError if the broker does not allow the topic.
         """
         loop, ends = asyncio.get_running_loop(), asyncio.get_running_loop().time() + expires
         lost: ConnectionLost | None = None
@@ -192,7 +205,7 @@ class Controller:
                         payload,
                         qos=1,
                         expiry=left,
-                        response_topic=self._reply_to,
+                        response_topic=reply_to or self._reply_to,
                         correlation=message_id.encode(),
                     )
                     try:
@@ -236,12 +249,12 @@ class Controller:
         self.wake()
 
     def _receive(self, message: Received) -> None:
-        if message.topic == self._reply_to:
+        if message.topic in {self._reply_to, self.reply_at_once}:
             self._take_result(message.payload)
         elif (parsed := self.topics.parse(message.topic)) is not None:
             now = asyncio.get_running_loop().time()
             if (changed := self.roster.take(*parsed, message.payload, now)) is not None:
-                if message.is_retained:  # of thousands of boards, one has news at any time
+                if message.is_retained:  # later messages are not counted: a large fleet always has news
                     self._heard = now
                 if self.on_change is not None:
                     self.on_change(changed)

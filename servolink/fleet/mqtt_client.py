@@ -135,9 +135,15 @@ class MqttClient:
             await asyncio.wait((task,))
         await task
 
-    async def subscribe(self, topic: str, qos: int) -> str | None:
-        """Subscribe to a topic. Return the broker's reason for a refusal, else None."""
-        options = SubscribeOptions(qos, retainAsPublished=self._options.sees_retained)
+    async def subscribe(self, topic: str, qos: int, *, with_retained: bool = True) -> str | None:
+        """Subscribe to a topic, with its retained messages or without. Return the reason for a refusal, else None."""
+        options = SubscribeOptions(
+            qos,
+            retainAsPublished=self._options.sees_retained,
+            retainHandling=SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE
+            if with_retained
+            else SubscribeOptions.RETAIN_DO_NOT_SEND,
+        )
         code, packet_id = self._client.subscribe(topic, options=options)
         return await _limited(self._answer(code, packet_id))
 

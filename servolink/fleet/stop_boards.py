@@ -17,6 +17,7 @@ from servolink.fleet.topics import Stop
 PATIENCE = 5.0
 """Seconds until a board without an answer counts as silent."""
 _AGAIN = 1.0  # seconds until the stop is repeated for a board without an answer
+_MANY = 0.25  # share of the boards for which a message to all is quicker than messages to each
 
 
 class Stopped(Struct, frozen=True):
@@ -48,7 +49,7 @@ async def stop_all(
     begun, stop = loop.time(), Stop(new_id(), controller.who)
     chosen = None if boards is None else tuple(dict.fromkeys(boards))
     with controller.pending_command(stop.id) as pending:
-        pending.expect(_online(controller, chosen))  # a connected board that is lost meanwhile may still move
+        pending.expect(_online(controller, chosen))  # a board lost during the stop may still move
         sending = asyncio.create_task(_send(controller, pending, stop, chosen, begun + patience))
         try:
             try:
@@ -57,7 +58,7 @@ async def stop_all(
                 if not pending.awaited:
                     raise
             while True:
-                pending.expect(_online(controller, chosen))  # others may have joined meanwhile
+                pending.expect(_online(controller, chosen))  # boards join during the stop, too
                 if not pending.awaited or await pending.until((), begun + patience):
                     break
         finally:
@@ -84,17 +85,25 @@ def _online(controller: Controller, boards: Sequence[str] | None) -> Iterator[st
 async def _send(
     controller: Controller, pending: PendingCommand, stop: Stop, boards: Sequence[str] | None, deadline: float
 ) -> None:
-    """Send the stop to all or to `boards`, and again to each board without an answer."""
+    """Send the stop to all or to `boards`, and again to each board without an answer, or to all while many are."""
     loop, payload = asyncio.get_running_loop(), msgspec.json.encode(stop)
     topics = [controller.topics.fleet("stop")] if boards is None else [*_topics_of(controller, boards)]
     while loop.time() < deadline:
         left = deadline - loop.time()
-        sending = [controller.publish(each, payload, stop.id, expires=left, deadline=deadline) for each in topics]
+        sending = [
+            controller.publish(
+                each, payload, stop.id, expires=left, deadline=deadline, reply_to=controller.reply_at_once
+            )
+            for each in topics
+        ]
         await asyncio.gather(*sending, return_exceptions=True)  # a lost broker shows in the silent boards
         await asyncio.sleep(_AGAIN)
         pending.expect(_online(controller, boards))
-        again = [board for board in _online(controller, boards) if board in pending.awaited]
-        topics = [controller.topics.board(board, "stop") for board in again]
+        missing = [board for board in _online(controller, boards) if board in pending.awaited]
+        if boards is None and len(missing) > _MANY * len(controller.roster):
+            topics = [controller.topics.fleet("stop")]
+        else:
+            topics = [controller.topics.board(board, "stop") for board in missing]
 
 
 def _topics_of(controller: Controller, boards: Collection[str]) -> Iterator[str]:

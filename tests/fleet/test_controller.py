@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from pathlib import Path
 
 import pytest
 
@@ -10,7 +11,7 @@ from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTi
 from servolink.fleet.access import broker_access
 from servolink.fleet.controller import Controller
 from servolink.fleet.stop_boards import stop_all
-from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 from tests.fleet.patience import LIMIT, patience_ends
 from tests.fleet.stand_in import TOPICS, Refused, stand_ins
 
@@ -31,6 +32,21 @@ def test_everybody_who_is_there_is_known(broker: Broker) -> None:
             assert controller.roster["rex"].now == rex.now
 
     asyncio.run(main())
+
+
+def test_a_broker_that_queues_few_messages_loses_neither_boards_nor_answers_to_a_stop(tmp_path: Path) -> None:
+    async def main() -> None:
+        names = [f"board{number}" for number in range(8)]
+        async with stand_ins(broker, *names), controller_of(broker) as controller:
+            await controller.settle()
+            assert list(controller.roster.online) == names
+            assert all(seen.now is not None for seen in controller.roster)
+            assert (await stop_all(controller)).stopped.keys() == set(names)
+
+    broker = Broker(tmp_path, (*OPEN, "max_inflight_messages 1", "max_queued_messages 1"))
+    broker.start()
+    asyncio.run(main())
+    broker.end()
 
 
 def test_a_command_has_one_result(broker: Broker) -> None:

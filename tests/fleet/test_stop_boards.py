@@ -24,6 +24,7 @@ class Network:
     """Stands for a controller: what is sent goes nowhere, and boards come, go and answer when the test says so."""
 
     who = "test"
+    reply_at_once = Topics().reply("test-0")
     topics = Topics()
 
     def __init__(self, *boards: str) -> None:
@@ -105,6 +106,22 @@ async def test_a_name_that_no_board_can_have_holds_up_no_stop() -> None:
     network.answer("rex")
     stopped = await stopping
     assert (list(stopped.stopped), stopped.offline) == (["rex"], ("all", "../rex"))
+
+
+async def test_a_stop_is_repeated_to_all_while_many_are_missing_and_then_to_each() -> None:
+    names = [f"board{number}" for number in range(8)]
+    network = Network(*names)
+    stopping = asyncio.create_task(stop_all(cast("Controller", network), patience=5.0))
+    await asyncio.sleep(0.5)
+    for name in names[:4]:
+        network.answer(name)
+    await asyncio.sleep(1.0)
+    for name in names[4:7]:
+        network.answer(name)
+    await asyncio.sleep(1.0)
+    network.answer(names[7])
+    assert (await stopping).is_complete
+    assert network.sent == ["servolink/_fleet/stop", "servolink/_fleet/stop", "servolink/board7/stop"]
 
 
 async def test_a_broker_that_is_gone_is_no_reason_to_give_up_early_or_to_call_a_stop_complete() -> None:
