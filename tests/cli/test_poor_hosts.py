@@ -18,8 +18,10 @@ from servolink.project.figure import Figure, Joint, View
 from servolink.project.model import Project
 from servolink.project.project_file import save_project
 from servolink.protocol.records import Action, Step
+from servolink.recorder.channels import Event
 from tests import processes
 from tests.cli.programs import Said, environment
+from tests.recorder.files import write as write_recording
 
 PACKAGE = Path(servolink.__file__).parent
 ROOT = Path(__file__).parents[2]
@@ -32,7 +34,7 @@ COMMANDS = {
         "spy COM3 --tcp 127.0.0.1:0 --record new.mcap",
     ),
     "twin": ("twin check robot.json", "twin soften robot.json -o soft.json"),
-    "foxglove": ("foxglove",),
+    "foxglove": ("foxglove", "convert recorded.mcap --foxglove"),
     "mcp": ("mcp", "mcp --http 0"),
     "fleet": FLEET,
     "metrics": ("fleet metrics",),
@@ -76,6 +78,7 @@ def test_each_extra_that_a_command_needs_is_tried() -> None:
 def test_a_missing_extra_is_named_in_one_line(tmp_path: Path) -> None:
     arm = Figure(1, "Arm", View(), (Joint("arm", servo=1, length=200, along=(0, 1, 0)),))
     save_project(tmp_path / "robot.json", Project(actions=(Action(1, "Bow", (Step(1, 30, 5),)),)), figure=arm)
+    write_recording(tmp_path / "recorded.mcap", [(0.0, Event("mark", "mark", text="here"))])
     table = [(extra, command) for extra, commands in COMMANDS.items() for command in commands]
     changed = {"PYTHONPATH": str(ROOT), "SERVOLINK_BOARD": "virtual://", "SERVOLINK_BROKER": "mqtt://127.0.0.1:1"}
     ran = processes.run(
@@ -90,7 +93,7 @@ def test_a_missing_extra_is_named_in_one_line(tmp_path: Path) -> None:
         line = said.err.splitlines()[-1]
         assert line.startswith("servolink: "), (command, said)
         assert f"pip install '.[{extra}]'" in line, (command, said)
-    assert [path.name for path in tmp_path.iterdir()] == ["robot.json"]
+    assert {path.name for path in tmp_path.iterdir()} == {"recorded.mcap", "robot.json"}, "nothing was begun"
 
 
 def test_an_old_python_is_told_which_one_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
