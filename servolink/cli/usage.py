@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NoReturn
@@ -33,10 +32,8 @@ class WrongUsage(SystemExit):
         if as_json:
             print_json_error("Usage", self._text)
             return
-        self._parser.print_usage(sys.stderr)
-        first, *others = self._text.split("\n")
-        print_error(f"{self._parser.prog}: error: {first}")
-        for line in others:
+        text = f"{self._parser.format_usage()}{self._parser.prog}: error: {self._text}"
+        for line in text.split("\n"):
             print_error(line)
 
 
