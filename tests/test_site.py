@@ -82,7 +82,7 @@ def test_the_keyboard_scrolls_long_lines_and_passes_short_ones(browser: Any) -> 
 
 def test_the_search_finds_an_option_of_a_command(browser: Any) -> None:
     page = opened(browser, "index")
-    page.get_by_role("search").get_by_label("Search").fill("soft-start")
+    page.get_by_role("search").get_by_label("Search").fill("--soft-start")
     page.keyboard.press("Enter")
     page.locator("#search-results").get_by_role("link", name="servolink-move.--soft-start").click()
     page.get_by_role("heading", name="move", exact=True).wait_for()
