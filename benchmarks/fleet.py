@@ -82,7 +82,7 @@ class Case:
     stops: list[float] = field(default_factory=list)
     spreads: list[float] = field(default_factory=list)
     spreads_in_turns: list[float] = field(default_factory=list)
-    """The same where each machine has the cores for itself at its moment."""
+    """The same where each machine has the cores for itself at its moment; of the last case only."""
 
     @property
     def delivered(self) -> float:
@@ -99,7 +99,8 @@ def run(*, short: bool) -> Result:
     counts = (1, 10) if short else COUNTS
     with broker() as url:
         ours, bare, changes = asyncio.run(_round_trips(url, 200 if short else 5000))
-        cases = [asyncio.run(_measure(url, count, 2.0 if short else 30.0, 3 if short else 100)) for count in counts]
+        seconds, rounds = (2.0, 3) if short else (30.0, 100)
+        cases = [asyncio.run(_measure(url, count, seconds, rounds, in_turns=count == counts[-1])) for count in counts]
     wrong = [f"{case.boards} boards: no sample came" for case in cases if not case.samples.received]
     return {
         "tables": [_trip_table(ours, bare, changes), _sample_table(cases), _together_table(cases)],
@@ -167,7 +168,7 @@ async def _round_trips(url: str, times: int) -> tuple[list[float], list[float], 
 # --- many boards ------------------------------------------------------------------------------------------------------
 
 
-async def _measure(url: str, count: int, seconds: float, rounds: int) -> Case:
+async def _measure(url: str, count: int, seconds: float, rounds: int, *, in_turns: bool) -> Case:
     case = Case(count)
     with workers(url, count, HZ) as processes:
         await _watch(url, processes, case, seconds)
@@ -175,7 +176,7 @@ async def _measure(url: str, count: int, seconds: float, rounds: int) -> Case:
             await fleet.list()
             for _ in range(rounds):
                 await _start_and_stop(fleet, case)
-            for _ in range(rounds):
+            for _ in range(rounds if in_turns else 0):
                 await _start_in_turns(fleet, case)
     return case
 
@@ -323,8 +324,8 @@ def _together_table(cases: list[Case]) -> Table:
             case.boards,
             *(f"{1000 * value:.1f}" for value in (median(case.spreads), percentile(case.spreads, 99))),
             *(
-                f"{1000 * value:.1f}"
-                for value in (median(case.spreads_in_turns), percentile(case.spreads_in_turns, 99))
+                f"{1000 * percentile(case.spreads_in_turns, percent):.1f}" if case.spreads_in_turns else "-"
+                for percent in (50, 99)
             ),
             *(f"{1000 * value:.0f}" for value in (median(case.stops), percentile(case.stops, 99))),
         )
