@@ -57,8 +57,16 @@ def test_a_person_allows_or_refuses_a_motion_and_stop_is_a_no(studio: Studio, br
         expect(note).to_have_count(0)
 
 
-@pytest.mark.parametrize(("locale", "title"), [("zh-CN", "请求移动机器人"), ("zh-TW", "想要移動機器人")])
-def test_the_question_is_in_the_language_of_the_page(studio: Studio, browser: Any, locale: str, title: str) -> None:
+@pytest.mark.parametrize(
+    ("locale", "title", "key", "outcome"),
+    [
+        ("zh-CN", "请求移动机器人", "Enter", "the person said no"),
+        ("zh-TW", "想要移動機器人", "Escape", "a stop came first"),
+    ],
+)
+def test_the_question_is_in_the_language_of_the_page_and_answered_with_keys(
+    studio: Studio, browser: Any, locale: str, title: str, key: str, outcome: str
+) -> None:
     profile = new_profile(browser, "phone", locale=locale)
     with ThreadPoolExecutor() as pool, opened(browser, studio.url, profile=profile) as page:
         page.locator(".stop:visible").wait_for()
@@ -67,5 +75,6 @@ def test_the_question_is_in_the_language_of_the_page(studio: Studio, browser: An
         note = page.get_by_role("alert").filter(has_text=title)
         expect(note).to_be_in_viewport()
         page.locator(".stop:visible").click(trial=True)
-        note.get_by_role("button").last.click()
-        assert "the person said no" in moving.result()
+        note.get_by_role("button").last.focus()
+        page.keyboard.press(key)
+        assert outcome in moving.result()

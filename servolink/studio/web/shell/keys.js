@@ -4,6 +4,7 @@ import { html } from "../html.js";
 import { Dialog } from "../parts/dialog.js";
 import { isTyping } from "../parts/hold.js";
 import { stop, stopsFleet } from "../parts/stop-button.js";
+import { questions } from "../state/questions.js";
 import { isFresh, isMine, isStill, lease } from "../state/robot.js";
 import { mode, screen, showKeys } from "../state/view.js";
 import { t } from "../texts/text.js";
@@ -110,11 +111,17 @@ const isOnBlocks = (target) =>
   target instanceof Element && target.closest(".blockspace, .blocklyWidgetDiv, .blocklyDropDownDiv") !== null;
 
 /** Return whether nothing moves, and this page moves nothing: Preview, no lease, and servos that were read and rest. */
-const isAtRest = () => !stopsFleet() && mode.value === "preview" && lease.value === null && isFresh.value && isStill();
+const isAtRest = () =>
+  !stopsFleet() &&
+  mode.value === "preview" &&
+  lease.value === null &&
+  questions.value.length === 0 &&
+  isFresh.value &&
+  isStill();
 
 /**
  * Listen to the keys of every screen. STOP works in text fields and dialogs too. Escape closes what is open, and stops
- * unless this page is in Preview and nothing moves.
+ * unless this page is in Preview, nothing moves, and no program asks to move the robot.
  * @param {Tools} tools
  */
 export function listenToKeys(tools) {

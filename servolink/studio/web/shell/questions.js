@@ -31,7 +31,9 @@ export function Questions({ link, motion }) {
 /** @param {Question} question */
 function asked({ targets, record, caption, seconds: lasts }) {
   const time = seconds(lasts);
-  if (record !== null) return t(`ask.run_${record}`, { caption: safeText(caption), time });
+  const named = { caption: safeText(caption), time };
+  if (record === "action") return t("ask.run_action", named);
+  if (record === "macro") return t("ask.run_macro", named);
   const each = Object.entries(targets).map(([id, angle]) =>
     t("ask.target", { servo: nameOf(Number(id)), angle: number(angle, Number.isInteger(angle) ? 0 : 1) }),
   );
