@@ -110,7 +110,7 @@ class Urgent:
             if bridge.prepared.is_for(start.id):
                 at = start.at.get(name, received + _LEAD)
                 self._tasks.begin(self._begin_prepared(bridge, start.id, at, sender, received))
-            else:
+            elif not start.at or name in start.at:  # else the start names other boards of the fleet
                 bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
 
     async def _begin_prepared(self, bridge: Bridge, start: str, at: float, sender: Sender, received: float) -> None:

@@ -184,8 +184,11 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
             wave = {"type": "action", "id": "Wave"}
             await far.call("prepare", params={"start": "s1", "run": wave})
             assert hub.lease is not None
+            await far.publish("servolink/_fleet/start", {"id": "of-others", "at": {"bob": 1.0}})
             await far.publish("servolink/_fleet/start", {"id": "other"})
             await far.publish("servolink/_fleet/start", {"id": "s1"})
+            await far.until(lambda: "servolink/rex/log" in far.heard)
+            assert json.loads(far.heard["servolink/rex/log"][0].payload)["text"].endswith("prepared for other")
             started = (await far.result("s1"))["result"]
             assert 0 <= started["after"] < 120
             await far.publish("servolink/_fleet/start", {"id": "s1"})  # nothing is prepared any more
