@@ -32,7 +32,10 @@ ROLES: dict[RoleName, str] = {
     "run": """
         lease.take recorder.mark recorder.start recorder.stop run run.prepare run.start studio.recording.read
     """,
-    "move": "move move.end release servo.set stream.begin stream.send",
+    "move": """
+        move move.end question.answer question.ask question.show question.withdraw release servo.set stream.begin
+        stream.send
+    """,
     "edit": """
         board.hold board.mode board.release line.test project.apply project.backups project.plan project.rollback
         records.delete records.put studio.backup studio.blocks.save studio.boards studio.doctor studio.draft.save
