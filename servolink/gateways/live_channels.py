@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -167,15 +167,9 @@ def _quaternion(place: Placement) -> Any:
 
 def _entity(part: BodyPart) -> Any:
     """Return the shapes of a part, in the frame of the part."""
-    cubes, cylinders = ([*_shapes(part, round_=which)] for which in (False, True))
+    cubes = [_cube(solid) for solid in part.solids if solid.axis is None]
+    cylinders = [_cylinder(solid, solid.axis) for solid in part.solids if solid.axis is not None]
     return messages.SceneEntity(frame_id=part.name, id=part.name, frame_locked=True, cubes=cubes, cylinders=cylinders)
-
-
-def _shapes(part: BodyPart, *, round_: bool) -> Iterator[Any]:
-    """Yield the boxes of a part, or its cylinders."""
-    for solid in part.solids:
-        if (solid.axis is not None) == round_:
-            yield _cylinder(solid, solid.axis) if solid.axis is not None else _cube(solid)
 
 
 def _cube(solid: Solid) -> Any:
