@@ -184,12 +184,18 @@ def test_the_end_of_a_client_stops_what_it_moved() -> None:
     asyncio.run(main())
 
 
-def test_messages_of_any_time_are_shown() -> None:
-    channels = LiveChannels(foxglove.Context(), template("humanoid-16"))
+def test_messages_of_any_time_are_shown(tmp_path: Path) -> None:
+    context = foxglove.Context()
+    channels = LiveChannels(context, template("humanoid-16"))
     state = ServoState(1, 90.0, "degree", 5, 300, 1, is_start=True, is_hold=True)
-    for message in (ServosRead((state,)), Event("mark", "mark", text="here")):
-        for time in (0, 2**64 - 1):
-            channels.take(time, message)
+    with foxglove.open_mcap(tmp_path / "out.mcap", context=context):
+        for message in (ServosRead((state,)), Event("mark", "mark", text="here")):
+            for time in (0, 2**64 - 1):
+                channels.take(time, message)
+    with (tmp_path / "out.mcap").open("rb") as file:
+        found = [(channel.topic, message.log_time) for _, channel, message in make_reader(file).iter_messages()]
+    for topic in ("/joint_states", "/tf", "/log"):
+        assert {time for each, time in found if each == topic} == {0, 2**64 - 1}
 
 
 def test_without_permission_nobody_can_publish() -> None:

@@ -8,8 +8,10 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import aclosing
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -32,8 +34,9 @@ def facts() -> Iterator[tuple[int, int]]:
     yield os.getpid(), niceness()
 
 
-def work_for_ever() -> Iterator[int]:
+def work_for_ever(begun: Path) -> Iterator[int]:
     yield os.getpid()
+    begun.open("wb").close()
     while True:
         pass
 
@@ -77,15 +80,20 @@ def test_jobs_take_turns_and_their_errors_come_back() -> None:
     asyncio.run(main())
 
 
-def test_the_end_of_the_program_ends_a_piece_that_takes_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a named pipe")
+def test_the_end_of_the_program_ends_a_piece_that_takes_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(worker_module, "_PATIENCE", 0.05)
+    begun = tmp_path / "begun"
+    os.mkfifo(begun)
 
     async def main() -> None:
         worker = Worker()
-        async with asyncio.timeout(60), aclosing(worker.run(work_for_ever)) as endless:
+        async with asyncio.timeout(60), aclosing(worker.run(work_for_ever, begun)) as endless:
             process = await anext(endless)
             waiting = asyncio.ensure_future(anext(endless))
-            await asyncio.sleep(0)
+            await asyncio.to_thread(begun.read_bytes)
             await worker.close()
             with pytest.raises(TwinError, match="was ended"):
                 await waiting
