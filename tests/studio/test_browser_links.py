@@ -93,6 +93,7 @@ def test_a_page_that_may_only_watch_has_no_control_that_is_not_for_it(classroom:
         found = {}
         for screen in screens:
             go(page, screen)
+            expect(page.locator(".rail a[aria-current]")).to_have_text(screen)
             page.locator(".screen h1, .screen h2").first.wait_for()
             found[screen] = page.locator("main, header").locator("button:disabled, input:disabled").all_inner_texts()
         assert found == {
