@@ -55,7 +55,10 @@ LIBRARIES = """
     rich.console rich.live rich.progress segno serial.tools.list_ports serial_asyncio usb.backend.libusb1 usb.core
 """
 """Imported while this is still Linux: their branches for Windows need Windows."""
-SLOW = {"aiohttp.web": {"studio", "--import"}, "gymnasium": {"--import"}}
+SLOW = {
+    "aiohttp.web": {"studio", "--import"},
+    **{name: {"--import"} for name in ("gymnasium", "mcp.server.mcpserver", "uvicorn")},
+}
 """Libraries that take longer to import than all others, and the words of command lines that need them."""
 FORBIDDEN = set('<>:"|?*\\')
 
