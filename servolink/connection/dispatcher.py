@@ -148,14 +148,16 @@ class ResponseDispatcher:
             self._keep_evidence(chunk)
         frames = self._parser.feed(chunk)
         self._scheduler.hold()
-        for frame in frames:
-            if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
-                stats.hidden += 1
-            else:
-                self._take(frame)
-        if self._load is not None:
-            self._learn(self._load)
-        self._scheduler.go_on()
+        try:
+            for frame in frames:
+                if (MAGIC in frame[1] or self._nested.inside) and self._nested.hides(frame):
+                    stats.hidden += 1
+                else:
+                    self._take(frame)
+            if self._load is not None:
+                self._learn(self._load)
+        finally:
+            self._scheduler.go_on()
         if self.later:
             self._call_later()
         if len(frames) > 1:
@@ -405,15 +407,17 @@ class ResponseDispatcher:
         """Mark the oldest slot overdue after its deadline; a stalled event loop has read everything by now."""
         live = self._slots.live
         self._scheduler.hold()
-        if self._lifecycle.state is State.SUSPENDED:
-            self._restart(now)
-        if live and now >= self._due(live[0]) and self._parser.partial_frame:
-            self._await_partial_frame(live[0], now)
-        if live and now >= self._due(live[0]):
-            self._expire(live[0], now)
-        if live and self._lifecycle.ended is None:
-            self._timer.arm(self._due(live[0]))
-        self._scheduler.go_on()
+        try:
+            if self._lifecycle.state is State.SUSPENDED:
+                self._restart(now)
+            if live and now >= self._due(live[0]) and self._parser.partial_frame:
+                self._await_partial_frame(live[0], now)
+            if live and now >= self._due(live[0]):
+                self._expire(live[0], now)
+            if live and self._lifecycle.ended is None:
+                self._timer.arm(self._due(live[0]))
+        finally:
+            self._scheduler.go_on()
         if self.later:
             self._call_later()
 
