@@ -110,6 +110,9 @@ def schema() -> dict[str, Any]:
     for method in METHODS.values():
         types += [method.params, method.result]
     found, definitions = msgspec.json.schema_components(types, ref_template="#/$defs/{name}")
+    for each in definitions.values():
+        if "description" in each:  # a docstring, which Python leaves indented before 3.13
+            each["description"] = inspect.cleandoc(each["description"])
     of = dict(zip(map(id, types), found, strict=True))
     return {
         "$schema": _DRAFT,
