@@ -29,7 +29,7 @@ class ChunkPlace(NamedTuple):
 
 
 class McapIndex:
-    """Index that grows with the file. It holds bytes: a recording of a day has 86,400 chunks."""
+    """Index that grows with the file. It holds packed bytes: a recording of a day has 86,400 chunks."""
 
     def __init__(self) -> None:
         """Begin without any chunk."""
@@ -42,7 +42,8 @@ class McapIndex:
         self._schemas = self._channels = b""
         self._declared = 0
         self._chunks = 0
-        self._chunk_indexes: Any = self._build()
+        self._chunk_indexes = bytearray()
+        self._packer = zlib.compressobj()
         self._metadata_indexes: Any = self._build()
         self._metadata = 0
         self._times = (0, 0)
@@ -64,6 +65,7 @@ class McapIndex:
             offsets[channel] = place.start + place.length + builder.count
             self._records.MessageIndex(channel, list(found)).write(builder)
             self.counts[channel] += len(found)
+        record = self._build()
         self._records.ChunkIndex(
             chunk_start_offset=place.start,
             chunk_length=place.length,
@@ -74,7 +76,8 @@ class McapIndex:
             compression=place.compression,
             compressed_size=place.packed,
             uncompressed_size=place.unpacked,
-        ).write(self._chunk_indexes)
+        ).write(record)
+        self._chunk_indexes += self._packer.compress(record.end())
         self._times = (self._times[0] if self._chunks else first, last)
         self._chunks += 1
         index: bytes = builder.end()
@@ -88,7 +91,7 @@ class McapIndex:
             _SCHEMAS: self._schemas,
             _CHANNELS: self._channels,
             _STATISTICS: builder.end(),
-            _CHUNK_INDEXES: self._chunk_indexes.end(),
+            _CHUNK_INDEXES: zlib.decompress(self._chunk_indexes + self._packer.copy().flush()),
             _METADATA_INDEXES: self._metadata_indexes.end(),
         }
         at = start
