@@ -26,7 +26,7 @@ def loss(path: Path) -> float:
     command = (sys.executable, "-m", "servolink", "record", str(path), "--board", "virtual://", "--hz", f"{_HZ}")
     recorder = processes.start(command)
     processes.until(lambda: path.exists() and path.stat().st_size >= 12_000)
-    time.sleep(random.uniform(0.0, 1.5))
+    time.sleep(random.uniform(0.0, 1.5))  # it is killed at any moment between two flushes
     killed = time.time_ns()
     recorder.kill()
     processes.finish(recorder)

@@ -128,7 +128,7 @@ def test_no_stall_of_the_machine_fails_the_late_response(
 ) -> None:
     def stalling(function: Callable[..., None]) -> Callable[..., None]:
         def stall_first(*arguments: object) -> None:
-            time.sleep(0.7)
+            time.sleep(0.7)  # the stall that is tested: the loop stands still
             function(*arguments)
 
         return stall_first
