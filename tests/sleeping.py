@@ -20,6 +20,9 @@ class Computer:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self._asleep = 12.0  # since it was switched on
+        self._now = 5000.0
+        self.pauses: list[float] = []
+        """Seconds that this program is not run after each of the next readings."""
         monkeypatch.setattr(time_asleep, "time", self)
         if sys.platform == "win32":
             monkeypatch.setattr(time_asleep, "sys", SimpleNamespace(platform="linux"))
@@ -30,7 +33,9 @@ class Computer:
 
     def clock_gettime(self, which: int) -> float:
         counting = self.CLOCK_MONOTONIC if sys.platform == "darwin" else self.CLOCK_BOOTTIME
-        return 5000.0 + (self._asleep if which == counting else 0.0)
+        reading = self._now + (self._asleep if which == counting else 0.0)
+        self._now += self.pauses.pop(0) if self.pauses else 0.0
+        return reading
 
 
 def set_wall_clock(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:

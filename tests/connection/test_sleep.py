@@ -37,6 +37,14 @@ def test_a_sleep_is_counted_once_and_two_clocks_that_differ_a_little_are_none(co
     assert [counter(), counter()] == [1, 1]
 
 
+def test_a_program_that_is_not_run_between_two_readings_has_not_slept(computer: Computer) -> None:
+    counter, asleep = SleepCounter(), seconds_asleep()
+    computer.pauses = [2.0, 0.0, 0.0]
+    assert counter() == 0
+    computer.pauses = [2.0, 0.0, 0.0] * 5  # the one after the other: the difference is as good as it gets
+    assert seconds_asleep() - asleep == 2
+
+
 async def test_motions_that_wait_while_the_computer_sleeps_are_not_sent(computer: Computer) -> None:
     board = FakeBoard(usual=late(0.1))
     async with connected(board) as connection:
