@@ -101,6 +101,6 @@ def test_an_old_python_is_told_which_one_is_needed(monkeypatch: pytest.MonkeyPat
     ast.parse(source, feature_version=(3, 7))  # the oldest that knows annotations of the future
     monkeypatch.setattr(sys, "version_info", (3, 10, 13, "final", 0))
     with pytest.raises(ImportError, match=r"needs Python 3\.11 or newer, and this is Python 3\.10\.13$") as refused:
-        exec(compile(source, "servolink", "exec"), {})  # noqa: S102 - our own source
+        exec(compile(source, "<servolink>", "exec"), {})  # noqa: S102 - our own source
     monkeypatch.undo()
     assert refused.value.name == "servolink", "so that `python -m servolink` prints one line"

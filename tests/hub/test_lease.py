@@ -66,6 +66,9 @@ class Leases(RuleBasedStateMachine):
         if program in self.barred and not force:
             self.check(changes)
             return
+        if not is_beat and any(change.must_stop for change in self.overdue):
+            self.check(changes)
+            return
         self.barred -= {program}
         if self.holder == program:
             self.dead_man = dead_man or self.dead_man
@@ -235,6 +238,16 @@ def test_moving_on_is_not_a_beat_and_taking_the_lease_is() -> None:
     lease.take("studio", 0.3)
     lease.take("studio", 0.6, is_beat=False)
     assert lease.next_due() == 0.3 + 0.35
+
+
+def test_a_motion_that_finds_its_program_silent_takes_no_new_lease() -> None:
+    lease = MotionLease()
+    lease.take("studio", 0.0, dead_man=0.35)
+    silent = LeaseChange("beats stopped", "studio", None, must_stop=True)
+    assert lease.take("studio", 0.35, is_beat=False) == [silent]
+    assert lease.holder is None
+    lease.take("studio", 0.4, dead_man=0.35)
+    assert [change.event for change in lease.take("studio", 0.75)] == ["beats stopped", "taken"]  # asked for again
 
 
 def test_silence_counts_before_the_end_of_the_lease() -> None:

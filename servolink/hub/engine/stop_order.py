@@ -104,6 +104,7 @@ class Stops:
 
     def begin_unwatched(self, reason: str) -> None:
         """Stop all servos without a watching program; without a connection, as soon as the board is connected again."""
+        self._drop_motions("", are_all=True)  # now: a motion in between would take the lease again
         self._tasks.begin(self._stop_unwatched(reason))
 
     async def end_move(self, program: Program, servo_ids: Sequence[int]) -> None:

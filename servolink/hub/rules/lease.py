@@ -66,6 +66,8 @@ class MotionLease:
         if dead_man is not None and not LEAST_DEAD_MAN <= dead_man <= MOST_DEAD_MAN:
             raise ValueError(f"dead_man must be {LEAST_DEAD_MAN:g}..{MOST_DEAD_MAN:g} s, not {dead_man:g}")
         changes = self.advance(now)
+        if not is_beat and any(change.must_stop for change in changes):  # a motion of the program that fell silent
+            return changes
         before = self.holder
         if not force and (before not in {None, session} or session in self._barred):
             return changes
