@@ -24,7 +24,7 @@ from servolink.control.messages import Runnable
 from servolink.fleet.access import parse_broker
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.controller import new_id
-from servolink.fleet.mqtt_client import Received
+from servolink.fleet.publish_packets import Received
 from servolink.fleet.together import compare_clocks
 from servolink.fleet.topics import Prepare, Start, Started
 

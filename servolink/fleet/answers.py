@@ -9,8 +9,8 @@ from servolink.control.error_codes import error_object
 from servolink.control.peer import encode
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubError
-from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
+from servolink.fleet.publish_packets import Publication
 from servolink.fleet.topics import Topics
 
 _LONGEST_NOTED = 65536  # bytes of a result that is remembered for the case of a crash

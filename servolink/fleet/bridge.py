@@ -16,9 +16,10 @@ from servolink.fleet.command_log import CommandLog
 from servolink.fleet.commands import CommandHandler, Level
 from servolink.fleet.home_assistant import Announcer, HomeAssistant
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler

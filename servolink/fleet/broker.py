@@ -14,7 +14,8 @@ from random import Random
 from servolink.errors import ConnectionLost, OpenError
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.mqtt_client import MqttClient, MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttClient, MqttOptions
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.pauses import Pauses, Reconnecting
 
 FIRST_PAUSE = 0.2

@@ -17,7 +17,7 @@ from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes
 from servolink.fleet.groups import Groups, chosen_boards, load_groups, named_boards
-from servolink.fleet.mqtt_client import Publication
+from servolink.fleet.publish_packets import Publication
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stop_boards import Stopped
 from servolink.fleet.together import Kind, RanTogether

@@ -26,8 +26,8 @@ from servolink.files import reason
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.command_log import MOST_KEPT, CommandLog, LogEntry
 from servolink.fleet.hub_session import HubSession, result_of
-from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.publish_packets import Received
 from servolink.fleet.pulse import PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler

@@ -18,8 +18,9 @@ from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, Ser
 from servolink.escaping import escape
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.pending_command import OnStep, PendingCommand, failure_of
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
     DEFAULT_EXPIRY,

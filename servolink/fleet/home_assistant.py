@@ -19,9 +19,9 @@ from servolink.control.notifications import ServosFrame
 from servolink.control.peer import encode
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.publish_packets import Publication
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, UNREADABLE, BoardNow, Topics, Vitals
 

@@ -27,9 +27,9 @@ from servolink.errors import ConnectionLost, ServolinkError
 from servolink.escaping import escape
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubError, HubSession, result_of
-from servolink.fleet.mqtt_client import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.publish_packets import Publication
 from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
 from servolink.listeners.tcp import host_and_port, joined
 

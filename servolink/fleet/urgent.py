@@ -19,8 +19,9 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import MqttOptions, Received
+from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.outbox import Outbox
+from servolink.fleet.publish_packets import Received
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_handler import read_stop
 from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, Press, Start, Started, Topics

@@ -16,8 +16,9 @@ from servolink.fleet import broker as broker_module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.join import LocalBoard, LocalFleet
-from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.policy import BoardPolicy, FleetFile
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.topics import Topics
 from servolink.hub.hub import Hub
 from servolink.hub.serving import serve_board

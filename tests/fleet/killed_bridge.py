@@ -10,7 +10,7 @@ from typing import Any
 from servolink.__main__ import main
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.mqtt_client import Received
+from servolink.fleet.publish_packets import Received
 
 
 def die() -> None:

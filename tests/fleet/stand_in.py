@@ -12,7 +12,8 @@ import msgspec
 from servolink.control.error_codes import ErrorData, ErrorObject
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
-from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
 from servolink.tasks import Tasks
 from tests.fleet.bridged import running

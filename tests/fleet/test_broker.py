@@ -19,7 +19,8 @@ from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
 from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.mqtt_client import MqttOptions, Publication, Received
+from servolink.fleet.mqtt_client import MqttOptions
+from servolink.fleet.publish_packets import Publication, Received
 from servolink.platforms import socket_watch
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker

@@ -22,8 +22,8 @@ from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.mqtt_client import Received
 from servolink.fleet.policy import BoardPolicy
+from servolink.fleet.publish_packets import Received
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import Prepare
 from servolink.hub.serving import serve_board
