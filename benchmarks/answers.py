@@ -29,7 +29,7 @@ SERVOS = tuple(ServoState(at, 90 - at, 120, 400 + at, 1, 1, 1) for at in range(1
 
 _RESPONSES: tuple[Response, ...] = (
     TransmissionModeSettingResponse(1),
-    QueryMemorySizeResponse(1_000_000, 900_000),
+    QueryMemorySizeResponse(900_000, 1_000_000),
     QueryRemainPowerResponse(800),
     QueryServoListResponse(SERVO_IDS),
     QueryServoResponse(SERVOS),

@@ -6,8 +6,9 @@ import asyncio
 from typing import Any
 
 import pytest
+from msgspec.structs import astuple
 
-from benchmarks.answers import SERVOS, answers
+from benchmarks.answers import SERVO_IDS, SERVOS, answers
 from benchmarks.crowd import growth
 from benchmarks.instant import InstantTransport, requests
 from benchmarks.responder import Listener, Responder, program
@@ -24,12 +25,13 @@ REQUEST, RESPONSE = 10, 186  # bytes of the frames of a poll
 
 async def ask_everything(url: str | Transport) -> None:
     async with connect(url) as board:
-        assert len(await board.servos()) == len(SERVOS)
-        await board.servo_ids()
-        await board.memory()
-        await board.battery()
-        await board.project_id()
-        await board.active_joystick_table()
+        assert [astuple(servo) for servo in await board.servos()] == [*map(astuple, SERVOS)]
+        assert await board.servo_ids() == SERVO_IDS
+        memory = await board.memory()
+        assert (memory.size, memory.total_size) == (900_000, 1_000_000)
+        assert await board.battery() == 80
+        assert await board.project_id() == 7
+        assert await board.active_joystick_table() == 1
 
 
 @pytest.mark.parametrize("kind", [Responder, Listener])
