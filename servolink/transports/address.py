@@ -57,7 +57,7 @@ class Address:
         self.path = path
         self.options = dict(options or {})
         self.connection_options = {name: self.options.pop(name) for name in CONNECTION_OPTIONS if name in self.options}
-        self._declared: list[str] = []
+        self._declared: dict[str, None] = {}
 
     @classmethod
     def parse(cls, url: str) -> Address:
@@ -160,7 +160,7 @@ class Address:
     def _option(self, name: str) -> str | None:
         if name in CONNECTION_OPTIONS:
             return self.connection_options.get(name)
-        self._declared.append(name)
+        self._declared[name] = None
         return self.options.get(name)
 
     def _bad(self, name: str, text: str, expected: str) -> InvalidAddress:

@@ -145,6 +145,7 @@ def from_address(address: Address) -> BoardTransport[Any] | FaultyVirtualTranspo
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
     faults = Faults.from_address(address)
+    address.text("odd", "")  # declared, also for the list of options in an error
     if board is None and "odd" in address.options:
         board = _odd(address)
     transport = _virtual(address, seed) if board is None else BoardTransport(board, address.url)
@@ -163,9 +164,10 @@ def _virtual(address: Address, seed: int) -> VirtualTransport:
     servos = address.integer("servos", 16, 0, MAX_SERVOS)
     codec = Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big"))))
     kind = _kind_in(address)
+    project = address.text("twin", "")
     if "twin" in address.options:
         given = servos if "servos" in address.options else None
-        board = _with_body(address.text("twin", ""), servos=given, seed=seed, codec=codec, kind=kind)
+        board = _with_body(project, servos=given, seed=seed, codec=codec, kind=kind)
     else:
         board = VirtualBoard(servos, seed, codec, kind)
     state = address.text("state", "")

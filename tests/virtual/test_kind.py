@@ -238,3 +238,8 @@ def test_the_page_describes_every_option(option: KindOption) -> None:
     flag = "--" + option.name.replace("_", "-") + (f" {option.unit}" if option.unit.isupper() else "")
     default = "" if option.is_flag else f" ({option.default_text})"
     assert f"| `{flag}` | `{option.name}` | {option.allowed} | {option.meaning}{default} |\n" in page
+
+
+def test_an_unknown_option_is_answered_with_all_options() -> None:
+    with pytest.raises(InvalidAddress, match=r"virtual:// has: seed, .*, odd, servos, .*, twin, state; every"):
+        from_address(Address.parse("virtual://?kind=late"))
