@@ -64,7 +64,8 @@ async def listening_sockets(host: str, port: int) -> list[socket.socket]:
                 continue
         return _bind(addresses, port)
     except OSError as error:
-        raise OpenError(f"cannot listen at {place}: {error}; {_remedy(error)}") from error
+        reason = (error.strerror or str(error)).partition(" (while")[0]  # create_server repeats the address
+        raise OpenError(f"cannot listen at {place}: {reason}; {_remedy(error)}") from error
     except UnicodeError as error:
         raise OpenError(f"cannot listen at {place}: no host can have such a name; write an IP address") from error
 
