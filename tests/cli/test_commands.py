@@ -457,7 +457,7 @@ def test_events_until_there_are_enough(tmp_path_factory: pytest.TempPathFactory)
 def test_events_for_a_time(board: Board) -> None:
     said = board("events", "--seconds", "0.05")
     assert (said.code, said.out) == (0, "")
-    assert said.err == "listening for button events until Ctrl-C\n"
+    assert said.err == "listening for button events; Ctrl-C ends it\n"
 
 
 @pytest.mark.parametrize(("command", "sign"), [("servos", "─"), ("info", "battery"), ("macros", "─")])

@@ -66,7 +66,7 @@ def test_the_question_of_an_import_can_be_left(tmp_path: Path) -> None:
 def test_interrupted_events_have_ended_well(served: Addresses) -> None:
     listening = patient("--url", served.terminal, "events")
     assert listening.stderr is not None
-    assert listening.stderr.readline() == "listening for button events until Ctrl-C\n"
+    assert listening.stderr.readline() == "listening for button events; Ctrl-C ends it\n"
     said = finished(listening, signal.SIGINT)
     assert (said.code, said.out, said.err) == (0, "", "ended: no more events are shown\n")
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 async def run(args: argparse.Namespace, board: Board, interruption: Interruption) -> int:
     """Print events until there are enough, or until Ctrl-C."""
     async with board.button_events() as events:
-        print_error("listening for button events until Ctrl-C")
+        print_error("listening for button events; Ctrl-C ends it")
         interruption.state = "no more events are shown"
         if args.count is None and args.seconds is None:
             interruption.code = OK

@@ -19,7 +19,7 @@ def test_events_go_on_when_the_board_is_back(robot: Robot) -> None:
     ]
     assert said.objects[2]["seconds"] > said.objects[1]["seconds"] + 7
     assert said.err.splitlines() == [
-        "listening for button events until Ctrl-C",
+        "listening for button events; Ctrl-C ends it",
         "servolink: the connection is lost; trying to get it back",
         "servolink: the board is back",
     ]
