@@ -89,7 +89,7 @@ class Parser(argparse.ArgumentParser):
             subcommand = self.add_argument(
                 argparse.SUPPRESS, nargs=argparse.PARSER, action=_Subcommand, metavar="COMMAND", help=argparse.SUPPRESS
             )
-            subcommand.required = command.run is None
+            subcommand.required = False
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride] - it is overloaded
         self, args: Iterable[str] | None = None, namespace: Any = None
@@ -105,6 +105,8 @@ class Parser(argparse.ArgumentParser):
         _, unknown = super().parse_known_args(given, parsed)
         if unknown:
             usage_error(parsed, f"unexpected argument: {unknown[0]}{command.hint}")
+        if parsed.run is None:
+            self.error(f"no command is given; `{self.prog} --help` lists the commands")
         return parsed, []
 
     def _check_option(self, word: str) -> None:

@@ -62,6 +62,8 @@ def test_every_command_has_examples(name: str) -> None:
     [
         ("mvoe 1=5", "there is no command 'mvoe'; did you mean move?"),
         ("servoes", "did you mean servos?"),
+        ("", "no command is given; `servolink --help` lists the commands"),
+        ("action", "no command is given; `servolink action --help` lists the commands"),
         ("hlep", "there is no command 'hlep'; did you mean help?"),
         ("version", "did you mean --version?"),
         ("xylophone", "there is no command 'xylophone'; `servolink --help` lists the commands"),
