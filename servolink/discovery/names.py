@@ -165,7 +165,7 @@ def _resolve(board: str | None) -> Resolved:
     if alias is None:
         place = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
         raise InvalidAddress(
-            f"{board} is neither an address nor a name {place}; give the name with: servolink use {board} URL"
+            f"{board} is neither an address nor a name {place}; give the name with: servolink use {board} BOARD"
         )
     return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
 
@@ -236,7 +236,7 @@ def _parse(text: str) -> dict[str, Alias]:
     return aliases
 
 
-_HEAD = "# Names for boards, as given by `servolink use NAME URL`, which changes this file.\n"
+_HEAD = "# Names for boards, as given by `servolink use NAME BOARD`, which changes this file.\n"
 _MARK = "\ufeff"  # put by some editors before a text
 
 

@@ -185,7 +185,7 @@ class LocalFleet:
 def _taken(name: str, where: str) -> OpenError:
     return OpenError(
         f"a board called {name} has joined already, from {where}: give this one another name, with --name or with "
-        "`servolink use NAME URL`"
+        "`servolink use NAME BOARD`"
     )
 
 

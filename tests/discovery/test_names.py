@@ -236,7 +236,7 @@ def test_a_name_is_of_one_port_of_one_device() -> None:
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
     save_alias("left", Alias("virtual://"))
-    with pytest.raises(InvalidAddress, match=r"known: left\).*servolink use lfet URL"):
+    with pytest.raises(InvalidAddress, match=r"known: left\).*servolink use lfet BOARD"):
         asyncio.run(resolve_url("lfet"))
 
 

@@ -153,7 +153,7 @@ def test_limits_of_the_user_stay_and_are_obeyed(robot: Robot, learnt: Any) -> No
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (("--learn",), "so give it one first"),
+        (("--learn",), "so give it one first:\n  servolink use NAME BOARD\n"),
         (("virtual://", "--learn"), "servolink use NAME virtual://\n  servolink doctor NAME --learn"),
         (("--write",), "--write needs --learn"),
         (("--servo", "3"), "--servo needs --learn"),

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
         usage_error(
             args,
             "--learn keeps what it measures under the board's name, so give it one first:\n"
-            f"  servolink use NAME {name or 'URL'}\n  servolink doctor NAME --learn",
+            f"  servolink use NAME {name or 'BOARD'}\n  servolink doctor NAME --learn",
         )
     if args.servo == ALL:
         usage_error(args, "--servo times a single servo, not `all`")
