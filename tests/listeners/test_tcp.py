@@ -73,7 +73,7 @@ def test_who_cannot_listen_is_told_what_helps(error: OSError, remedy: str, monke
         raise error
 
     monkeypatch.setattr(socket, "create_server", fail)
-    reason = error.strerror.removesuffix(" (while attempting to bind)")
+    reason = str(error.strerror).removesuffix(" (while attempting to bind)")
     with pytest.raises(OpenError, match=re.escape(f"cannot listen at 127.0.0.1:5: {reason}; {remedy}")):
         asyncio.run(listening_sockets("127.0.0.1", 5))
 
