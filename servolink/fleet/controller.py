@@ -73,6 +73,7 @@ class Controller:
         self._reply_to = topics.reply(token)
         self.reply_at_once = topics.reply(f"{token}-0")
         """Response topic with QoS 0, for messages to all boards: thousands of answers come together."""
+        self._replies = {self._reply_to, self.reply_at_once}
         kinds: list[BoardTopic] = ["available", "state", "log"]
         if may_move:
             kinds.append("pulse")
@@ -250,7 +251,7 @@ class Controller:
         self.wake()
 
     def _receive(self, message: Received) -> None:
-        if message.topic in {self._reply_to, self.reply_at_once}:
+        if message.topic in self._replies:
             self._take_result(message.payload)
         elif (parsed := self.topics.parse(message.topic)) is not None:
             now = asyncio.get_running_loop().time()

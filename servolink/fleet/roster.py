@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -103,6 +104,7 @@ class Roster:
 
     def __init__(self) -> None:
         self._boards: dict[str, BoardSeen] = {}
+        self._names: list[str] = []  # kept in order: sorting thousands takes longer than all else for their list
         self.refused = 0
         """Number of messages of boards beyond the first 5,000, and of messages beyond the size limit."""
 
@@ -120,7 +122,7 @@ class Roster:
 
     def __iter__(self) -> Iterator[BoardSeen]:
         """Yield the boards in the order of their names."""
-        yield from (self._boards[name] for name in sorted(self._boards))
+        yield from [self._boards[name] for name in self._names]
 
     def __len__(self) -> int:
         """Return the number of known boards, absent boards included."""
@@ -129,7 +131,7 @@ class Roster:
     @property
     def online(self) -> tuple[str, ...]:
         """Names of the connected boards, in order."""
-        return tuple(board.name for board in self if board.is_online)
+        return tuple(name for name in self._names if self._boards[name].is_online)
 
     def hear_pulse(self, name: str, word: str) -> None:
         """Take a word of a known board's pulse from a result."""
@@ -146,10 +148,12 @@ class Roster:
                 self.refused += 1
                 return None
             board = self._boards[name] = BoardSeen(name)
+            insort(self._names, name)
         if len(payload) > MOST_BYTES:
             self.refused += 1
             return None
         if kind == "available" and not payload:  # somebody has removed the board from the broker
             del self._boards[name]
+            self._names.remove(name)
             return board
         return board if board.take(kind, payload, now) else None
