@@ -11,21 +11,30 @@ import asyncio
 import itertools
 import socket
 import struct
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import msgspec
-from paho.mqtt.packettypes import PacketTypes
-from paho.mqtt.properties import Properties
 
 from servolink.fleet.access import parse_broker
-from servolink.fleet.topics import OFFLINE, ONLINE, BoardNow, BoardTopic, Result, Stop, StopOver, Stored, Topics
+from servolink.fleet.publish_packets import PUBLISH, PacketBuffer, Received, message_in
+from servolink.fleet.topics import (
+    MOST_BYTES,
+    OFFLINE,
+    ONLINE,
+    BoardNow,
+    BoardTopic,
+    Result,
+    Stop,
+    StopOver,
+    Stored,
+    Topics,
+)
 
 PER_MACHINE = 10
 """Boards that share a connection for stops."""
 _TOPICS = Topics()
 _AT_ONCE = 50  # machines that connect together
-_CONNECT, _PUBLISH, _CONFIRM, _SUBSCRIBE, _PING = 0x10, 0x30, 0x40, 0x82, 0xC0
+_CONNECT, _CONFIRM, _SUBSCRIBE, _PING = 0x10, 0x40, 0x82, 0xC0
 _QOS_1, _RETAIN = 0x02, 0x01
 _KEEPALIVE = 10
 
@@ -43,30 +52,6 @@ def _packet(head: int, body: bytes) -> bytes:
     return bytes((head, *length, size)) + body
 
 
-class Message(NamedTuple):
-    """Content of a PUBLISH packet."""
-
-    topic: str
-    packet_id: bytes
-    response_topic: str
-    correlation: bytes
-    payload: bytes
-
-
-def _message(head: int, body: bytes) -> Message:
-    end = 2 + int.from_bytes(body[:2], "big")
-    start = end + (2 if head & 0x06 else 0)
-    properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
-    _, size = properties.unpack(body[start:])  # type: ignore[no-untyped-call]
-    return Message(
-        body[2:end].decode(),
-        body[end:start],
-        getattr(properties, "ResponseTopic", ""),
-        getattr(properties, "CorrelationData", b""),
-        body[start + size :],
-    )
-
-
 class Link(asyncio.Protocol):
     """A connection with the broker."""
 
@@ -75,7 +60,7 @@ class Link(asyncio.Protocol):
         self.is_ready = asyncio.get_running_loop().create_future()
         self._topics = topics
         self._ids = itertools.cycle(range(1, 0xFFFF))
-        self._buffer = b""
+        self._packets = PacketBuffer(MOST_BYTES)
         flags = 0x02 if will is None else 0x2E  # clean start; will with QoS 1, retained
         last = b"" if will is None else b"\0" + _text(will) + _text(OFFLINE)
         head = _text("MQTT") + struct.pack("!BBHB", 5, flags, _KEEPALIVE, 0)
@@ -100,13 +85,13 @@ class Link(asyncio.Protocol):
         self._transport.write(data)
 
     def publication(
-        self, topic: str, payload: str | bytes, *, qos: int = 1, retain: bool = False, correlation: bytes = b""
+        self, topic: str, payload: str | bytes, *, qos: int = 1, retain: bool = False, correlation: bytes | None = None
     ) -> bytes:
         """Return a packet for `write`."""
         content = payload.encode() if isinstance(payload, str) else payload
         properties = b"\x09" + _text(correlation) if correlation else b""
         number = struct.pack("!H", next(self._ids)) if qos else b""
-        head = _PUBLISH | (_QOS_1 if qos else 0) | (_RETAIN if retain else 0)
+        head = PUBLISH << 4 | (_QOS_1 if qos else 0) | (_RETAIN if retain else 0)
         return _packet(head, _text(topic) + number + bytes((len(properties),)) + properties + content)
 
     def ping(self) -> None:
@@ -115,40 +100,17 @@ class Link(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Handle the packets that are complete."""
-        self._buffer += data
-        for head, body in self._packets():
-            if head >> 4 == _PUBLISH >> 4:
-                message = _message(head, body)
-                if message.packet_id:
-                    self.write(_packet(_CONFIRM, message.packet_id))
+        for packet, content in self._packets.take(data):
+            if packet[0] >> 4 == PUBLISH:
+                message = message_in(packet, content)
+                if message.qos:
+                    self.write(_packet(_CONFIRM, struct.pack("!H", message.packet_id)))
                 self.heard(message)
-            elif head == _SUBSCRIBE + 0x0E and not self.is_ready.done():
+            elif packet[0] == _SUBSCRIBE + 0x0E and not self.is_ready.done():
                 self.is_ready.set_result(None)
 
-    def heard(self, message: Message) -> None:
+    def heard(self, message: Received) -> None:
         """Take a message; a board takes none."""
-
-    def _packets(self) -> Iterator[tuple[int, bytes]]:
-        """Yield complete packets, and keep the rest."""
-        start, buffer = 0, self._buffer
-        while (end := _end(buffer, start)) is not None:
-            head, body = end
-            yield buffer[start], buffer[head:body]
-            start = body
-        self._buffer = buffer[start:]
-
-
-def _end(buffer: bytes, start: int) -> tuple[int, int] | None:
-    """Return where the body of a packet begins and ends; None for an incomplete packet."""
-    size, shift, at = 0, 0, start + 1
-    while at < len(buffer):
-        byte = buffer[at]
-        size |= (byte & 0x7F) << shift
-        shift += 7
-        at += 1
-        if byte < 0x80:
-            return (at, at + size) if at + size <= len(buffer) else None
-    return None
 
 
 class Board(Link):
@@ -157,6 +119,7 @@ class Board(Link):
     def __init__(self, name: str) -> None:
         self.name = name
         self._words = itertools.count(1)
+        self._pulse_topic = _TOPICS.board(name, "pulse")
         kinds: tuple[BoardTopic, ...] = ("cmd", "pulse", "available")
         topics = [(_TOPICS.board(name, kind), 1) for kind in kinds]
         super().__init__(f"servolink/{name}", topics, _TOPICS.board(name, "available"))
@@ -190,7 +153,7 @@ class Board(Link):
     def pulse(self, qos: int = 0) -> str:
         """Send the next word of the pulse; return it."""
         word = f"{self.name[-8:]}-{next(self._words)}"
-        self.write(self.publication(_TOPICS.board(self.name, "pulse"), word, qos=qos, retain=True))
+        self.write(self.publication(self._pulse_topic, word, qos=qos, retain=True))
         return word
 
 
@@ -201,14 +164,14 @@ class Machine(Link):
         self.boards = boards
         super().__init__(f"servolink/_fleet/{boards[0].name}", [(_TOPICS.fleet("stop"), 1)])
 
-    def heard(self, message: Message) -> None:
+    def heard(self, message: Received) -> None:
         """Answer a stop: each board sends a word first, as a bridge does."""
         stop = msgspec.json.decode(message.payload, type=Stop)
         answers = []
         for board in self.boards:
             result = Result(id=stop.id, board=board.name, ok=True, result=StopOver(board.pulse(qos=1)))
             payload = msgspec.json.encode(result)
-            answers.append(self.publication(message.response_topic, payload, correlation=message.correlation))
+            answers.append(self.publication(message.response_topic or "", payload, correlation=message.correlation))
         self.write(b"".join(answers))
 
 
