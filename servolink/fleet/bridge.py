@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import partial
 
 from msgspec import Raw
 
+from servolink.errors import OpenError
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers
 from servolink.fleet.broker import BrokerConnection, Denied
@@ -70,6 +70,7 @@ class Bridge:
         self._policy = policy
         self._announcer: Announcer | None = None
         self._available = will
+        self._has_joined = False
         self._has_left = False
         self.pulse = Pulse(self._send_pulse)
         self._link = PulseLink(self.pulse)
@@ -129,13 +130,17 @@ class Bridge:
         await self.outbox.flush()
 
     async def _begin(self) -> None:
-        """Publish the board as available, on a new connection."""
+        """Publish the board as available, on a new connection. Raise OpenError if the broker denies the first one."""
         self._link.begin()
         if self.barrier.is_up:
             self.barrier.put_up()
             self.barrier.send_word()
-        with suppress(Denied):  # reported by the connection; an access list can be corrected meanwhile
+        try:
             await self.broker.send(self._available._replace(payload=ONLINE))
+        except Denied as error:  # later, the connection reports it: an access list can be corrected meanwhile
+            if not self._has_joined:
+                raise OpenError(f"{self.board} has not joined: {error}") from error
+        self._has_joined = True
         self.telemetry.resend()
 
     async def _send_pulse(self, word: str, qos: int) -> None:

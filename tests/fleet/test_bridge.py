@@ -33,7 +33,7 @@ from servolink.project.build import build_project
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
 from servolink.virtual.transport import VirtualTransport
 from tests.fleet.bridged import LIMIT, bridged, far_away, joined, run, running
-from tests.fleet.mosquitto import Broker, needs_broker
+from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
 
@@ -53,6 +53,20 @@ def test_a_board_is_seen_and_moved_from_afar(broker: Broker) -> None:
                 servos = await far.call("servos.list")
                 assert servos["servos"][0]["angle"] == 60
             await far.until(lambda: far.heard["servolink/rex/available"][-1].payload == b"offline")
+
+    run(main())
+
+
+def test_a_board_that_the_broker_does_not_let_be_seen_has_not_joined(tmp_path: Path) -> None:
+    access = tmp_path / "acl"
+    access.write_text("topic read servolink/#\ntopic write servolink/rex/pulse\n", encoding="utf-8")
+    broker = Broker(tmp_path, [*OPEN, f"acl_file {access}"])
+    broker.start()
+
+    async def main() -> None:
+        async with serve_board("virtual://?servos=4", name="rex"):
+            with pytest.raises(OpenError, match=r"rex has not joined: .* writing to servolink/rex/available"):
+                await joined(broker, BoardPolicy("edit")).__aenter__()
 
     run(main())
 

@@ -102,9 +102,9 @@ def test_a_broker_with_passwords(folder: Path) -> None:
     assert "stopped 1 board" in run(command(folder, broker, "teacher", "stop")).stdout
     assert end() == "ended: the boards were left unchanged\n"
 
-    end = join(command(folder, broker, "robot01", "join", "--name", "robot02"))  # which is somebody else's
-    said = end()
-    assert "the broker does not allow writing to servolink/robot02/available: not authorized" in said
+    denied = run(command(folder, broker, "robot01", "join", "--name", "robot02"))  # which is somebody else's
+    assert (denied.returncode, denied.stdout) == (3, "")
+    assert "robot02 has not joined: the broker does not allow writing to servolink/robot02/available" in denied.stderr
 
     (folder / "robot01.password").write_text("guessed\n", encoding="utf-8")
     refused = run(command(folder, broker, "robot01", "join"))
