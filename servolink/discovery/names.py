@@ -109,6 +109,19 @@ def current_url(name: str, alias: Alias, devices: Sequence[DeviceInfo]) -> str:
     return move(alias.url, found[0])
 
 
+def names_by_url(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:
+    """Return the names of `devices` by address, without unnamed devices."""
+    names: dict[str, str] = {}
+    for name, alias in aliases.items():
+        try:
+            url = current_url(name, alias, devices)
+        except OpenError:  # it is not here
+            continue
+        names[url.partition("?")[0]] = name
+    bare = {device.url: device.url.partition("?")[0] for device in devices}
+    return {url: names[place] for url, place in bare.items() if place in names}
+
+
 class Resolved(NamedTuple):
     """Address of a board, with its name if known."""
 

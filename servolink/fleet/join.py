@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import msgspec
 
-from servolink.discovery.names import resolve_board
+from servolink.discovery.names import load_aliases, names_by_url, resolve_board
 from servolink.discovery.search import NO_BOARD_FOUND, boards, search
 from servolink.errors import OpenError, ServolinkError
 from servolink.files import is_name
@@ -49,6 +49,7 @@ async def local_boards(
 ) -> AsyncIterator[list[LocalBoard]]:
     """Yield the boards with these names or addresses, or all of this machine; share boards that no hub shares.
 
+    A hub that begins has the name of its board, if the board has one.
     `name` is what the fleet calls the only one, in place of the name of its hub, and the name of a hub that begins
     for a board that was given by its address. `options` are those of `connect`. Raise OpenError if there is none,
     or one cannot be used.
@@ -81,7 +82,8 @@ async def _found() -> dict[str, str]:
     if not usable:
         problems = "; ".join(f"{board.url}: {board.problem}" for board in found)
         raise OpenError(problems or NO_BOARD_FOUND)
-    return dict(zip(usable, usable, strict=True))
+    names = names_by_url(load_aliases(), found)
+    return {url: names.get(url, url) for url in usable}
 
 
 class LocalFleet:

@@ -31,6 +31,7 @@ from servolink.hub.methods import prepared
 from servolink.hub.serving import serve_board
 from servolink.project.build import build_project
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.transports.device_info import DeviceInfo
 from servolink.virtual.transport import VirtualTransport
 from tests.fleet.bridged import LIMIT, bridged, far_away, joined, run, running
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
@@ -367,6 +368,16 @@ def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
                 assert here == [LocalBoard("rex", "rex"), LocalBoard("fido", "fido")]
             async with local_boards(["rex"], "max") as here:
                 assert here == [LocalBoard("rex", "max")]
+
+    run(main())
+
+
+def test_a_board_that_is_found_joins_under_the_name_that_its_user_gave(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        save_alias("rex", Alias("virtual://"))
+        monkeypatch.setattr(join, "search", lambda: [DeviceInfo("virtual://")])
+        async with local_boards([]) as here:
+            assert here == [LocalBoard("rex", "rex")]
 
     run(main())
 

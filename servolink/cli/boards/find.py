@@ -31,8 +31,8 @@ from servolink.discovery.names import (
     Alias,
     alias_for,
     aliases_path,
-    current_url,
     load_aliases,
+    names_by_url,
     remove_alias,
     save_alias,
 )
@@ -65,7 +65,7 @@ T = TypeVar("T")
 async def run_list(args: argparse.Namespace, interruption: Interruption) -> int:
     """Print everything that may be a board; only --probe opens anything."""
     devices = await discover()
-    names = _names(_aliases(), devices)
+    names = names_by_url(_aliases(), devices)
     probes = [probe(device.url, args.timeout or PATIENCE) for device in devices] if args.probe else []
     responses = await asyncio.gather(*probes)
     if args.json:
@@ -89,19 +89,6 @@ def _aliases() -> dict[str, Alias]:
     except TransportError as error:
         print_error(f"servolink: {error}")
         return {}
-
-
-def _names(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) -> dict[str, str]:
-    """Return the names of `devices` by address, without unnamed devices."""
-    names: dict[str, str] = {}
-    for name, alias in aliases.items():
-        try:
-            url = current_url(name, alias, devices)
-        except OpenError:  # it is not here
-            continue
-        names[url.partition("?")[0]] = name
-    bare = {device.url: device.url.partition("?")[0] for device in devices}
-    return {url: names[place] for url, place in bare.items() if place in names}
 
 
 def _table(devices: Sequence[DeviceInfo], names: Mapping[str, str], responses: Sequence[ProbeResult]) -> Table:
