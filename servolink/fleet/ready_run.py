@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 
 import msgspec
 from msgspec.structs import replace
@@ -10,7 +11,7 @@ from msgspec.structs import replace
 from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
 from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
-from servolink.fleet.topics import Prepare
+from servolink.fleet.topics import Prepare, Prepared
 from servolink.motion.ticket import StopCounter, Ticket
 from servolink.platforms.time_asleep import seconds_asleep, time_with_sleep
 
@@ -23,13 +24,15 @@ class ReadyRun:
         self.is_none = asyncio.Event()
         """Set unless a run is prepared or being started: less urgent work waits for the event."""
         self.is_none.set()
+        self.idle_servos: Callable[[], tuple[int, ...]] = tuple
+        """Called for the servos that do not move."""
         self._hub = hub
         self._prepared: Prepare | None = None
         self._stops = stops
         self._ticket = stops.ticket()
         self._timer: asyncio.TimerHandle | None = None
 
-    async def prepare(self, asked: Prepare, ticket: Ticket) -> Ran:
+    async def prepare(self, asked: Prepare, ticket: Ticket) -> Prepared:
         """Ask the hub to check a run and keep the run ready, with the lease. Raise the error of the hub.
 
         The hub refuses what it cannot begin to check in the time of `ticket`. Raise MotionRefused if a stop comes
@@ -44,7 +47,7 @@ class ReadyRun:
         self.is_none.clear()
         self._prepared, self._ticket = asked, replace(ticket, until=time_with_sleep() + asked.expires)
         self._timer = asyncio.get_running_loop().call_later(asked.expires, self.forget)
-        return msgspec.json.decode(checked, type=Ran)
+        return Prepared(msgspec.json.decode(checked, type=Ran).seconds, self.idle_servos())
 
     def is_for(self, start: str) -> bool:
         """Return whether the message with this id starts the prepared run."""

@@ -20,7 +20,7 @@ import msgspec
 from msgspec import UNSET, Raw, Struct
 
 from servolink.control.messages import Battery, RecordList, ServoList
-from servolink.control.notifications import ButtonPressed, ProblemNotice, RefusedNotice
+from servolink.control.notifications import ButtonPressed, ProblemNotice, RefusedNotice, ServosFrame
 from servolink.control.peer import encode
 from servolink.control.status import HubStatus
 from servolink.errors import ConnectionLost, ServolinkError
@@ -113,6 +113,13 @@ class Telemetry:
         """Publish the loss of the hub."""
         self._change(connection="lost", lease=None, hold=None, programs=0)
         self.log("error", text)
+
+    def idle_servos(self) -> tuple[int, ...]:
+        """Return the servos that were stopped or released in the latest reading, and do not move."""
+        if self.frame is None:
+            return ()
+        servos = msgspec.json.decode(self.frame, type=ServosFrame).servos
+        return tuple(servo.servo_id for servo in servos if not (servo.is_start and servo.is_hold))
 
     def look_again(self) -> None:
         """Read the list of stored records soon."""

@@ -11,7 +11,7 @@ from typing import Literal, TypeVar
 import msgspec
 from msgspec import UNSET, Struct
 
-from servolink.control.messages import Ran, Runnable
+from servolink.control.messages import Runnable
 from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
 from servolink.escaping import quote
 from servolink.fleet.clocks import BoardClocks
@@ -19,7 +19,7 @@ from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.pending_command import PendingCommand, failure_of, result_as
 from servolink.fleet.roster import Roster
-from servolink.fleet.topics import Cancel, Echo, Echoed, Prepare, Start, Started, Stored
+from servolink.fleet.topics import Cancel, Echo, Echoed, Prepare, Prepared, Start, Started, Stored
 
 T = TypeVar("T")
 
@@ -48,6 +48,8 @@ class RanTogether(Struct, frozen=True):
     """`clock`: all boards share a machine, whose clock was read. `echo`: estimated from the delay of messages."""
     duration: float | None
     """Seconds of the longest run; None for macros."""
+    idle_servos: dict[str, tuple[int, ...]] = {}
+    """Servos of started boards that are stopped or released and do not move."""
 
 
 def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> Runnable:
@@ -104,9 +106,9 @@ async def run_together(
     patience = controller.patience
     expires = min(60.0, patience + 2 * _ECHO_LIMIT)
 
-    async def prepare(board: str) -> Ran:
+    async def prepare(board: str) -> Prepared:
         found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
-        return result_as(board, found, Ran)
+        return result_as(board, found, Prepared)
 
     prepared = await for_each(runs, prepare, parallel=len(runs))
     problems = {**(failed or {}), **prepared.failed}
@@ -157,7 +159,7 @@ async def compare_clocks(controller: Controller, boards: Iterable[str]) -> Board
 
 def _result(
     pending: PendingCommand,
-    prepared: Mapping[str, Ran],
+    prepared: Mapping[str, Prepared],
     problems: Mapping[str, ServolinkError],
     delays: Mapping[str, float],
 ) -> RanTogether:
@@ -176,8 +178,10 @@ def _result(
     spread, measured_by = _spread(started, pending, delays)
     durations = [one.seconds for board, one in prepared.items() if board in started and one.seconds is not None]
     texts = {board: str(error) for board, error in failed.items()}
+    idle = {board: prepared[board].idle_servos for board in sorted(started) if prepared[board].idle_servos}
     unknown = tuple(sorted(board for board in prepared if isinstance(failed.get(board), OutcomeUnknown)))
-    return RanTogether(tuple(sorted(started)), (), texts, unknown, spread, measured_by, max(durations, default=None))
+    longest = max(durations, default=None)
+    return RanTogether(tuple(sorted(started)), (), texts, unknown, spread, measured_by, longest, idle)
 
 
 def _as(value: object, kind: type[T]) -> T | None:

@@ -16,7 +16,7 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from servolink.control.error_codes import ErrorObject
-from servolink.control.messages import Done, Ran, Runnable
+from servolink.control.messages import Done, Runnable
 from servolink.control.notifications import ButtonPressed, ServosFrame
 from servolink.control.roles import RoleName
 from servolink.control.status import ConnectionState, about
@@ -221,6 +221,15 @@ class Prepare(Struct, forbid_unknown_fields=True):
     expires: Annotated[float, Meta(gt=0, le=60, description="seconds after which the run is forgotten")] = 10.0
 
 
+class Prepared(Struct, frozen=True):
+    """Result of the method `prepare`."""
+
+    seconds: Annotated[float | None, about("planned duration of an action; null for a macro")]
+    idle_servos: Annotated[
+        tuple[int, ...], about("servos that are stopped or released and do not move, as last read")
+    ] = ()
+
+
 class Cancel(Struct, forbid_unknown_fields=True):
     """Params of the method `cancel`: forget the prepared run, and give the lease back."""
 
@@ -311,7 +320,7 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
 }
 """Payload, QoS and retained flag, by topic. `available` is plain text: `online` or `offline`."""
 
-METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Ran), "cancel": (Cancel, Done)}
+METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Prepared), "cancel": (Cancel, Done)}
 """Params and result of the methods that a fleet adds to the methods of the control interface."""
 
 
@@ -319,7 +328,7 @@ def schema() -> dict[str, Any]:
     """Return the JSON Schema of the payloads: `topics` and `methods` refer to the types in `$defs`."""
     types = [payload for payload, _, _ in SENT.values()] + [params for params, _ in METHODS.values()]
     found, definitions = msgspec.json.schema_components(
-        [*types, Ran, Started, StopOver, Echoed], ref_template="#/$defs/{name}"
+        [*types, Prepared, Started, StopOver, Echoed], ref_template="#/$defs/{name}"
     )
     of = dict(zip(map(id, types), found, strict=False))
     for definition in definitions.values():  # as Python 3.13 does without help

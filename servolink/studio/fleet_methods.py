@@ -59,6 +59,8 @@ class FleetRan(Struct, frozen=True):
     failed: dict[str, str]
     may_have_started: tuple[str, ...]
     """Boards in `failed` that may have started."""
+    idle: tuple[str, ...]
+    """Started boards with servos that are stopped or released, and do not move."""
 
 
 class FleetStop(Struct, forbid_unknown_fields=True):
@@ -112,7 +114,7 @@ async def fleet_run(caller: PageCaller, params: FleetRunAsk) -> FleetRan:
 
     run, boards = params.run, dict.fromkeys(params.boards)
     ran = await run_by_name(controller, boards, run.id, run.type, anyway=params.anyway)
-    return FleetRan(ran.started, ran.held_back, ran.failed, ran.may_have_started)
+    return FleetRan(ran.started, ran.held_back, ran.failed, ran.may_have_started, tuple(ran.idle_servos))
 
 
 @METHODS.add("studio.fleet.stop", Role.WATCH, is_urgent=True)

@@ -254,6 +254,25 @@ def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch:
     assert leads[0] <= 0.9
 
 
+def test_the_servos_that_do_not_move_are_named_before_a_start(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, "run", hz=200.0) as (far, hub):
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
+            await hub.board.stop()
+            await hub.board.set_servo(2, start=True, hold=True)
+
+            def idle() -> list[int]:
+                frames = far.heard.get("servolink/rex/servos", [])
+                servos = json.loads(frames[-1].payload)["servos"] if frames else []
+                return [servo["servo_id"] for servo in servos if not servo["is_start"]]
+
+            await far.until(lambda: idle() == [1, 3, 4])
+            found = await far.call("prepare", params={"start": "s1", "run": {"type": "action", "id": 7}})
+            assert found == {"seconds": 0.1, "idle_servos": [1, 3, 4]}
+
+    run(main())
+
+
 def test_servos_are_not_sent_while_a_start_is_waited_for(broker: Broker) -> None:
     async def main() -> None:
         async with bridged(broker, "run", hz=200.0) as (far, hub):

@@ -177,6 +177,11 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
             "between the first and the last start: 0.0 ms, by the clock of their machine",
             "it takes 2 s",
         ]
+        assert "stopped or released" not in found.err
+        both[0].answers["prepare"] = lambda params: {"seconds": 2.0, "idle_servos": [1, 4]}
+        found = said("run", "Wave")
+        assert (found.code, "servos are stopped or released, and do not move: rex;" in found.err) == (OK, True)
+        assert said("run", "Wave", "--json").json["idle_servos"] == {"rex": [1, 4]}
         both[0].answers["start"] = lambda params: {}
         found = said("run", "Wave", "--on", "rex")
         assert found.code == FAILED

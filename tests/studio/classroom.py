@@ -37,7 +37,7 @@ def classroom(broker: Broker, **allowed: RoleName) -> Iterator[Joined]:
         for name in allowed:
             hubs[name] = await robots.open(VIRTUAL)
         policies = FleetFile(boards={name: BoardPolicy(allow) for name, allow in allowed.items()})
-        fleet = LocalFleet(broker_access(broker.url), Topics(), policies, hz=0.0)
+        fleet = LocalFleet(broker_access(broker.url), Topics(), policies, hz=5.0)
         members = [LocalBoard(hub, name) for name, hub in hubs.items()]
         joining = asyncio.ensure_future(fleet.join(members, ready.set))
         ended = asyncio.ensure_future(ending.wait())

@@ -84,6 +84,10 @@ def test_a_class_is_seen_runs_together_and_is_stopped(broker: Broker, pupils: Jo
         page.get_by_role("button", name="STOP ALL Esc").click()
         expect(page.get_by_text("3 robots stopped")).to_be_visible()
         assert not any(servo.is_start for board in boards.values() for servo in board.servos())
+        page.get_by_role("button", name="Run on 2 boards …").click()
+        page.get_by_role("button", name="Start on 2 boards").click()
+        note = page.get_by_role("status").or_(page.get_by_role("alert"))
+        expect(note.filter(has_text="released servos do not move here")).to_contain_text("amy, bob")
 
 
 def test_a_board_that_cannot_run_holds_the_others_back_until_they_are_started_anyway(

@@ -49,6 +49,7 @@ async def run_together(args: argparse.Namespace, interruption: Interruption) -> 
                 "spread_seconds": ran.spread,
                 "measured_by": ran.measured_by,
                 "duration_seconds": ran.duration,
+                "idle_servos": ran.idle_servos,
             }
         )
     else:
@@ -71,6 +72,11 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     if not ran.started:
         return
     print_text(f"{name} was started on {counted(len(ran.started), 'board')}: {', '.join(ran.started)}")
+    if ran.idle_servos:
+        print_error(
+            f"servolink: servos are stopped or released, and do not move: {', '.join(ran.idle_servos)}; "
+            "on the machine of each board, `servolink --board BOARD servo start all` starts and holds them"
+        )
     if ran.spread is not None:
         how = "by the clock of their machine" if ran.measured_by == "clock" else "estimated from the delay of messages"
         print_text(f"between the first and the last start: {ran.spread * 1000:.1f} ms, {how}")

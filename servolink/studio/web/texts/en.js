@@ -825,6 +825,7 @@ export const texts = {
   "fleet.cancel": "Not now",
   "fleet.start": "Start on {count} board|Start on {count} boards",
   "fleet.started": "{name} was started on {count} board|{name} was started on {count} boards",
+  "fleet.idle": "Stopped or released servos do not move here until they are started again",
   "fleet.may_have_started": "Perhaps started, without an answer: look at them, or stop all",
   "fleet.some_failed": "Not started on some boards",
   "fleet.not_started": "No board was started",

@@ -825,6 +825,7 @@ export const texts = {
   "fleet.cancel": "取消",
   "fleet.start": "在 {count} 台主板上开始",
   "fleet.started": "“{name}”已在 {count} 台主板上开始",
+  "fleet.idle": "这些主板上有舵机已停止或松开，重新启动之前不会运动",
   "fleet.may_have_started": "可能已开始，没有回应：请查看，或全部急停",
   "fleet.some_failed": "有些主板没有开始",
   "fleet.not_started": "没有主板开始",

@@ -825,6 +825,7 @@ export const texts = {
   "fleet.cancel": "取消",
   "fleet.start": "在 {count} 塊控制板上開始執行",
   "fleet.started": "「{name}」已在 {count} 塊控制板上開始執行",
+  "fleet.idle": "這些控制板上有舵機已停止或未鎖定，重新啟動之前不會動",
   "fleet.may_have_started": "可能已開始，但沒有回應：請查看，或全部停止",
   "fleet.some_failed": "有些控制板沒有開始",
   "fleet.not_started": "沒有控制板開始",

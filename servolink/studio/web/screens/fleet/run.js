@@ -11,7 +11,7 @@ import { list, t } from "../../texts/text.js";
 /** @typedef {import("../../link/link.js").Link} Link */
 /** @typedef {{ type: "action" | "macro", id: number | string }} Run */
 /** @typedef {Run & { boards: number }} Runnable */
-/** @typedef {{ started: string[], held_back: string[], failed: Record<string, string>, may_have_started: string[] }} Ran */
+/** @typedef {{ started: string[], held_back: string[], failed: Record<string, string>, may_have_started: string[], idle: string[] }} Ran */
 /** @typedef {{ run: Run, boards: string[] }} Asked */
 /** What was asked for, with the outcome or the error. @typedef {Asked & { ran: Ran | null, error: string }} Outcome */
 
@@ -113,6 +113,7 @@ function Result({ outcome: { run, ran, error }, onAnyway }) {
     name = nameOf(run);
   return html`
     ${ran.started.length > 0 && html`<${Note} kind="ok" urgent title=${t("fleet.started", { name, count: ran.started.length })} detail=${named(ran.started)} />`}
+    ${ran.idle.length > 0 && html`<${Note} kind="warn" urgent title=${t("fleet.idle")} detail=${named(ran.idle)} />`}
     ${ran.may_have_started.length > 0 && html`<${Note} kind="bad" urgent title=${t("fleet.may_have_started")} detail=${named(ran.may_have_started)} />`}
     ${
       failed.length > 0 &&
