@@ -92,7 +92,7 @@ def backend() -> Any:
     except Exception as error:
         raise TransportUnavailable(f"usb:// cannot load libusb: {error}; try: {cure}") from error
     if found is None:
-        raise TransportUnavailable(f"usb:// cannot find libusb; try: {cure}")
+        raise TransportUnavailable(f"usb:// cannot find libusb; try: {cure}; or install libusb 1.0 of the system")
     return found
 
 

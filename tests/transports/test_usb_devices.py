@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -229,7 +230,7 @@ async def test_a_missing_libusb_is_named_with_what_to_install(
         monkeypatch.setitem(sys.modules, "libusb_package", None)
     else:
         monkeypatch.setattr("libusb_package.get_libusb1_backend", lambda: None)
-    with pytest.raises(TransportUnavailable, match=r"try: pip install --force-reinstall pyusb libusb-package$"):
+    with pytest.raises(TransportUnavailable, match="try: pip install --force-reinstall pyusb libusb-package"):
         await create("usb://").open(Ear())
 
 
@@ -243,5 +244,7 @@ def test_a_missing_pyusb_is_named_with_what_to_install(monkeypatch: pytest.Monke
 
 @on_loop
 async def test_the_real_libusb_finds_no_such_device() -> None:
+    if (release := version("libusb-package")) < "1.0.30" and not Path("/dev/bus/usb").exists():
+        pytest.skip(f"libusb-package {release} starts only where the system knows USB")
     assert all(candidate.url.startswith("usb://") for candidate in usb_devices.candidates())
     assert "found no USB device 1209:ffff" in await _open_error("usb://1209:ffff")
