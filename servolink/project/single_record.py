@@ -36,13 +36,13 @@ def add_from(project: Project, source: Project, record: Record, *, caption_encod
     Records already present are not added again; a record with an id in use gets a new id. Raise ProjectError for
     references to missing records, and for a result impossible to store on any board.
     """
-    after, _ = merge_projects(project, _only(source, record))
+    after, _ = merge_projects(project, project_of(source, record))
     after = replace(after, project_id=project.project_id, active_joystick_table=project.active_joystick_table)
     refuse_new_errors(project, after, caption_encoding)
     return after
 
 
-def _only(source: Project, record: Record) -> Project:
+def project_of(source: Project, record: Record) -> Project:
     """Return the project of `record` and all records run by `record`, directly or not."""
     records: dict[str, dict[int, Any]] = {kind.field: {} for kind in RECORD_TYPES}
     for one in with_dependencies(source, [record]):

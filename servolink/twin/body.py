@@ -34,6 +34,8 @@ SPEED: Final = 300.0
 """Fastest turn of servos without a speed, in degrees per second."""
 FRICTION: Final = 0.8
 """Coefficient of friction without another: rubber soles on a table."""
+MOST_SOLIDS: Final = 512
+"""Most shapes of a figure: with more, a moment on the floor may take longer than itself."""
 FULL_LAG: Final = 5.0
 """Lag in degrees with the full torque of a servo without a stiffness."""
 
@@ -173,6 +175,10 @@ def body_of(figure: Figure) -> Body:
     bolted = not isinstance(figure.base, Feet) if fields.bolted is UNSET else fields.bolted
     indexes = {joint.id: at for at, joint in enumerate(figure.joints)}
     parts = [_part(joint, indexes) for joint in figure.joints]
+    if (count := sum(len(part.solids) for part in parts)) > MOST_SOLIDS:
+        raise TwinError(
+            f"figure.joints: the twin takes at most {MOST_SOLIDS} shapes, and the figure has {count:,}; join small ones"
+        )
     _add_masses(figure, fields, parts)
     _refuse_weightless(parts, bolted=bolted)
     places = _placements_at_rest(parts)

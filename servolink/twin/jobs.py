@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import lru_cache
+from time import monotonic
 from typing import Annotated, Final
 
 import msgspec
@@ -26,6 +27,7 @@ FALLING: Final = 1.5
 """Seconds for which a run is shown after the fall."""
 
 _PIECE = 25  # frames, or measurements, in a piece of a job
+_SECONDS = 0.1  # after which a piece ends with the present frame: jobs of other pages wait meanwhile
 
 
 class Frame(Struct, frozen=True):
@@ -66,8 +68,8 @@ def play(figure: bytes, project: Project, record: Action | Macro) -> Iterator[Pi
     trial = RunningTrial(Physics(body_of(shown)), project, record)
     is_over = False
     while not is_over:
-        frames = list[Frame]()
-        while len(frames) < _PIECE and not is_over:
+        frames, end = list[Frame](), monotonic() + _SECONDS
+        while len(frames) < _PIECE and not is_over and (monotonic() < end or not frames):
             frames.append(frame_of(shown, trial.physics))
             trial.advance(FRAME)
             is_over = trial.is_over if trial.fall is None else trial.now > trial.fall.seconds + FALLING
@@ -85,9 +87,12 @@ def judge(figure: bytes, project: Project, record: Action | Macro) -> Iterator[J
     for variation in VARIATIONS:
         trial = RunningTrial(physics, project, record, variation, seconds)
         while not trial.is_over:
+            end = monotonic() + _SECONDS
             for _ in range(_PIECE):
                 if not trial.is_over:
                     trial.advance()
+                if monotonic() >= end:
+                    break
             yield True
         if trial.fall is None:
             has_stood = True

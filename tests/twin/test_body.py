@@ -110,6 +110,7 @@ def test_wrong_values_are_refused_with_their_place(fields: dict[str, Any], place
         (figure({"id": "arm", "servo": 1}), "'arm' turns and weighs nothing; give it a mass"),
         (figure({"id": "arm"}, body={"bolted": False}), "the base stands free and weighs nothing"),
         (figure({"id": "a", "shapes": [LIMB]}, body={"mass": 1, "density": 1}), "not both"),
+        (figure(*({"id": f"{at}", "shapes": [LIMB] * 57} for at in range(9))), "at most 512 shapes, .* has 513"),
         (figure({"id": "a", "shapes": [LIMB]}, {"id": "b", "mass": 2}, body={"mass": 1}), "1 kg is too little"),
     ],
 )
