@@ -45,6 +45,21 @@ async def test_a_program_with_button_events_that_leaves_frees_the_board() -> Non
         assert len((await tablet.call("servos.list"))["servos"]) == 3
 
 
+async def test_button_events_end_at_once_during_exclusive_use() -> None:
+    async with shared() as here, here.program("tablet") as tablet:
+        await tablet.call("buttons.subscribe")
+        await tablet.call("board.hold")
+        await tablet.call("buttons.unsubscribe")
+        assert here.hub.exclusive_use is not None
+        here.virtual.press_button(4, asyncio.get_running_loop().time())
+        await tablet.call("board.release")
+        await asyncio.sleep(1)
+        assert tablet.of("button") == []
+        await tablet.call("buttons.subscribe")
+        here.virtual.press_button(5, asyncio.get_running_loop().time())
+        assert (await tablet.until("button"))["button_id"] == 5
+
+
 async def test_a_program_that_leaves_while_it_waits_to_have_the_board_alone() -> None:
     async with shared() as here, here.program("tablet") as tablet:
         await tablet.call("board.hold")

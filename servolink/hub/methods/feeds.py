@@ -43,6 +43,7 @@ class Feed(ABC):
         self._open_board = open_board
         self._notify = notify
         self._task: asyncio.Task[None] | None = None
+        self._ending = set[asyncio.Task[None]]()
         self._changing = asyncio.Lock()
 
     async def _begin(self) -> None:
@@ -60,10 +61,17 @@ class Feed(ABC):
             await self._end()
 
     async def _end(self) -> None:
+        self._cancel()
+        if self._ending:
+            await asyncio.wait(self._ending)
+
+    def _cancel(self) -> None:
+        """Send no further notifications. The task ends later: leaving may take a request to the board."""
         task, self._task = self._task, None
         if task is not None:
             task.cancel()
-            await asyncio.wait((task,))
+            self._ending.add(task)
+            task.add_done_callback(self._ending.discard)
 
     async def _run(self, ready: asyncio.Future[None]) -> None:
         """Read until the hub ends; after an error, say so once and read again."""
@@ -176,6 +184,11 @@ class ButtonsFeed(Feed):
     async def subscribe(self) -> None:
         """Begin to send events; return when the board sends them. Raise Rejected if the board refuses."""
         await self._begin()
+
+    async def unsubscribe(self) -> None:
+        """Send no further events. The board is asked later, as its response may wait for the end of exclusive use."""
+        async with self._changing:
+            self._cancel()
 
     async def _read(self, board: Board, ready: asyncio.Future[None]) -> None:
         async with board.button_events() as events:

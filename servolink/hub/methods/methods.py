@@ -240,7 +240,7 @@ async def buttons_subscribe(caller: Caller, params: NoParams) -> Done:
 @METHODS.add("buttons.unsubscribe", Role.WATCH)
 async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
     """Send no more notifications `button`."""
-    await caller.buttons.close()
+    await caller.buttons.unsubscribe()
     return Done()
 
 
