@@ -1,12 +1,32 @@
-"""Background tasks with an owner, cancelled when the owner closes."""
+"""Work in the background: tasks with an owner, and long computations in a thread."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
-from typing import Any, TypeVar
+from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial, wraps
+from typing import Any, ParamSpec, TypeVar
 
+P = ParamSpec("P")
 T = TypeVar("T")
+
+# One thread for all: each further thread at work would delay an event loop by another time slice of Python.
+_computing = ThreadPoolExecutor(1, "servolink computing")
+
+
+def computed(work: Callable[P, T]) -> Callable[P, Coroutine[Any, Any, T]]:
+    """Return a coroutine function that does `work` in a thread, one computation at a time.
+
+    Work with large projects goes here, as a stop must not wait for the event loop. Nothing may change the arguments
+    meanwhile.
+    """
+
+    @wraps(work)
+    async def compute(*args: P.args, **kwargs: P.kwargs) -> T:
+        return await asyncio.get_running_loop().run_in_executor(_computing, partial(work, *args, **kwargs))
+
+    return compute
 
 
 class Tasks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import aclosing
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ from servolink.protocol.packet import Packet
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 from servolink.protocol.records import Action, Macro
 from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
+from servolink.tasks import computed
 
 if TYPE_CHECKING:  # imported late: most programs run no stored records
     from servolink.project.speed import RecordRun
@@ -114,9 +115,9 @@ class StoredRuns:
         from servolink.project.speed import RecordRun
 
         stored = await collect(self._records.get, kind, record_id)
-        run = RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit)
+        run = await computed(RecordRun)(stored, kind.by_id(stored)[record_id], self._interval_unit)
         if wait:
-            check_can_wait(run, await self._servos.servos())
+            await computed(check_can_wait)(run, await self._servos.servos())
         return run
 
     async def _prepare(
@@ -140,16 +141,16 @@ class StoredRuns:
             stored, record = run.stored, run.record
             servos = {servo.servo_id: servo for servo in await self._servos.servos()}
             units_sent = self._session.connection.units_sent
-            _refuse(record, next(uncheckable(stored), ""))
+            _refuse(record, await _first(uncheckable, stored))
             pose = run.first_pose()
             self._check_servos(record, stored, servos)
             active = {servo_id for servo_id in pose if servo_id in servos and _is_active(servos[servo_id])}
             first = self._servos.soft_start.first_moves(active)
             start = {servo_id: int(servo.angle) for servo_id, servo in servos.items()}
             start |= {servo_id: pose[servo_id] for servo_id in first}
-            _refuse(record, next(preflight_run(run, stored, self._limits, start), ""), Reason.LIMIT)
+            _refuse(record, await _first(preflight_run, run, stored, self._limits, start), Reason.LIMIT)
             if wait:
-                check_can_wait(run, servos.values())
+                await computed(check_can_wait)(run, servos.values())
             self._check_is_current(name_of(record), ticket)
             if dry_run or not first:
                 return run, ticket.checked(units_sent)
@@ -207,6 +208,12 @@ class StoredRuns:
                     _refuse(record, why, Reason.ANGLE_UNIT)
                 if step.servo_id not in servos and self._limits.limit_speed_of(step.servo_id):
                     _refuse(record, f"{where}, which the board does not report, so its speed is unknown")
+
+
+@computed
+def _first(search: Callable[..., Iterator[str]], *arguments: Any) -> str:
+    """Return the first fault that a search finds; empty if there is none."""
+    return next(search(*arguments), "")
 
 
 def _is_active(servo: Servo) -> bool:

@@ -24,6 +24,8 @@ MOST_STREAM_HZ = 100.0
 """Most set-points of a stream per second: the shortest movement takes 10 ms."""
 MOST_GAP = 10.0
 """Longest time between two set-points of a stream, in seconds."""
+MOST_LIMITS = 64
+"""Most limits in addition to those of the board: each movement of a servo is compared with all limits."""
 CREDIT = 2
 """Unacknowledged frames of servos after which a program gets no further frames."""
 
@@ -34,6 +36,7 @@ RecordKind = Literal["action", "macro", "joystick_table"]
 Which: TypeAlias = Annotated[int | str, about("an id, or a caption")]
 Servos: TypeAlias = Annotated[int | str, about('an id, a caption, or "all"')]
 _ServoId: TypeAlias = Annotated[int, Meta(ge=0, le=254)]
+_MOST_SERVOS = 255
 
 
 Until: TypeAlias = Annotated[
@@ -229,7 +232,9 @@ class LineTested(Struct, frozen=True):
 class Move(Struct, forbid_unknown_fields=True):
     """Movement with either `duration` or `speed`."""
 
-    targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
+    targets: Annotated[
+        dict[str, float], Meta(max_length=_MOST_SERVOS, description="degrees by servo: id or caption as text")
+    ]
     duration: Annotated[float | None, about("seconds")] = None
     speed: Annotated[float | None, about("degrees per second")] = None
     wait: Annotated[bool, about("respond when the servos have arrived")] = False
@@ -246,7 +251,10 @@ class Moved(Struct, frozen=True):
 class MoveEnd(Struct, forbid_unknown_fields=True):
     """Servos to stop at their present angles."""
 
-    servos: Annotated[tuple[_ServoId, ...] | None, about("ids of the servos that may move; null: all servos")] = None
+    servos: Annotated[
+        Annotated[tuple[_ServoId, ...], Meta(max_length=_MOST_SERVOS)] | None,
+        about("ids of the servos that may move; null: all servos"),
+    ] = None
 
 
 class Release(Struct, forbid_unknown_fields=True):
@@ -269,10 +277,13 @@ class Tighten(Struct, forbid_unknown_fields=True):
     """Limits in addition to those of the board."""
 
     angles: Annotated[
-        dict[str, tuple[float, float]], about('lowest and highest angle in degrees, by servo id or "all"')
+        dict[str, tuple[float, float]],
+        Meta(max_length=_MOST_SERVOS + 1, description='lowest and highest angle in degrees, by servo id or "all"'),
     ] = {}
     speed_cap: Annotated[float | None, about("highest speed in degrees per second; null for no further cap")] = None
-    speed_caps: Annotated[dict[str, float], about("the same for single servos, by id")] = {}
+    speed_caps: Annotated[
+        dict[str, float], Meta(max_length=_MOST_SERVOS, description="the same for single servos, by id")
+    ] = {}
     soft_start: Annotated[float | None, about("highest speed of a servo's first movement; null for any")] = None
     source: Annotated[str, Meta(max_length=200, description="source named in errors")] = ""
 
@@ -286,7 +297,7 @@ class QuestionAsk(Struct, forbid_unknown_fields=True):
     seconds: Annotated[float, Meta(ge=0, le=3600, description="planned duration of the motion")]
     targets: Annotated[
         dict[Annotated[str, Meta(max_length=64)], float],
-        Meta(max_length=255, description="degrees by servo id, of a movement"),
+        Meta(max_length=_MOST_SERVOS, description="degrees by servo id, of a movement"),
     ] = {}
     record: Annotated[Literal["action", "macro"] | None, about("type of a stored record to run")] = None
     caption: Annotated[str, Meta(max_length=200, description="caption of the record, or its id")] = ""
@@ -314,7 +325,9 @@ class StreamBegin(Struct, forbid_unknown_fields=True):
 
     hz: Annotated[float, Meta(gt=0, le=MOST_STREAM_HZ, description="set-points per second, at most")] = 50.0
     gap: Annotated[float, Meta(gt=0, le=MOST_GAP, description="seconds without a set-point that end the stream")] = 0.5
-    limits: Annotated[tuple[Tighten, ...], about("limits in addition to those of the board")] = ()
+    limits: Annotated[
+        tuple[Tighten, ...], Meta(max_length=MOST_LIMITS, description="limits in addition to those of the board")
+    ] = ()
 
 
 class StreamBegun(Struct, frozen=True):
@@ -327,7 +340,9 @@ class StreamSend(Struct, forbid_unknown_fields=True):
     """Set-point for a stream of this program."""
 
     stream: Annotated[int, about("number of the stream, from `stream.begin`")]
-    targets: Annotated[dict[str, float], about("degrees by servo: id or caption as text")]
+    targets: Annotated[
+        dict[str, float], Meta(max_length=_MOST_SERVOS, description="degrees by servo: id or caption as text")
+    ]
 
 
 class StreamSent(Struct, frozen=True):

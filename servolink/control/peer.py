@@ -10,9 +10,10 @@ import asyncio
 import inspect
 import json
 import logging
+import re
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine, Mapping
-from contextlib import AbstractAsyncContextManager, nullcontext, suppress
+from collections.abc import Callable, Coroutine, Mapping
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
@@ -24,6 +25,7 @@ from servolink.errors import EncodeError
 from servolink.escaping import escape, quote
 from servolink.json_text import read_json
 from servolink.protocol.json_errors import convert, quote_json
+from servolink.tasks import computed
 
 MOST_BYTES = 1024 * 1024
 """The longest message that a program may send."""
@@ -35,11 +37,14 @@ MOST_BEGUN = 128
 """Followed outcomes of requests of one program that were begun at once; further outcomes are not followed."""
 MOST_READING = 8
 """Requests without changes carried out at the same time for one program."""
+LARGE = 16 * 1024
+"""Bytes of the longest message read by the event loop; a thread reads longer messages, so that a stop passes."""
 MOST_NOTIFICATIONS = 256
 """Notifications kept for a program that does not read; the oldest are dropped and counted."""
 
 _MOST_ID = 2**53  # JavaScript rounds larger integers
 _LONGEST_ID = 128
+_NOT_ASCII = re.compile(r"[^\x00-\x7f]+")
 _FIELDS = ("jsonrpc", "method", "params", "id")
 
 _logger = logging.getLogger(__name__)
@@ -132,6 +137,20 @@ def parse(message: bytes | str) -> RpcRequest:
     return RpcRequest(value["method"], value.get("params", {}), request_id)
 
 
+class _Id(Struct):
+    """Id of a request, for a response to a message that is not read."""
+
+    id: int | str | None = None
+
+
+def _id_in(message: bytes | str) -> int | str | None:
+    """Return the id in a message; None without a valid id."""
+    with suppress(msgspec.MsgspecError, ValueError, RecursionError):
+        request_id = msgspec.json.decode(message, type=_Id).id
+        return None if _wrong_id(request_id) else request_id
+    return None
+
+
 def _wrong_id(value: Any) -> str:
     if isinstance(value, str):
         return f"id must have at most {_LONGEST_ID} characters" if len(value) > _LONGEST_ID else ""
@@ -153,11 +172,15 @@ def _wrong_request(value: dict[str, Any]) -> str:
     return ""
 
 
+def _escaped(characters: re.Match[str]) -> str:
+    return json.dumps(characters[0])[1:-1]
+
+
 def encode(value: Any) -> bytes:
     """Return `value` as JSON in ASCII, so that captions cannot control a terminal or a log."""
     with suppress(UnicodeEncodeError):  # a caption with a byte that is not text
-        if (text := msgspec.json.encode(value)).isascii():
-            return text
+        text = msgspec.json.encode(value)
+        return text if text.isascii() else _NOT_ASCII.sub(_escaped, text.decode()).encode()
     return json.dumps(msgspec.to_builtins(value), separators=(",", ":")).encode()
 
 
@@ -202,21 +225,32 @@ class Peer(Generic[C]):
         """Take one message; never raises."""
         if self._is_closed:
             return
+        if len(message) > LARGE:
+            self._receive_large(message)
+            return
         try:
             request = parse(message)
         except RpcError as error:
-            self._write({"id": error.request_id, "error": error_object(error)})
+            self._refuse(error)
             return
         try:
             method, params = self._checked(request)
             if method.is_coroutine:
-                self._start(request, method, params, len(message))
+                carrying_out = self._carry_out(self._context(), request, method, params)
+                self._start(carrying_out, len(message), is_urgent=method.is_urgent)
             elif inspect.iscoroutine(result := method.handler(self._context(), params)):
                 self._follow(request, result)
             else:
                 self._respond(request, result)
         except Exception as error:  # noqa: BLE001 - whatever a method raises is an answer
             self._fail(request, error)
+
+    def _receive_large(self, message: bytes | str) -> None:
+        try:
+            self._start(self._carry_out_large(self._context(), message), len(message))
+        except RpcError as error:
+            error.request_id = _id_in(message)
+            self._refuse(error)
 
     def notify(self, name: str, params: Struct | dict[str, Any]) -> None:
         """Send a notification; while the program does not read, keep it."""
@@ -268,19 +302,23 @@ class Peer(Generic[C]):
         except EncodeError as error:
             raise RpcError(Code.INVALID_PARAMS, str(error), path=error.path) from None
 
-    def _start(self, request: RpcRequest, method: Method[C], params: Struct, size: int) -> None:
-        if not method.is_urgent and (self._waiting >= MOST_WAITING or self._held + size > MOST_HELD):
-            raise RpcError(Code.BUSY, f"{self._waiting} requests of this program wait already")
-        if method.is_urgent and len(self._tasks) >= 2 * MOST_WAITING:
-            raise RpcError(Code.BUSY, f"{len(self._tasks)} requests of this program are under way already")
-        self._waiting += not method.is_urgent
+    def _start(self, carrying_out: Coroutine[Any, Any, None], size: int, *, is_urgent: bool = False) -> None:
+        busy = ""
+        if not is_urgent and (self._waiting >= MOST_WAITING or self._held + size > MOST_HELD):
+            busy = f"{self._waiting} requests of this program wait already"
+        if is_urgent and len(self._tasks) >= 2 * MOST_WAITING:
+            busy = f"{len(self._tasks)} requests of this program are under way already"
+        if busy:
+            carrying_out.close()
+            raise RpcError(Code.BUSY, busy)
+        self._waiting += not is_urgent
         self._held += size
-        task = asyncio.get_running_loop().create_task(self._carry_out(self._context(), request, method, params))
+        task = asyncio.get_running_loop().create_task(carrying_out)
         self._tasks.add(task)
 
         def ended(task: asyncio.Task[None]) -> None:
             self._tasks.discard(task)
-            self._waiting -= not method.is_urgent
+            self._waiting -= not is_urgent
             self._held -= size
 
         task.add_done_callback(ended)
@@ -310,20 +348,47 @@ class Peer(Generic[C]):
 
         task.add_done_callback(ended)
 
-    async def _carry_out(self, context: C, request: RpcRequest, method: Method[C], params: Struct) -> None:
+    async def _carry_out_large(self, context: C, message: bytes | str) -> None:
+        """Read a large message in a thread, in turn with requests in order, and carry out the request."""
+        async with AsyncExitStack() as turn:
+            await turn.enter_async_context(self._order)
+            try:
+                request = await computed(parse)(message)
+            except RpcError as error:
+                self._refuse(error)
+                return
+            try:
+                method, params = await computed(self._checked)(request)
+            except Exception as error:  # noqa: BLE001 - as in `receive`
+                self._fail(request, error)
+                return
+            if method.in_order:
+                await self._carry_out(context, request, method, params, turn=nullcontext())
+                return
+        await self._carry_out(context, request, method, params)
+
+    async def _carry_out(
+        self,
+        context: C,
+        request: RpcRequest,
+        method: Method[C],
+        params: Struct,
+        turn: AbstractAsyncContextManager[object] | None = None,
+    ) -> None:
+        """Carry out a request in turn, and respond; `turn` replaces the turn of the method."""
         try:
-            async with self._turn(method):
+            async with turn or self._turn(method):
                 if not method.is_urgent:
                     await self._room.wait()  # or a program that does not read could fill the memory with responses
                 report = (self._reporter(request),) if method.reports else ()
-                result: Awaitable[Any] = method.handler(context, params, *report)
-                self._respond(request, await result)
+                result = method.handler(context, params, *report)
+                self._respond(request, await result if inspect.isawaitable(result) else result)
         except Exception as error:  # noqa: BLE001 - as in `receive`
             self._fail(request, error)
 
     def _turn(self, method: Method[C]) -> AbstractAsyncContextManager[object]:
         """Return what a request waits for; both kinds are granted in the order of the requests."""
-        if method.is_urgent:
+        if method.is_urgent or not method.is_coroutine:
             return nullcontext()
         return self._order if method.in_order else self._reading
 
@@ -334,6 +399,9 @@ class Peer(Generic[C]):
             self.notify("progress", {"id": request.request_id, **msgspec.to_builtins(progress)})
 
         return report
+
+    def _refuse(self, error: RpcError) -> None:
+        self._write({"id": error.request_id, "error": error_object(error)})
 
     def _respond(self, request: RpcRequest, result: Any) -> None:
         if request.request_id is not None:

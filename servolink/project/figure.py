@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from functools import cache
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
@@ -136,9 +137,10 @@ class Figure(_Part, frozen=True):
     view: View
     joints: Annotated[tuple[Joint, ...], Meta(max_length=MOST_JOINTS)]
     base: FixedBase | Feet = FixedBase()
-    groups: Annotated[dict[str, dict[str, str]], _about(f"names of the limbs {', '.join(COLOURS)}, by language")] = (
-        msgspec.field(default_factory=dict)
-    )
+    groups: Annotated[
+        dict[str, Annotated[dict[str, str], Meta(max_length=64)]],
+        Meta(max_length=len(COLOURS), description=f"names of the limbs {', '.join(COLOURS)}, by language"),
+    ] = msgspec.field(default_factory=dict)
     body: Annotated[BodyFields | UnsetType, _about("masses and servos, for the twin")] = UNSET
 
 
@@ -259,7 +261,7 @@ def _form(value: Any) -> Any:
     """Return `value` without fields at the default, and with whole numbers in the usual notation: 64, not 64.0."""
     if isinstance(value, Struct):
         tag = {value.__struct_config__.tag_field: value.__struct_config__.tag} if isinstance(value, _BASES) else {}
-        fields = [(field, getattr(value, field.name)) for field in msgspec.structs.fields(value)]
+        fields = [(field, getattr(value, field.name)) for field in _fields(type(value))]
         return tag | {field.encode_name: _form(one) for field, one in fields if one not in (field.default, {})}
     if isinstance(value, dict):
         return {key: _form(one) for key, one in value.items()}
@@ -268,4 +270,5 @@ def _form(value: Any) -> Any:
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
+_fields = cache(msgspec.structs.fields)
 _BASES = (FixedBase, Feet)

@@ -114,6 +114,7 @@ _TYPES: dict[type, tuple[type, ...]] = {
     inspect.StrType: (str,),
     inspect.LiteralType: (str, int),
     inspect.TupleType: (list, tuple),
+    inspect.VarTupleType: (list, tuple),
 }
 
 
@@ -128,6 +129,8 @@ def _wrong_values(info: inspect.DictType, value: Any) -> str:
                 return f"{quote(key)}: {wrong}"
         elif type(one) not in _TYPES.get(type(expected), ()):
             return f"{quote(key)} {_reason(expected, one)}"
+    if info.max_length is not None and len(value) > info.max_length:
+        return f"has {len(value)} items; at most {info.max_length}"
     return ""
 
 

@@ -25,6 +25,7 @@ from servolink.platforms.locks import lock
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import STORED_TYPES
+from servolink.tasks import computed
 
 MOST_RECORDS = 4096
 """Most records in a draft, discarded edits included."""
@@ -108,8 +109,7 @@ class Drafts:
 
         Raise EncodeError, which names the place, for anything but a record.
         """
-        for number, edit in enumerate(edits):
-            _check(edit, f"edits[{number}]")
+        await computed(_check_all)(edits)
         async with self._turn:
             return await asyncio.to_thread(self._save_locked, edits, who)
 
@@ -201,6 +201,11 @@ def _identity(path: Path) -> tuple[int, int, int]:
 def file_name(board: str) -> str:
     """Return a name for files of a board, whatever characters the board's name has."""
     return board if is_name(board) else f"_{board.encode().hex()[:120]}"
+
+
+def _check_all(edits: list[Edit]) -> None:
+    for number, edit in enumerate(edits):
+        _check(edit, f"edits[{number}]")
 
 
 def _check(edit: Edit, place: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 from msgspec import Struct
@@ -12,6 +11,7 @@ from servolink.control.roles import Role
 from servolink.project.figure import Figure, checked_figure, figure_from_json, figure_to_json
 from servolink.studio.kept import read_kept, write_kept
 from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.tasks import computed
 
 
 def read_figure(board: str) -> Figure | None:
@@ -39,17 +39,23 @@ class FigureSave(Struct, forbid_unknown_fields=True):
 
 
 @METHODS.add("studio.figure.get", Role.WATCH)
-async def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
+@computed
+def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
     """Return the figure of the robot, null for none."""
-    return _now(await asyncio.to_thread(read_figure, caller.hub))
+    return _now(read_figure(caller.hub))
 
 
 @METHODS.add("studio.figure.save", Role.EDIT, in_order=True)
 async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
     """Keep the figure of the robot. EncodeError names the faulty place in the figure."""
-    figure = None if params.figure is None else checked_figure(params.figure)
-    await asyncio.to_thread(write_figure, caller.hub, figure)
-    caller.tell_others("studio.figure", _now(figure))
+    now = await computed(_save)(caller.hub, params.figure)
+    caller.tell_others("studio.figure", now)
+    return now
+
+
+def _save(board: str, figure: Figure | None) -> FigureNow:
+    figure = None if figure is None else checked_figure(figure)
+    write_figure(board, figure)
     return _now(figure)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import replace
 from typing import Annotated
 
@@ -11,6 +10,7 @@ from msgspec import Meta, Struct
 from servolink.control.roles import Role
 from servolink.firmware import compiling, image
 from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.tasks import computed
 
 
 class FirmwareAsk(Struct, forbid_unknown_fields=True):
@@ -28,8 +28,9 @@ class Firmware(Struct, frozen=True):
 
 
 @METHODS.add("studio.firmware", Role.EDIT)
-async def firmware(caller: PageCaller, params: FirmwareAsk) -> Firmware:
+@computed
+def firmware(caller: PageCaller, params: FirmwareAsk) -> Firmware:
     """Return the firmware as `servolink firmware install` writes it onto a Pico."""
-    binary = image.from_uf2(await asyncio.to_thread(compiling.IMAGE.read_bytes))
+    binary = image.from_uf2(compiling.IMAGE.read_bytes())
     settings = replace(image.read_settings(binary), servos=params.servos)
     return Firmware(compiling.IMAGE.name, image.to_uf2(image.with_settings(binary, settings)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated, Any
 
 from msgspec import Meta, Struct
@@ -19,6 +18,7 @@ from servolink.project.project_file import ProjectFile, parse_project_file, proj
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.validate import Diagnostic, validate_project
 from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.tasks import computed
 
 
 class FileText(Struct, forbid_unknown_fields=True):
@@ -61,17 +61,17 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
 
 
 @METHODS.add("studio.file.read", Role.WATCH)
-async def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
+@computed
+def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names the fault and the place."""
-    file = await asyncio.to_thread(parse_project_file, params.text)
-    return ProjectExported(_form_of(file))
+    return ProjectExported(_form_of(parse_project_file(params.text)))
 
 
 @METHODS.add("studio.file.write", Role.WATCH)
-async def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
+@computed
+def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
     """Return the text of the file for a project, as `servolink export` writes it."""
-    file = project_from_form(params.project)
-    return FileContent(await asyncio.to_thread(lambda: write_json(_form_of(file))))
+    return FileContent(write_json(_form_of(project_from_form(params.project))))
 
 
 def _form_of(file: ProjectFile) -> dict[str, Any]:
@@ -79,10 +79,10 @@ def _form_of(file: ProjectFile) -> dict[str, Any]:
 
 
 @METHODS.add("studio.check", Role.WATCH)
-async def check(caller: PageCaller, params: SomeProject) -> Checked:
+@computed
+def check(caller: PageCaller, params: SomeProject) -> Checked:
     """Return faults and oddities of a project, and movements too fast or too far for the board."""
-    project = project_from_form(params.project).project
-    found = await asyncio.to_thread(findings, project, caller.profile)
+    found = findings(project_from_form(params.project).project, caller.profile)
     ordered = sorted(found, key=lambda one: one.severity != "error")
     return Checked(tuple(Found(one.path, one.text, one.severity) for one in ordered))
 
@@ -99,12 +99,13 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
 
 
 @METHODS.add("studio.backup", Role.EDIT)
-async def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
+@computed
+def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
     """Return the content of a backup. ProjectError for an unknown number or a changed backup."""
     store = BackupStore()
     path = next((one.path for one in store.backups() if one.number == params.number), None)
     if path is None:
         raise ProjectError(f"there is no backup {params.number}; look at the list of backups again")
-    project = await asyncio.to_thread(store.load, path)
+    project = store.load(path)
     is_odd = any(one.severity == "error" for one in validate_project(project))
     return ProjectExported(project_to_form(project, unchecked=is_odd))

@@ -25,6 +25,7 @@ from servolink.studio.gate import Gate
 from servolink.studio.page import MOST_MESSAGE, serve_page
 from servolink.studio.page_files import PageFile, page_files
 from servolink.studio.studio_methods import Studio
+from servolink.tasks import computed
 
 _WRONG_HOST = 421
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -102,7 +103,8 @@ def application(studio: Studio, gate: Gate) -> web.Application:
     async def show(request: web.Request) -> web.StreamResponse:
         if (name := request.match_info["name"]) not in page_names():
             raise web.HTTPNotFound(text="servolink has no such page\n")
-        return web.Response(body=docs_page(name), headers={"Content-Type": "text/html; charset=utf-8"})
+        page = await computed(docs_page)(name)
+        return web.Response(body=page, headers={"Content-Type": "text/html; charset=utf-8"})
 
     app.router.add_get("/ws", talk)
     app.router.add_get("/docs/{name:.+}", show)

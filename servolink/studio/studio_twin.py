@@ -16,8 +16,10 @@ from servolink.errors import ProjectError
 from servolink.project.figure import Figure, checked_figure, figure_to_json
 from servolink.project.model import Project
 from servolink.project.record_lookup import by_type, dependency_order
+from servolink.project.single_record import project_of
 from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
+from servolink.tasks import computed
 from servolink.twin.jobs import FRAME, Frame, Judged, Reached, judge, play, pull
 from servolink.twin.placement import Vector
 from servolink.twin.trial import Fall
@@ -93,7 +95,7 @@ class Twin:
 
         Raise TwinError for a figure without a possible body, or without MuJoCo.
         """
-        key = await asyncio.to_thread(robot.key, record)
+        key = await computed(robot.key)(record)
         if key not in self._verdicts:
             async with self._turn:  # the process has one body for all verdicts about a figure
                 if key not in self._verdicts:
@@ -105,7 +107,8 @@ class Twin:
         return verdict
 
     async def _judge(self, robot: Robot, record: Action | Macro) -> Judged | None:
-        work = self._worker.run(judge, robot.figure, robot.project, record, is_background=True)
+        project = await computed(project_of)(robot.project, record)  # all records take long to pass to the process
+        work = self._worker.run(judge, robot.figure, project, record, is_background=True)
         with suppress(ProjectError):
             async with aclosing(work) as pieces:
                 async for piece in pieces:
@@ -122,7 +125,8 @@ class Twin:
         """
         now = asyncio.get_running_loop().time
         due = now()
-        async with aclosing(self._worker.run(play, robot.figure, robot.project, record)) as pieces:
+        project = await computed(project_of)(robot.project, record)
+        async with aclosing(self._worker.run(play, robot.figure, project, record)) as pieces:
             async for piece in pieces:
                 due = max(due, now())  # a slow computer shows the run slowly, and leaves nothing out
                 for frame in piece.frames:

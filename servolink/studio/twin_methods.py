@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
 from itertools import compress
@@ -22,6 +21,7 @@ from servolink.protocol.record_types import ACTION, MACRO, type_of
 from servolink.protocol.records import Action, Macro
 from servolink.studio.studio_methods import METHODS, PageCaller
 from servolink.studio.studio_twin import Robot
+from servolink.tasks import computed
 from servolink.twin.jobs import Judged, Reached
 from servolink.twin.trial import Fall
 
@@ -97,12 +97,8 @@ async def twin_try(caller: PageCaller, params: TwinRecord, report: Callable[[Twi
     The run ends early with the next call of this method or of `studio.twin.stop` by the same page. TwinError says why
     there is no twin.
     """
-    project = project_from_form(params.project).project
-    kind = ACTION if params.type == "action" else MACRO
-    record = by_type(project)[kind.field].get(params.id)
-    if record is None:
-        raise NotFound(f"the project has no {kind.label} {params.id}")
-    robot, twin = Robot.of(project, params.figure), caller.studio.twin
+    robot, record = await computed(_found)(params)
+    twin = caller.studio.twin
     is_wanted = twin.begin(caller.page, "run")
     fall: Fall | None = None
     async with aclosing(twin.play(robot, record)) as frames:
@@ -112,6 +108,15 @@ async def twin_try(caller: PageCaller, params: TwinRecord, report: Callable[[Twi
             fall = last
             report(TwinFrame((frame.at, frame.turn, frame.angles)))
     return Tried(_fall_at(fall))
+
+
+def _found(params: TwinRecord) -> tuple[Robot, Action | Macro]:
+    project = project_from_form(params.project).project
+    kind = ACTION if params.type == "action" else MACRO
+    record = by_type(project)[kind.field].get(params.id)
+    if record is None:
+        raise NotFound(f"the project has no {kind.label} {params.id}")
+    return Robot.of(project, params.figure), record
 
 
 @METHODS.add("studio.twin.stop", Role.WATCH)
@@ -126,11 +131,11 @@ async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callabl
 
     The work ends early with the next call of this method by the same page. TwinError says why there is no twin.
     """
-    project = project_from_form(params.project).project
-    robot, twin = Robot.of(project, params.figure), caller.studio.twin
+    robot = await computed(lambda: Robot.of(project_from_form(params.project).project, params.figure))()
+    twin = caller.studio.twin
     is_wanted = twin.begin(caller.page, "verdicts")
-    records: list[Action | Macro] = [*project.actions, *project.macros]
-    known = await asyncio.to_thread(lambda: [twin.known(robot, record) for record in records])
+    records: list[Action | Macro] = [*robot.project.actions, *robot.project.macros]
+    known = await computed(lambda: [twin.known(robot, record) for record in records])()
     found = list[RecordVerdict]()
     for record in compress(records, known):
         found += _verdicts(record, await twin.verdict(robot, record))
@@ -147,7 +152,7 @@ async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callabl
 @METHODS.add("studio.twin.reach", Role.WATCH)
 async def twin_reach(caller: PageCaller, params: TwinPull) -> Reached:
     """Return the angles with which a hand, a foot or a head goes where it was pulled, or as near as possible."""
-    figure = Robot.of(Project(), params.figure).figure
+    figure = (await computed(Robot.of)(Project(), params.figure)).figure
     start = {int(servo_id): degrees for servo_id, degrees in params.start.items()}
     return await caller.studio.twin.pull(figure, params.joint, params.move, start)
 

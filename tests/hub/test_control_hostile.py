@@ -107,7 +107,7 @@ def test_garbage_gets_one_error_a_line() -> None:
         while answers.count(b"\n") < 4:
             answers += await program.read()
         codes = [json.loads(answer)["error"]["code"] for answer in answers.splitlines()]
-        assert codes == [-32700, -32700, -32700, -32600]
+        assert sorted(codes) == [-32700, -32700, -32700, -32600]  # a long line is read in a thread
 
     on_socket(main)
 

@@ -30,6 +30,7 @@ from servolink.protocol.servos import (
     QueryServoRequest,
     SetServoParameterRequest,
 )
+from servolink.tasks import computed
 
 _PAUSE = 0.5  # seconds between two readings of servos that may move
 _RESTING = 4  # readings in a row between which no servo turns
@@ -162,9 +163,14 @@ class Motions:
             stored = await collect(self._get, kind, record_id)
         except ServolinkError:
             return None
-        run = RecordRun(stored, kind.by_id(stored)[record_id], self._interval_unit)
-        seconds = run.known_seconds()
-        return None if seconds is None else RunEnd(seconds, run.last_pose())
+        interval_unit = self._interval_unit
+
+        def end() -> RunEnd | None:
+            run = RecordRun(stored, kind.by_id(stored)[record_id], interval_unit)
+            seconds = run.known_seconds()
+            return None if seconds is None else RunEnd(seconds, run.last_pose())
+
+        return await computed(end)()
 
     async def _get(self, kind: RecordType[Any], record_id: int) -> Any:
         return await (self._board.action(record_id) if kind is ACTION else self._board.macro(record_id))

@@ -17,6 +17,7 @@ from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.control.error_codes import Code, RpcError
 from servolink.control.greeting import Greeting
+from servolink.control.messages import MOST_LIMITS
 from servolink.control.notifications import HoldNotice
 from servolink.control.roles import Role
 from servolink.control.status import HoldStatus
@@ -201,6 +202,12 @@ class Control:
                 Code.INVALID_REQUEST,
                 "this program has used the board already",
                 remedy="tighten the limits before anything else",
+            )
+        if self._limits is not None and len(list(self._limits.parts())) >= MOST_LIMITS:
+            raise RpcError(
+                Code.INVALID_REQUEST,
+                f"this program has {MOST_LIMITS} limits already",
+                remedy="tighten the limits of all servos in one call",
             )
         self._limits = limits if self._limits is None else self._limits.tightened(limits)
 

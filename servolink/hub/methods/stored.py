@@ -41,6 +41,7 @@ from servolink.project.transfer.results import ApplyResult, Memory, Plan, Progre
 from servolink.project.validate import validate_project
 from servolink.protocol.json_form import record_to_json, struct_from_json
 from servolink.protocol.record_types import RECORD_TYPES, RecordType
+from servolink.tasks import computed
 
 _KINDS: dict[RecordKind, RecordType[Any]] = {
     cast("RecordKind", kind.label.replace(" ", "_")): kind for kind in RECORD_TYPES
@@ -78,7 +79,7 @@ async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCa
     """
     name = params.__struct_config__.tag
     kind = _KINDS[name]
-    record = struct_from_json(kind.record_class, params.record)
+    record = await computed(struct_from_json)(kind.record_class, params.record)
     record_id = kind.id_of(record)
 
     def edit(before: Project, caption_encoding: str) -> Project:
@@ -117,7 +118,7 @@ async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> 
         if await board.has_unfinished_import():
             raise ProjectError("the board holds an unfinished import: apply the project again, or roll back")
         before = await board.export_project(on_progress=on_progress)
-        after = edit(before, board.codec.caption_encoding)
+        after = await computed(edit)(before, board.codec.caption_encoding)
         return before, after, await board.apply_project(after, unchecked=True, on_progress=on_progress)
 
 
@@ -131,7 +132,12 @@ async def project_export(caller: Caller, params: NoParams, on_progress: Progress
     if is_unfinished(project.project_id):
         url = caller.control.hub.board.url
         project = replace(project, project_id=await asyncio.to_thread(_wanted_id, project.project_id, url))
-    found = validate_project(project, caption_encoding=caller.control.hub.board.codec.caption_encoding)
+    return await _exported(project, caller.control.hub.board.codec.caption_encoding)
+
+
+@computed
+def _exported(project: Project, caption_encoding: str) -> ProjectExported:
+    found = validate_project(project, caption_encoding=caption_encoding)
     is_odd = any(one.severity == "error" for one in found)
     return ProjectExported(project_to_form(project, unchecked=is_odd))
 
@@ -144,7 +150,7 @@ def _wanted_id(marker: int, url: str) -> int:
 @METHODS.add("project.plan", Role.EDIT, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
     """Return the changes of `project.apply` and their cost. Nothing is changed, and other programs wait meanwhile."""
-    project, unchecked, *_ = project_from_form(params.project)
+    project, unchecked, *_ = await computed(project_from_form)(params.project)
 
     async def read(board: Board) -> Plan:
         async with caller.control.exclusive("a project is being compared"):
@@ -152,7 +158,11 @@ async def project_plan(caller: Caller, params: ProjectPlan, on_progress: Progres
                 project, replace=params.replace, unchecked=unchecked, on_progress=on_progress
             )
 
-    plan = await caller.control.read(read)
+    return await _planned(await caller.control.read(read))
+
+
+@computed
+def _planned(plan: Plan) -> Planned:
     return Planned(
         tuple(Changed(one.what, record_to_json(one.old), record_to_json(one.new)) for one in plan.changes),
         plan.inconsistencies,
@@ -171,7 +181,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     If it is interrupted, by the end of this program too, apply the same project again, or roll back.
     """
     board = await caller.control.board()
-    project, unchecked, *_ = project_from_form(params.project)
+    project, unchecked, *_ = await computed(project_from_form)(params.project)
     async with caller.control.exclusive("a project is being written"):
         with caller.control.moving():  # corrections turn servos, and half an import helps nobody
             result = await board.apply_project(
@@ -186,7 +196,7 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
     board = await caller.control.board()
     backup = None
     if params.backup is not None:
-        paths = [one.path for one in BackupStore().backups() if one.number == params.backup]
+        paths = [one.path for one in await asyncio.to_thread(BackupStore().backups) if one.number == params.backup]
         if not paths:
             raise ProjectError(f"there is no backup {params.backup}; project.backups lists them")
         backup = paths[0]
@@ -197,6 +207,7 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
 
 
 @METHODS.add("project.backups", Role.EDIT)
+@computed
 def project_backups(caller: Caller, params: NoParams) -> BackupList:
     """Return all backups of boards on this computer."""
     return BackupList(

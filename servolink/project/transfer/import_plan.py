@@ -23,6 +23,7 @@ from servolink.protocol.layout import content_size
 from servolink.protocol.packet import Packet, Request
 from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+from servolink.tasks import computed
 
 
 async def plan_project(
@@ -34,12 +35,26 @@ async def plan_project(
     unchecked: bool = False,
 ) -> Plan:
     """Return the plan of `apply_project`. Raise ProjectError for a project impossible to write to any board."""
-    check_writable(board, project, unchecked=unchecked)
+    await check_writable(board, project, unchecked=unchecked)
     project = board.holdable(project)
     loop = asyncio.get_running_loop()
     begun = loop.time()
     content = await BoardReader(board, on_progress, project).read()
     reading_seconds = loop.time() - begun
+    memory = await memory_after(board, content, project)
+    return await _plan(board, content, project, memory, reading_seconds, replace=replace)
+
+
+@computed
+def _plan(
+    board: PinnedConnection,
+    content: Content,
+    project: Project,
+    memory: Memory | None,
+    reading_seconds: float,
+    *,
+    replace: bool,
+) -> Plan:
     changes = compare(content.readable(), project, board.project_id_bits)
     inconsistencies = (
         *(f"{name} is listed more than once" for name in content.doubled()),
@@ -52,7 +67,7 @@ async def plan_project(
         cost.requests,
         cost.wire_bytes,
         round(estimated_seconds(cost, cost_of_reading(content, project), reading_seconds, board.connection.pace), 3),
-        await memory_after(board, content, project),
+        memory,
         is_unfinished(content.project_id),
     )
 
@@ -68,7 +83,7 @@ async def memory_after(board: PinnedConnection, content: Content, project: Proje
     unit = board.memory_unit or 1
     size = None if found.total_size is None or found.total_size < 0 else found.total_size * unit
     free = found.size * unit
-    return Memory(board.memory_unit, size, free, free - content.growth(project))
+    return Memory(board.memory_unit, size, free, free - await computed(content.growth)(project))
 
 
 def compare(old: Project, new: Project, project_id_bits: ProjectIDBits | None = None) -> tuple[Change, ...]:

@@ -22,6 +22,7 @@ from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.project.transfer.writing import RecordWriter, Write, items_of, stages
 from servolink.protocol.editing import AddServoParameterRequest
 from servolink.protocol.record_types import RECORD_TYPES, RecordType
+from servolink.tasks import computed
 
 _TRIES = 4
 _PASSES = 16
@@ -102,7 +103,7 @@ class ImportRun:
                 self._journal,
                 project_id_bits=self._marker.bits,
                 constant_id=self._marker.found if self._marker.bits == 0 else 0,
-                target=digests_of(self._target),
+                target=await computed(digests_of)(self._target),
             )
             await self._note("writing")
 
@@ -131,14 +132,14 @@ class ImportRun:
         todo: list[Write] = []
         same = 0
         for remaining in range(_PASSES, -1, -1):
-            work = stages(content, self._target)
+            work = await computed(stages)(content, self._target)
             before, todo = todo, [write for stage in work for write in stage]
             if not todo:
                 return
             same = 0 if len(todo) < len(before) or items_of(todo) != items_of(before) else same + 1
             if same == _STUCK or not remaining:
                 break
-            lists = doubled_types(content) | self._lists_worth_reading(content, todo)
+            lists = doubled_types(content) | await computed(self._lists_worth_reading)(content, todo)
             await writer.run(work, lists)
             content = await self._check(reader, writer, lists)
         raise ProjectError(not_stored(self._board, _explain_failed_writes(content, todo, writer.refused)))

@@ -29,6 +29,7 @@ from servolink.project.transfer.pinned import BoardConnection, PinnedConnection
 from servolink.project.transfer.read import BoardReader, Content, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
 from servolink.project.transfer.writing import check_writable, writes
+from servolink.tasks import computed
 
 _logger = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ async def apply_project(
     board refuses a part. After any error from `marking` on, and after a cancellation, the next call continues the
     import.
     """
-    check_writable(board, project, unchecked=unchecked)
+    await check_writable(board, project, unchecked=unchecked)
     project = board.holdable(project)
     before = await read_project_id(board)
     journals = await asyncio.to_thread(store.journals, before)
@@ -66,9 +67,9 @@ async def apply_project(
             raise _disturbed(board)
         begun = begun or await _begun_without_id(board, content, journals, store)
     if content is not None and begun is None:
-        last = _last_import(journals, content, board.url)
+        last = await _last_import(journals, content, board.url)
         project_id_bits = board.project_id_bits if last is None else last.project_id_bits
-        if not writes(content, project) and is_same_id(before, project.project_id, project_id_bits):
+        if not await computed(writes)(content, project) and is_same_id(before, project.project_id, project_id_bits):
             await _finish(last, store)
             return ApplyResult(changed=False, resumed=False, backup=None)
         await _warn_of_memory(board, content, project)
@@ -95,10 +96,10 @@ async def _begun_without_id(
 ) -> Journal | None:
     """Return the journal of an interrupted import to a board without project ids, recognised by the content."""
     begun = [one for one in journals if one.may_be_of(content.project_id, board.url) and not one.has_written_all]
-    if not begun or by_content(journals, content, board.url, {}, is_over=True):
+    if not begun or await by_content(journals, content, board.url, {}, is_over=True):
         return None
     backups = {one.backup: await _digests_in(store, one.backup) for one in begun if one.backup}
-    found = by_content(begun, content, board.url, backups, is_over=False)
+    found = await by_content(begun, content, board.url, backups, is_over=False)
     if found is None:
         _logger.warning(
             "an import to %s was interrupted; the board keeps no project id, and holds records from neither before nor "
@@ -108,8 +109,8 @@ async def _begun_without_id(
     return found
 
 
-def _last_import(journals: Sequence[Journal], content: Content, url: str) -> Journal | None:
-    return last_import(journals, content.project_id, url) or by_content(journals, content, url, {}, is_over=True)
+async def _last_import(journals: Sequence[Journal], content: Content, url: str) -> Journal | None:
+    return last_import(journals, content.project_id, url) or await by_content(journals, content, url, {}, is_over=True)
 
 
 async def _digests_in(store: BackupStore, name: str | None) -> Digests:
@@ -117,7 +118,7 @@ async def _digests_in(store: BackupStore, name: str | None) -> Digests:
     if name is None:
         return {}
     try:
-        return digests_of(await asyncio.to_thread(store.load, store.path_of(name)))
+        return await computed(digests_of)(await asyncio.to_thread(store.load, store.path_of(name)))
     except ProjectError:
         return {}
 
@@ -168,14 +169,15 @@ async def _is_saved(content: Content, begun: Journal, store: BackupStore) -> boo
         return True
     if not begun.target:
         return False
-    return not strangers(digests_of(content.readable()), [begun.target, await _digests_in(store, begun.backup)])
+    found = await computed(lambda: digests_of(content.readable()))()
+    return not strangers(found, [begun.target, await _digests_in(store, begun.backup)])
 
 
 async def _save(board: BoardConnection, content: Content, store: BackupStore, on_progress: ProgressCallback) -> Path:
     """Save the content of the board. Raise ProjectError if the board does not return all records."""
     on_progress(Progress("saving", 0, 1, "backup"))
     try:
-        old = content.project()
+        old = await computed(content.project)()
     except ProjectError as error:
         raise ProjectError(f"no backup of {board.url} can be made: {error}") from error
     path = await asyncio.to_thread(store.keep, old, board.url, board.codec.caption_encoding)
@@ -238,7 +240,7 @@ async def _import_without_id(board: BoardConnection, journals: Sequence[Journal]
     backups = {one.backup: await _digests_in(store, one.backup) for one in journals if one.backup}
     # Finished imports first: another board at the same address may be in the middle of an import of the same project.
     for is_over in (True, False):
-        if found := by_content(journals, content, board.url, backups, is_over=is_over):
+        if found := await by_content(journals, content, board.url, backups, is_over=is_over):
             return found
     raise ProjectError(
         f"{board.url} keeps no project id, and the content differs from the last import by this computer: perhaps "

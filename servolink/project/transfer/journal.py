@@ -14,6 +14,7 @@ from servolink.project.transfer.marker import is_cut, is_same_id
 from servolink.project.transfer.pinned import ProjectIDBits
 from servolink.project.transfer.read import Content
 from servolink.protocol.record_types import STORED_TYPES, StoredType
+from servolink.tasks import computed
 
 JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing", "finished"]
 Digests: TypeAlias = "dict[str, str]"
@@ -93,6 +94,7 @@ def last_import(journals: Iterable[Journal], project_id: int, url: str) -> Journ
     )
 
 
+@computed
 def by_content(
     journals: Iterable[Journal], content: Content, url: str, backups: dict[str, Digests], *, is_over: bool
 ) -> Journal | None:

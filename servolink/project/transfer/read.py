@@ -199,7 +199,7 @@ class BoardReader:
         await self._read_records(phase, [key for key in self._listed_keys() if self.records.get(key) is None])
         if doubtful := [each for each in types if self._is_doubtful(each)]:
             await self._confirm_lists(phase, doubtful)
-            await self._read_records(phase, [key for key in self._listed_keys() if self._differs_from_list(*key)])
+            await self._read_records(phase, [key for each in RECORD_TYPES for key in self._differing(each)])
             self._compare_captions_no_more()
         return self._content(outline)
 
@@ -253,27 +253,22 @@ class BoardReader:
         export, a single reading is never enough.
         """
         ids = [record_type.id_of(entry) for entry in self._lists[record_type]]
-        return (
-            self._target is None
-            or len(set(ids)) < len(ids)
-            or any(self._differs_from_list(record_type, record_id) for record_id in ids)
-        )
+        return self._target is None or len(set(ids)) < len(ids) or bool(self._differing(record_type))
 
-    def _differs_from_list(self, record_type: RecordType[Any], record_id: int) -> bool:
-        """Return whether a listed record is missing, or has another caption than in the list."""
-        record = self.records.get((record_type, record_id))
-        if record is None or not self._compares_captions:
-            return record is None
-        caption = record_type.caption_of(record)
-        return any(
-            record_type.caption_of(entry) != caption
-            for entry in self._lists[record_type]
-            if record_type.id_of(entry) == record_id
-        )
+    def _differing(self, record_type: RecordType[Any]) -> list[Key]:
+        """Return the listed records that are missing, or have another caption than in the list, each once."""
+        found = dict[Key, None]()
+        for entry in self._lists[record_type]:
+            record = self.records.get(key := (record_type, record_type.id_of(entry)))
+            if record is None or (
+                self._compares_captions and record_type.caption_of(record) != record_type.caption_of(entry)
+            ):
+                found[key] = None
+        return list(found)
 
     def _compare_captions_no_more(self) -> None:
         """Ignore the captions in lists if different from the captions of records even after two readings."""
-        if any(self._differs_from_list(*key) for key in self._listed_keys() if self.records.get(key) is not None):
+        if any(self.records.get(key) is not None for each in RECORD_TYPES for key in self._differing(each)):
             self._compares_captions = False
 
     async def _confirm_lists(self, phase: Phase, types: Iterable[RecordType[Any]]) -> None:

@@ -21,6 +21,7 @@ from servolink.protocol.joystick import SetActiveJoystickTableRequest
 from servolink.protocol.packet import Request, Result
 from servolink.protocol.record_types import MACRO, RECORD_TYPES, TABLE, RecordType
 from servolink.protocol.records import ServoParameter
+from servolink.tasks import computed
 
 
 class Write(Struct, frozen=True):
@@ -123,6 +124,7 @@ def _activation(content: Content, target: Project) -> list[Write]:
     return [Write(f"active joystick table {table_id}", SetActiveJoystickTableRequest(table_id))]
 
 
+@computed
 def check_writable(board: BoardConnection, project: Project, *, unchecked: bool) -> None:
     """Raise ProjectError for a project impossible to store on any board; `unchecked` as in `apply_project`."""
     if not unchecked:
