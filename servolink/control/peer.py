@@ -70,6 +70,8 @@ class Method(Generic[C]):
     """Whether the handler takes a third argument, a callback for its progress."""
     is_coroutine: bool
     """Whether the handler is carried out beside others or in its turn, not at once."""
+    finishes: bool
+    """Whether the method is carried out to the end although the program is gone: it keeps data."""
 
     @property
     def summary(self) -> str:
@@ -81,7 +83,7 @@ class Methods(dict[str, Method[C]]):
     """A table of methods by name."""
 
     def add(
-        self, name: str, role: int, *, in_order: bool = False, is_urgent: bool = False
+        self, name: str, role: int, *, in_order: bool = False, is_urgent: bool = False, finishes: bool = False
     ) -> Callable[[Handler], Handler]:
         """Return a decorator that adds a handler, which is called with the context and the params.
 
@@ -103,6 +105,7 @@ class Methods(dict[str, Method[C]]):
                 is_urgent,
                 reports=count == 3,
                 is_coroutine=inspect.iscoroutinefunction(handler),
+                finishes=finishes,
             )
             return handler
 
@@ -210,6 +213,7 @@ class Peer(Generic[C]):
         self._abort = abort
         self._role = role
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._finishing: set[asyncio.Task[Any] | None] = set()  # tasks that closing does not cancel
         self._begun = 0
         self._held = 0  # bytes of the requests that wait
         self._waiting = 0
@@ -237,7 +241,7 @@ class Peer(Generic[C]):
             method, params = self._checked(request)
             if method.is_coroutine:
                 carrying_out = self._carry_out(self._context(), request, method, params)
-                self._start(carrying_out, len(message), is_urgent=method.is_urgent)
+                self._start(carrying_out, len(message), is_urgent=method.is_urgent, finishes=method.finishes)
             elif inspect.iscoroutine(result := method.handler(self._context(), params)):
                 self._follow(request, result)
             else:
@@ -247,7 +251,7 @@ class Peer(Generic[C]):
 
     def _receive_large(self, message: bytes | str) -> None:
         try:
-            self._start(self._carry_out_large(self._context(), message), len(message))
+            self._start(self._carry_out_large(self._context(), message), len(message), finishes=True)
         except RpcError as error:
             error.request_id = _id_in(message)
             self._refuse(error)
@@ -279,9 +283,10 @@ class Peer(Generic[C]):
             self._room.set()
 
     async def close(self) -> None:
-        """End every request, and send nothing more."""
+        """End every request, those that keep data by carrying them out, and send nothing more."""
         self._is_closed = True
-        for task in self._tasks:
+        self._room.set()
+        for task in self._tasks - self._finishing:
             task.cancel()
         if self._tasks:
             await asyncio.wait(self._tasks)
@@ -302,7 +307,9 @@ class Peer(Generic[C]):
         except EncodeError as error:
             raise RpcError(Code.INVALID_PARAMS, str(error), path=error.path) from None
 
-    def _start(self, carrying_out: Coroutine[Any, Any, None], size: int, *, is_urgent: bool = False) -> None:
+    def _start(
+        self, carrying_out: Coroutine[Any, Any, None], size: int, *, is_urgent: bool = False, finishes: bool = False
+    ) -> None:
         busy = ""
         if not is_urgent and (self._waiting >= MOST_WAITING or self._held + size > MOST_HELD):
             busy = f"{self._waiting} requests of this program wait already"
@@ -315,9 +322,12 @@ class Peer(Generic[C]):
         self._held += size
         task = asyncio.get_running_loop().create_task(carrying_out)
         self._tasks.add(task)
+        if finishes:
+            self._finishing.add(task)
 
         def ended(task: asyncio.Task[None]) -> None:
             self._tasks.discard(task)
+            self._finishing.discard(task)
             self._waiting -= not is_urgent
             self._held -= size
 
@@ -362,6 +372,10 @@ class Peer(Generic[C]):
             except Exception as error:  # noqa: BLE001 - as in `receive`
                 self._fail(request, error)
                 return
+            if not method.finishes:
+                self._finishing.discard(asyncio.current_task())
+                if self._is_closed:
+                    return
             if method.in_order:
                 await self._carry_out(context, request, method, params, turn=nullcontext())
                 return

@@ -40,7 +40,8 @@ class BlocksSave(Struct, forbid_unknown_fields=True):
 
     blocks: Blocks
     known: Annotated[str, Meta(max_length=64)]
-    """Tag of the blocks that these replace. If others are kept by now, nothing is saved, and those are returned."""
+    """Tag of the blocks that these replace. If others are kept by now, nothing is saved, and those are returned; the
+    same blocks count as saved, as a page that did not hear so sends them again."""
 
 
 @METHODS.add("studio.blocks.get", Role.WATCH)
@@ -49,16 +50,16 @@ async def blocks_get(caller: PageCaller, params: NoParams) -> BlocksNow:
     return _now(await asyncio.to_thread(_read, caller.hub))
 
 
-@METHODS.add("studio.blocks.save", Role.EDIT, in_order=True)
+@METHODS.add("studio.blocks.save", Role.EDIT, in_order=True, finishes=True)
 async def blocks_save(caller: PageCaller, params: BlocksSave) -> BlocksSaved:
     """Keep the blocks, unless another page has changed them. EncodeError names the faulty place in the blocks."""
     blocks = checked_blocks(params.blocks)
+    now = _now(blocks)
     async with _turn:
         kept = _now(await asyncio.to_thread(_read, caller.hub))
-        if kept.tag != params.known:
+        if kept.tag not in (params.known, now.tag):
             return BlocksSaved(kept.blocks, kept.tag, saved=False)
-        await asyncio.to_thread(write_kept, "blocks", caller.hub, blocks_to_json(blocks))
-    now = _now(blocks)
+        await asyncio.to_thread(write_kept, "blocks", caller.hub, now.blocks)
     caller.tell_others("studio.blocks", now)
     return BlocksSaved(now.blocks, now.tag, saved=True)
 

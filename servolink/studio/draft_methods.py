@@ -43,7 +43,7 @@ async def draft_get(caller: PageCaller, params: NoParams) -> DraftNow:
     return DraftNow(await caller.studio.drafts_of(caller.hub).kept())
 
 
-@METHODS.add("studio.draft.save", Role.EDIT, in_order=True)
+@METHODS.add("studio.draft.save", Role.EDIT, in_order=True, finishes=True)
 async def draft_save(caller: PageCaller, params: DraftSave) -> DraftSaved:
     """Keep each edit, unless another page has edited the record since the revision known to the page."""
     saved, conflicts = await caller.studio.drafts_of(caller.hub).save(params.edits, caller.page.who)

@@ -45,7 +45,7 @@ def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
     return _now(read_figure(caller.hub))
 
 
-@METHODS.add("studio.figure.save", Role.EDIT, in_order=True)
+@METHODS.add("studio.figure.save", Role.EDIT, in_order=True, finishes=True)
 async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
     """Keep the figure of the robot. EncodeError names the faulty place in the figure."""
     now = await computed(_save)(caller.hub, params.figure)

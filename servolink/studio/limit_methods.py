@@ -33,7 +33,7 @@ class KeptLimits(Struct, frozen=True):
     angles: dict[int, tuple[float, float]]
 
 
-@METHODS.add("studio.limits.save", Role.EDIT, in_order=True)
+@METHODS.add("studio.limits.save", Role.EDIT, in_order=True, finishes=True)
 async def limits_save(caller: PageCaller, params: AngleLimits) -> KeptLimits:
     """Keep the angle limits of a servo in the profile of the board, in force when the board is shared again.
 

@@ -33,6 +33,8 @@ def test_blocks_are_kept_and_a_later_page_gets_the_newer_ones() -> None:
             while heard.get("method") != "studio.blocks":
                 heard = json.loads(await other.receive_str())
             assert heard["params"] == {"blocks": program(1), "tag": kept["tag"]}
+            same = (await call(other, "studio.blocks.save", blocks=program(1), known=""))["result"]
+            assert same == kept
             late = (await call(other, "studio.blocks.save", blocks=program(2), known=""))["result"]
             assert late == {**kept, "saved": False}
             again = (await call(other, "studio.blocks.save", blocks=program(2), known=kept["tag"]))["result"]
@@ -52,6 +54,22 @@ def test_what_is_no_program_is_refused_and_links_that_watch_keep_nothing() -> No
             await welcomed(page, place.gate.new_token("watch"))
             assert "error" in await call(page, "studio.blocks.save", blocks=program(1), known="")
             assert (await call(page, "studio.blocks.get"))["result"] == NOTHING
+
+    run(test)
+
+
+def test_a_save_is_carried_out_although_the_page_is_closed_at_once() -> None:
+    async def test(place: Place) -> None:
+        token = place.gate.new_token("edit")
+        async with place.page() as page:
+            await welcomed(page, token)
+            save = {"method": "studio.blocks.save", "params": {"blocks": program(1), "known": ""}}
+            await page.send_json({"jsonrpc": "2.0", "id": 1, **save})
+        async with place.page() as page:
+            await welcomed(page, token)
+            while (found := (await call(page, "studio.blocks.get"))["result"]) == NOTHING:
+                pass
+            assert found["blocks"] == program(1)
 
     run(test)
 
