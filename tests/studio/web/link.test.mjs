@@ -126,3 +126,17 @@ test("a refused token ends the attempts", () => {
   assert.equal(sockets.length, 1);
   mock.timers.reset();
 });
+
+test("nothing is sent before the studio has named the board, and nothing at all to another board", async () => {
+  const { link, socket } = connected();
+  const moves = [];
+  link.onMoved = (...names) => moves.push(names);
+  socket.lose(4410);
+  const next = sockets[1];
+  next.readyState = 1;
+  assert.equal(link.tell("lease.beat"), false);
+  next.welcome("mine", "arm");
+  assert.deepEqual(moves, [["rex", "arm"]]);
+  await assert.rejects(link.call("studio.blocks.save"), LinkLost);
+  assert.deepEqual(next.sent, [{ token: "token", who: "a page" }]);
+});

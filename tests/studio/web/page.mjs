@@ -19,17 +19,21 @@ class FakeSocket {
   }
 
   /** Let the connection open, and the studio welcome the page. */
-  welcome(session = "mine") {
+  welcome(session = "mine", name = "rex") {
     this.readyState = FakeSocket.OPEN;
     this.onopen();
     this.hear({
       session,
       role: "edit",
-      name: "rex",
+      name,
       url: "virtual://",
       is_virtual: true,
       profile: null,
     });
+  }
+
+  close() {
+    this.readyState = FakeSocket.CLOSED;
   }
 
   hear(message) {

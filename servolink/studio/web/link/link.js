@@ -31,7 +31,7 @@ export class LinkLost extends Error {
   }
 }
 
-/** A connection that lasts as long as the page. */
+/** A connection to one board that lasts as long as the page: nothing meant for this board ever goes to another one. */
 export class Link {
   /**
    * @param {string} url
@@ -52,23 +52,30 @@ export class Link {
     this._pause = FIRST_PAUSE;
     this._timer = 0;
     this._leaves = false;
+    /** Name of the board; null before the first connection. @type {string | null} */
+    this._board = null;
+    this._isGreeted = false;
     /** @type {(state: LinkState) => void} */
     this.onState = () => {};
     /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
     this.onWelcome = () => {};
+    /** Called with the names of both boards when the studio has another one; the connection is over then. @type {(left: string, next: string) => void} */
+    this.onMoved = () => {};
   }
 
   /** Connect, and connect again after each loss. */
   open() {
     const socket = (this._socket = new WebSocket(this._url));
-    let isWelcome = false;
+    this._isGreeted = false;
     socket.onopen = () =>
       socket.send(JSON.stringify({ token: this._token, who: this._who, leaves: this._leaves || undefined }));
     socket.onmessage = (event) => {
       const message = JSON.parse(event.data);
-      if (isWelcome) return this._take(message);
-      isWelcome = true;
+      if (this._isGreeted) return this._take(message);
       this._leaves = false;
+      if (this._board !== null && message.name !== this._board) return this._end(message.name);
+      this._board = message.name;
+      this._isGreeted = true;
       this._pause = FIRST_PAUSE;
       this.onState("open");
       this.onWelcome(message);
@@ -128,7 +135,7 @@ export class Link {
 
   /** @param {object} message */
   _send(message) {
-    if (this._socket?.readyState !== WebSocket.OPEN) return false;
+    if (!this._isGreeted || this._socket?.readyState !== WebSocket.OPEN) return false; // not before the board is known
     this._socket.send(JSON.stringify(message));
     return true;
   }
@@ -143,8 +150,17 @@ export class Link {
     else waiting?.resolve(message.result);
   }
 
+  /** @param {string} next name of the board that the studio has now */
+  _end(next) {
+    const socket = /** @type {WebSocket} */ (this._socket);
+    socket.onmessage = socket.onclose = null;
+    socket.close();
+    this.onMoved(/** @type {string} */ (this._board), next);
+  }
+
   /** @param {CloseEvent} event */
   _lost(event) {
+    this._isGreeted = false;
     const waiting = [...this._waiting.values()];
     this._waiting.clear();
     for (const each of waiting) each.reject(new LinkLost());

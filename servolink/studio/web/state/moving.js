@@ -18,20 +18,12 @@ const LASTS = 12_000; // milliseconds
  * @param {Link} link
  */
 export function followMoves(link) {
-  /** @type {string | null} */
-  let board = null;
   link.on("studio.moving", (notice) => sessionStorage.setItem(KEY, JSON.stringify(notice)));
-  effect(() => {
-    const now = welcome.value?.name;
-    if (now === undefined || now === board) return;
-    if (board === null) {
-      board = now;
-      say(now);
-      return;
-    }
-    keepTaught(board, now);
+  link.onMoved = (left, next) => {
+    keepTaught(left, next);
     location.reload();
-  });
+  };
+  effect(() => void (welcome.value && say(welcome.value.name)));
 }
 
 /**
