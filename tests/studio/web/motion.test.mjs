@@ -6,6 +6,7 @@ import { document, FakeLink, tick, turns, window } from "./page.mjs";
 const web = "../../../servolink/studio/web/";
 const { Motion, pace, refusal, running, targets } = await import(`${web}state/motion.js`);
 const { MotionState, TRANSITIONS } = await import(`${web}state/motion-state.js`);
+const { Nudges } = await import(`${web}state/nudging.js`);
 const { lease, linkState, servos, welcome } = await import(`${web}state/robot.js`);
 const { RequestError } = await import(`${web}link/link.js`);
 
@@ -163,6 +164,60 @@ test("a sequence plays step by step, and ends with the hold", async () => {
   mock.timers.tick(1000);
   assert.equal(await played, false);
   assert.deepEqual(times, [0]);
+});
+
+/** Let the movement of a nudge be answered, and the time pass until the next step. Return the target of servo 1. */
+async function step() {
+  const { params, resolve } = link.taken("move");
+  resolve({ seconds: 0 });
+  await turns();
+  for (const milliseconds of [400, 0, 0]) {
+    mock.timers.tick(milliseconds);
+    await turns();
+  }
+  return params.targets[1];
+}
+
+test("each press of a nudge is a step, and more follow only while it is held", async () => {
+  const nudges = new Nudges(motion, 1);
+  nudges.press(5);
+  nudges.release();
+  nudges.press(-1);
+  nudges.release();
+  await turns();
+  lease.value = mine;
+  link.taken("lease.take").resolve({});
+  await turns();
+  mock.timers.tick(0);
+  await turns();
+  assert.equal(await step(), 5);
+  nudges.press(1);
+  assert.equal(await step(), 4);
+  assert.equal(await step(), 5);
+  assert.equal(await step(), 6);
+  nudges.release();
+  assert.equal(await step(), 7); // had begun
+  assert.equal(motion.isHeld, false);
+});
+
+test("a stop forgets the steps of a nudge, and another press begins anew", async () => {
+  const nudges = new Nudges(motion, 1);
+  nudges.press(5);
+  nudges.release();
+  await turns();
+  link.listeners.get("stopped")({});
+  nudges.press(1);
+  nudges.release();
+  lease.value = mine;
+  for (let count = 0; count < 2; count++) {
+    link.taken("lease.take").resolve({});
+    await turns();
+  }
+  mock.timers.tick(0);
+  await turns();
+  assert.equal(await step(), 1);
+  assert.equal(link.taken("move"), null);
+  assert.equal(motion.isHeld, false);
 });
 
 test("a stored motion is stopped when the page is left", async () => {

@@ -10,7 +10,6 @@ import { Icon } from "./icon.js";
  * @property {boolean} [disabled]
  * @property {boolean} [hasKey] whether the key H holds the button too
  * @property {string} [classes]
- * @property {number} [least] milliseconds that a press counts, at least
  * @property {() => void} onBegin
  * @property {() => void} onEnd
  */
@@ -18,25 +17,20 @@ import { Icon } from "./icon.js";
 const KEY = "h";
 
 /** @param {Props} props */
-export function Hold({ label, hint = "", disabled = false, hasKey = true, classes = "", least = 0, onBegin, onEnd }) {
+export function Hold({ label, hint = "", disabled = false, hasKey = true, classes = "", onBegin, onEnd }) {
   const [isHeld, setHeld] = useState(false);
-  const held = useRef(false),
-    ending = useRef({ timer: 0, from: 0 });
+  const held = useRef(false);
   const begin = () => {
     if (disabled || held.current) return;
     held.current = true;
     setHeld(true);
-    clearTimeout(ending.current.timer);
-    ending.current = { timer: 0, from: performance.now() };
     onBegin();
   };
   const end = () => {
     if (!held.current) return;
     held.current = false;
     setHeld(false);
-    const left = ending.current.from + least - performance.now();
-    if (left <= 0) onEnd();
-    else ending.current.timer = setTimeout(onEnd, left);
+    onEnd();
   };
   useHeldKey(begin, end, disabled || !hasKey);
   useEffect(() => (disabled ? end() : undefined), [disabled]);

@@ -67,6 +67,11 @@ export class Motion {
     return this.#state.now;
   }
 
+  /** Whether a control is held. */
+  get isHeld() {
+    return this.#state.isHeld;
+  }
+
   /**
    * Begin to hold. Return whether the robot may be moved now.
    * @param {{ force?: boolean }} [options]
@@ -116,7 +121,9 @@ export class Motion {
         await this.#call(pose, Math.max(LEAST, duration));
       }
     }
-    return this.#state.isHeld && this.#played === mine;
+    const isPlayed = () => this.#state.isHeld && this.#played === mine;
+    if (isPlayed()) await this.#until(this.#arrivesAt, mine); // late: the last movement gets its full time all the same
+    return isPlayed();
   }
 
   /** End the hold: servos that still turn stop where they are. */

@@ -30,6 +30,11 @@ export const shownServo = computed(() =>
 );
 
 effect(() => {
+  void shownServo.value;
+  endSetup();
+});
+
+effect(() => {
   if (!isFresh.value) return;
   const now = Object.fromEntries([...servos.value].map(([id, { angle }]) => [id, angle]));
   if (still.peek() !== null) {

@@ -618,6 +618,7 @@ export const texts = {
   "servos.stands_right": "It stands right",
   "servos.trim_value": "Correction, degrees",
   "servos.nudge": "Move by {way} while held",
+  "servos.too_late": "The robot was not ready in time. Nothing moved; press again.",
   "servos.limits": "Limits",
   "servos.no_limits": "none",
   "servos.limits_hint": "Let the servo go, press Measure, and move it by hand to both ends. No program moves it beyond its limits.",

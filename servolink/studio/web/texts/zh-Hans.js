@@ -618,6 +618,7 @@ export const texts = {
   "servos.stands_right": "已摆正",
   "servos.trim_value": "角度修正值（度）",
   "servos.nudge": "按住时转动 {way}",
+  "servos.too_late": "机器人未能及时就绪，没有转动；请再按一次。",
   "servos.limits": "限位",
   "servos.no_limits": "无",
   "servos.limits_hint": "松开舵机，按“测量”，用手转到两端。任何程序都不会让它超出限位。",

@@ -618,6 +618,7 @@ export const texts = {
   "servos.stands_right": "已經擺正",
   "servos.trim_value": "角度校正值（度）",
   "servos.nudge": "按住期間轉動 {way}",
+  "servos.too_late": "機器人未能及時就緒，沒有轉動；請再按一次。",
   "servos.limits": "角度限制",
   "servos.no_limits": "無",
   "servos.limits_hint": "解除舵機的鎖定，按「測量」，再用手轉到兩端。任何程式都不會讓它超出限制。",

@@ -7,7 +7,7 @@ import { FigureStage } from "../../parts/stage.js";
 import { figure, limbOf, nameOf } from "../../state/figure.js";
 import { differences, draft } from "../../state/project.js";
 import { actualPose, isLive, servoIds, servos } from "../../state/robot.js";
-import { endSetup, isFinding, leaveSetup, parameterOf, shownServo, toggleFinding } from "../../state/servo-setup.js";
+import { isFinding, leaveSetup, parameterOf, shownServo, toggleFinding } from "../../state/servo-setup.js";
 import { chooseServo } from "../../state/view.js";
 import { degrees, t } from "../../texts/text.js";
 import { LimitsCard } from "./limits.js";
@@ -20,7 +20,6 @@ import { TrimCard } from "./trim.js";
 export function ServosScreen(tools) {
   const id = shownServo.value;
   useEffect(() => leaveSetup, []);
-  useEffect(() => endSetup, [id]);
   if (draft.value === null) return html`<${Reading} link=${tools.link} icon="grid" />`;
   if (id === undefined)
     return html`<div class="card empty"><h1>${t("live.no_servos")}</h1><p>${t("live.no_servos_detail")}</p></div>`;

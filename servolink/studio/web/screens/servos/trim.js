@@ -1,9 +1,10 @@
 // Correction of the angle of a servo: nudged until the part stands right, or typed.
 
-import { html, useEffect, useRef } from "../../html.js";
+import { html, useEffect, useState } from "../../html.js";
 import { Hold } from "../../parts/hold.js";
 import { NumberField } from "../../parts/number-field.js";
 import { refusal } from "../../state/motion.js";
+import { Nudges } from "../../state/nudging.js";
 import { isFresh, isOthers, mayMove, servos } from "../../state/robot.js";
 import {
   beginNudging,
@@ -20,13 +21,13 @@ import { signed } from "./index.js";
 
 /** @typedef {import("../../state/motion.js").Motion} Motion */
 
-const EVERY = 250; // milliseconds from one degree to the next while a nudge is held
 const WAYS = [-5, -1, 1, 5]; // degrees
 
 /** @param {{ id: number, motion: Motion }} props */
 export function TrimCard({ id, motion }) {
   const trim = parameterOf(id).adjusted_degree,
     from = nudged.value?.id === id ? nudged.value.from : null;
+  const [nudges] = useState(() => new Nudges(motion, id));
   useEffect(() => () => motion.end(), []);
   const keep = () => {
     if (from !== null) trimServo(id, corrected(trim, from, servos.value.get(id)?.angle ?? from));
@@ -39,7 +40,7 @@ export function TrimCard({ id, motion }) {
       ${refusal.value && html`<span class="chip bad" role="alert">${safeText(refusal.value)}</span>`}
       ${
         mayMove.value &&
-        html`<div class="nudges">${WAYS.map((way) => html`<${Nudge} key=${way} id=${id} way=${way} motion=${motion} />`)}</div>
+        html`<div class="nudges">${WAYS.map((way) => html`<${Nudge} key=${way} id=${id} way=${way} nudges=${nudges} />`)}</div>
         <div><button class="btn s pri" disabled=${from === null} onClick=${keep}>${t("servos.stands_right")}</button></div>`
       }
       <label class="field"><span>${t("servos.trim_value")}</span>
@@ -51,23 +52,13 @@ export function TrimCard({ id, motion }) {
 
 /**
  * Button that moves a servo by some degrees, and on while it is held.
- * @param {{ id: number, way: number, motion: Motion }} props
+ * @param {{ id: number, way: number, nudges: Nudges }} props
  */
-function Nudge({ id, way, motion }) {
-  const timer = useRef(0);
-  const begin = async () => {
-    clearInterval(timer.current); // of a press just before, which has not ended yet
+function Nudge({ id, way, nudges }) {
+  const begin = () => {
     beginNudging(id);
-    let target = Math.round(servos.value.get(id)?.angle ?? 0);
-    const step = () => motion.towards({ [id]: (target += way) });
-    if (!(await motion.begin())) return;
-    step();
-    timer.current = setInterval(step, EVERY);
-  };
-  const end = () => {
-    clearInterval(timer.current);
-    motion.end();
+    nudges.press(way);
   };
   const isOff = !isFresh.value || isOthers.value;
-  return html`<${Hold} label=${signed(way)} hint=${t("servos.nudge", { way: signed(way) })} classes="small" hasKey=${false} least=${EVERY} disabled=${isOff} onBegin=${begin} onEnd=${end} />`;
+  return html`<${Hold} label=${signed(way)} hint=${t("servos.nudge", { way: signed(way) })} classes="small" hasKey=${false} disabled=${isOff} onBegin=${begin} onEnd=${() => nudges.release()} />`;
 }
