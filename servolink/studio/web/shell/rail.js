@@ -37,24 +37,27 @@ export const entries = () =>
 
 /** Links to all screens, at the side or below. */
 export function Rail() {
-  return html`<nav class="rail" aria-label=${t("app.screens")}>${entries().map(link)}</nav>`;
+  return html`<nav class="rail" aria-label=${t("app.screens")}>${entries().map((entry) => link(entry))}</nav>`;
 }
 
 const MOST = 4; // screens in the bar of a phone, beside STOP; a list has the others
 
 /** @param {{ children?: any }} props */
 export function Dock({ children }) {
-  return html`<nav class="dock" aria-label=${t("app.screens")}>${entries().slice(0, MOST).map(link)}<${Others} />${children}</nav>`;
+  return html`<nav class="dock" aria-label=${t("app.screens")}>${entries()
+    .slice(0, MOST)
+    .map((entry) => link(entry))}<${Others} />${children}</nav>`;
 }
 
 /** Button for the other screens, marked and named as the present one if that is among them; also language and help. */
 function Others() {
-  const [isOpen, setOpen] = useState(false);
+  const [openedOn, setOpenedOn] = useState(/** @type {string | null} */ (null));
+  const isOpen = openedOn === screen.value; // another screen closes the list with its first drawing, not an effect later
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const others = entries().slice(MOST);
   const present = others.find(isShown);
   const label = present ? `${t(present.title)}, ${t("app.more")}` : t("app.more");
-  const close = () => setOpen(false);
+  const close = () => setOpenedOn(null);
   useEffect(() => {
     if (!isOpen) return undefined;
     const leave = (/** @type {Event} */ event) => {
@@ -65,20 +68,19 @@ function Others() {
       for (const name of ["pointerdown", "focusin"]) removeEventListener(name, leave);
     };
   }, [isOpen]);
-  useEffect(close, [screen.value]);
   /** @param {() => void} act */
   const then = (act) => () => {
     close();
     act();
   };
   return html`<span class="others" ref=${box}>
-    <button class="m" aria-expanded=${String(isOpen)} aria-current=${present ? "page" : undefined} aria-label=${label} onClick=${() => setOpen(!isOpen)}>
+    <button class="m" aria-expanded=${String(isOpen)} aria-current=${present ? "page" : undefined} aria-label=${label} onClick=${() => setOpenedOn(isOpen ? null : screen.value)}>
       <${Icon} name=${present?.icon ?? "more"} /><span>${t(present?.title ?? "app.more")}</span>
     </button>
     ${
       isOpen &&
       html`<div class="otherlist card">
-      ${others.map(link)}
+      ${others.map((entry) => link(entry, close))}
       <span class="m"><${LanguageChoice} /><span aria-hidden="true">${t("app.language")}</span></span>
       <button class="m" onClick=${then(() => showKeys(true))}><${Icon} name="help" /><span>${t("app.help")}</span></button>
     </div>`
@@ -89,10 +91,14 @@ function Others() {
 /** @param {Entry} entry */
 const isShown = ({ name }) => name === (shownScreen.value === "start" ? "board" : shownScreen.value);
 
-/** @param {Entry} entry */
+/**
+ * @param {Entry} entry
+ * @param {() => void} [onClick]
+ */
 const link = (
   entry,
-) => html`<a href="#${entry.name}" class=${entry.isBelow ? "below" : ""} aria-current=${isShown(entry) ? "page" : undefined}>
+  onClick,
+) => html`<a href="#${entry.name}" onClick=${onClick} class=${entry.isBelow ? "below" : ""} aria-current=${isShown(entry) ? "page" : undefined}>
   <${Icon} name=${entry.icon} /><span>${t(entry.title)}</span>
   ${entry.name === "fleet" && needing.value > 0 && html`<span class="badge warn num" title=${t("fleet.need_help", { count: needing.value })}>${needing.value}</span>`}
   ${entry.name === "project" && differences.value.length > 0 && html`<span class="badge num" title=${t("edit.not_written", { count: differences.value.length })}>${differences.value.length}</span>`}
