@@ -3,6 +3,7 @@
 import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
 import { drawFigures } from "./parts/stage.js";
+import { enterOnLeave } from "./parts/typing.js";
 import { App } from "./shell/app.js";
 import { sayLease } from "./shell/control.js";
 import { listenToKeys } from "./shell/keys.js";
@@ -39,6 +40,7 @@ const motion = new Motion(link);
 // A new address in the place of an old one: the browser by itself would load nothing.
 addEventListener("hashchange", () => location.hash.startsWith("#token=") && location.reload());
 
+enterOnLeave();
 followAddress();
 follow(link, (notice, wasMine) => sayLease(notice, wasMine, motion));
 followFigure(link);

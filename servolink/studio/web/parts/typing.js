@@ -16,6 +16,12 @@ export function useTyping(text) {
   return { value: typed ?? text, end, handlers: { onInput: type, onBlur: end } };
 }
 
+/** From now on, text that is being typed counts as entered when the page is left, before anything else is kept. */
+export function enterOnLeave() {
+  const enter = () => document.activeElement instanceof HTMLElement && document.activeElement.blur();
+  addEventListener("pagehide", enter, { capture: true });
+}
+
 /**
  * The name of what the screen shows, as a field. `onChange` is called with another name, and returns the name that was kept.
  * @param {{ name: string, placeholder: string, label: string, onChange: (name: string) => string }} props

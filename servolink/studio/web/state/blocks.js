@@ -8,14 +8,16 @@ import { NO_BLOCKS } from "./block-form.js";
 import { draft, edit } from "./project.js";
 import { hasBoard, servoIds, welcome } from "./robot.js";
 import { toast } from "./toasts.js";
+import { Unsaved } from "./unsaved.js";
 
 /** @typedef {import("./block-form.js").Program} Program */
 /** @typedef {import("./block-form.js").Stack} Stack */
 /** @typedef {import("../link/link.js").Link} Link */
 /** Blocks kept by the studio. @typedef {{ blocks: Program | null, tag: string }} Kept */
+/** Blocks that the studio has not confirmed: the latest, those sent to it before, and the tag that they replace. @typedef {{ blocks: Program, sent: Program | null, known: string }} Pending */
 
-const PAUSE = 300; // milliseconds after a change
 const LASTS = 20_000; // milliseconds in which people can bring their own blocks back
+const KEY = "servolink.unsaved_blocks.";
 
 /** Program of this robot, null until the studio was asked. */
 export const program = signal(/** @type {Program | null} */ (null));
@@ -30,8 +32,10 @@ export const made = computed(() => (program.value && draft.value ? stillMade(pro
 let link = null;
 /** @type {Promise<void>} */
 let asked = Promise.resolve();
+let unsaved = /** @type {Unsaved<Pending>} */ (new Unsaved(KEY));
 let tag = "";
-let timer = 0;
+/** Program that was sent to the studio, while no answer has come; null for none. @type {Program | null} */
+let sent = null;
 let isSaving = false;
 let isChanged = false;
 
@@ -42,8 +46,8 @@ let isChanged = false;
 export function openBlocks(given) {
   if (link !== null) return asked;
   link = given;
+  unsaved = new Unsaved(`${KEY}${welcome.value?.name}`);
   link.on("studio.blocks", take);
-  addEventListener("pagehide", () => save());
   effect(() => {
     if (welcome.value !== null && hasBoard.value) asked = given.call("studio.blocks.get").then(take, () => {}); // the connection is lost
   });
@@ -55,10 +59,21 @@ export function openBlocks(given) {
  * @param {Kept} kept
  */
 function take(kept) {
-  if (isChanged || isSaving) return saveSoon();
+  if (program.value === null) bringBack();
+  if (isSaving) return;
+  if (isChanged) return void save();
   if (kept.tag === tag && program.value !== null) return;
   tag = kept.tag;
   program.value = kept.blocks ?? NO_BLOCKS;
+}
+
+/** Bring back blocks of this robot that an earlier page of this browser could not save. */
+function bringBack() {
+  const pending = unsaved.read();
+  if (pending === null) return;
+  ({ sent, known: tag } = pending);
+  program.value = pending.blocks;
+  isChanged = true;
 }
 
 /**
@@ -70,48 +85,54 @@ export function changeStacks(stacks) {
 }
 
 /**
- * Show another program, and keep the program in the studio.
+ * Show another program, and keep the program in this browser until the studio does.
  * @param {Program} after
  */
 function change(after) {
   program.value = after;
   isChanged = true;
-  saveSoon();
+  keep();
+  save();
 }
 
-/** Save the blocks when no change has followed for a moment. */
-function saveSoon() {
-  clearTimeout(timer);
-  timer = setTimeout(save, PAUSE);
+/** Keep in this browser what the studio has not confirmed. */
+function keep() {
+  const blocks = program.value;
+  unsaved.write(isChanged && blocks !== null ? { blocks, sent, known: tag } : null);
 }
 
-/** Keep the blocks in the studio. If another page was faster, those blocks are shown, and a message can bring these back. */
-export async function save() {
-  clearTimeout(timer);
-  const mine = program.value;
-  if (!isChanged || mine === null || link === null) return;
-  if (isSaving) return saveSoon();
+/** Keep the blocks in the studio, one save after the other. If another page was faster, those blocks are shown, and a message can bring these back. */
+async function save() {
+  const mine = program.value,
+    before = sent;
+  if (!isChanged || isSaving || mine === null || link === null) return;
   isSaving = true;
-  isChanged = false;
+  sent = mine;
+  keep();
   try {
     const answer = await link.call("studio.blocks.save", { blocks: mine, known: tag });
+    const isOwn = before !== null && JSON.stringify(answer.blocks) === JSON.stringify(before);
+    const latest = program.value ?? mine;
     tag = answer.tag;
-    if (!answer.saved) {
-      isChanged = false;
+    sent = null;
+    isChanged = isOwn || (answer.saved && latest !== mine);
+    if (!answer.saved && !isOwn) {
       program.value = answer.blocks ?? NO_BLOCKS;
-      sayTheirs(mine);
+      sayTheirs(latest);
     }
+    keep();
   } catch (error) {
-    isChanged = true; // saved with the next change or connection
+    isSaving = false; // saved with the next change or connection
     toast({
       name: "blocks",
       kind: "bad",
       title: t("blocks.not_kept"),
       detail: safeText(error instanceof Error ? error.message : ""),
     });
-  } finally {
-    isSaving = false;
+    return;
   }
+  isSaving = false;
+  save();
 }
 
 /**

@@ -2,11 +2,13 @@
 // the studio has not confirmed yet are kept in this browser.
 
 import { LinkLost } from "../link/link.js";
+import { onLeave, Unsaved } from "./unsaved.js";
 
 /** @typedef {import("./differences.js").Difference} Difference */
 /** @typedef {import("../link/link.js").Link} Link */
 /** Whether the studio keeps all edits, is about to, or only this browser does. @typedef {"saved" | "saving" | "here"} Keeping */
 /** @typedef {{ kind: Difference["kind"], id: number, known: number, base: any, record: any, is_discarded: boolean }} Edit */
+/** Edit as in this browser, with what was sent before and not answered, as JSON. @typedef {Edit & { sent?: string }} Pending */
 /** @typedef {{ kind: Difference["kind"], id: number, revision: number, who: string, base: any, record: any, is_discarded: boolean }} Kept */
 
 const PAUSE = 400; // milliseconds after an edit
@@ -26,7 +28,8 @@ export class Drafts {
    */
   constructor(link, board, { differences, onTheirs, onKept }) {
     this._link = link;
-    this._key = PREFIX + board;
+    /** @type {Unsaved<Pending[]>} */
+    this._browser = new Unsaved(PREFIX + board);
     this._differences = differences;
     this._onTheirs = onTheirs;
     this._onKept = onKept;
@@ -34,12 +37,13 @@ export class Drafts {
     this._kept = new Map();
     /** @type {Map<string, number>} */
     this._revisions = new Map();
+    /** Edits that were sent to the studio and not answered, as JSON. @type {Map<string, string>} */
+    this._sent = new Map();
     /** Records last edited by the page. @type {Set<string>} */
     this._own = new Set();
     this._timer = 0;
     this._isSaving = false;
     link.on("studio.draft", ({ records }) => this._heard(records));
-    addEventListener("pagehide", () => this._write(this._unsaved()));
   }
 
   /**
@@ -49,9 +53,18 @@ export class Drafts {
   async load() {
     const records = await this._ask();
     for (const one of records) this._note(one);
-    const unsaved = this._read();
-    for (const edit of unsaved) this._revisions.set(keyOf(edit), edit.known); // so that newer edits are not overwritten
-    return [...records.filter((one) => !one.is_discarded), ...unsaved.filter((edit) => !edit.is_discarded)];
+    const unsaved = this._browser.read() ?? [];
+    for (const { sent, ...edit } of unsaved) {
+      if (sent !== undefined) this._sent.set(keyOf(edit), sent);
+      const kept = this._kept.get(keyOf(edit));
+      if (kept === undefined || !this._isOwn(kept)) this._revisions.set(keyOf(edit), edit.known); // so that newer edits are not overwritten
+    }
+    onLeave(() => this._keep());
+    const undone = new Set(unsaved.filter((edit) => edit.is_discarded).map(keyOf)); // here, but not in the studio
+    return [
+      ...records.filter((one) => !one.is_discarded && !undone.has(keyOf(one))),
+      ...unsaved.filter((edit) => !edit.is_discarded),
+    ];
   }
 
   /** Listen again to the edits of other pages: the connection is new. */
@@ -73,16 +86,22 @@ export class Drafts {
   }
 
   async _save() {
-    const edits = this._unsaved();
-    this._write(edits);
+    const edits = this._keep();
     if (edits.length === 0) return this._onKept("saved");
     if (this._isSaving) return this.saveSoon();
     this._isSaving = true;
+    const before = new Map(this._sent);
+    for (const one of edits) this._sent.set(keyOf(one), resultOf(one));
     try {
       const { saved, conflicts } = await this._link.call("studio.draft.save", { edits });
       for (const one of saved) this._note(one);
       for (const one of saved) this._own.add(keyOf(one));
-      for (const one of conflicts) this._take(one, true);
+      for (const one of conflicts) {
+        if (before.get(keyOf(one)) === resultOf(one))
+          this._note(one); // sent before, and kept
+        else this._take(one, true);
+      }
+      this._sent.clear();
       this.saveSoon(); // what was edited meanwhile
     } catch (error) {
       this._onKept("here");
@@ -146,23 +165,20 @@ export class Drafts {
     this._revisions.set(keyOf(one), one.revision);
   }
 
-  /** @returns {Edit[]} */
-  _read() {
-    try {
-      return JSON.parse(localStorage.getItem(this._key) ?? "[]");
-    } catch {
-      return []; // damaged, or the browser keeps nothing
-    }
+  /**
+   * Return whether a kept edit is one that was sent, and whose answer did not come.
+   * @param {Kept} one
+   */
+  _isOwn(one) {
+    return this._sent.get(keyOf(one)) === resultOf(one);
   }
 
-  /** @param {Edit[]} edits */
-  _write(edits) {
-    try {
-      if (edits.length === 0) localStorage.removeItem(this._key);
-      else localStorage.setItem(this._key, JSON.stringify(edits));
-    } catch {
-      // full, or the browser keeps nothing: the studio is asked again
-    }
+  /** Keep the unsaved edits in this browser, and return the edits. */
+  _keep() {
+    const edits = this._unsaved();
+    const pending = edits.map((edit) => ({ ...edit, sent: this._sent.get(keyOf(edit)) }));
+    this._browser.write(pending.length === 0 ? null : pending);
+    return edits;
   }
 }
 
@@ -175,3 +191,6 @@ const keyOf = ({ kind, id }) => `${kind} ${id}`;
  */
 const isSame = (kept, record) =>
   kept !== undefined && !kept.is_discarded && JSON.stringify(kept.record) === JSON.stringify(record);
+
+/** @param {Edit | Kept} one */
+const resultOf = ({ record, is_discarded }) => JSON.stringify([record, is_discarded]);

@@ -3,7 +3,7 @@
 import { html, useEffect, useRef, useState } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Reading } from "../../parts/reading.js";
-import { changeStacks, compiled, makeRecords, openBlocks, program, save } from "../../state/blocks.js";
+import { changeStacks, compiled, makeRecords, openBlocks, program } from "../../state/blocks.js";
 import { draft } from "../../state/project.js";
 import { actualPose, isFresh, isLive, servoIds, welcome } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
@@ -45,7 +45,6 @@ function Content() {
     return () => {
       isHere = false;
       made?.close();
-      save();
     };
   }, [mayEdit]);
   const stacks = program.value?.stacks,

@@ -25,7 +25,7 @@ export class Workspace {
   constructor(Blockly, place, isReadOnly, onChange) {
     this._Blockly = Blockly;
     this._onChange = onChange;
-    /** The stacks that are shown, as JSON. */
+    /** The stacks that are shown, as JSON; empty before the first ones. */
     this._shown = "";
     /** Events of blocks that were taken from the list or copied. @type {any[]} */
     this._created = [];
@@ -48,10 +48,14 @@ export class Workspace {
     this._space.addChangeListener((/** @type {any} */ event) => this._changed(event));
     this._size = new ResizeObserver(() => Blockly.svgResize(this._space));
     this._size.observe(place);
+    this._leaving = () => this._report();
+    addEventListener("pagehide", this._leaving);
   }
 
-  /** Take the workspace out of the page; changes are not reported any more. */
+  /** Report the last changes, and take the workspace out of the page. */
   close() {
+    this._report();
+    removeEventListener("pagehide", this._leaving);
     this._size.disconnect();
     this._space.dispose();
   }
@@ -158,6 +162,12 @@ export class Workspace {
     if (event.name === "caption")
       for (const type of RUNS)
         for (const block of this._space.getBlocksByType(type)) block.getField("target").forceRerender();
+    this._report();
+  }
+
+  /** Report the stacks if they have changed. Blockly itself tells of a change a frame later, which may be too late. */
+  _report() {
+    if (this._shown === "" || this._space.isDragging()) return;
     const stacks = fromBlockly(this._Blockly.serialization.workspaces.save(this._space));
     const text = JSON.stringify(stacks);
     if (text === this._shown) return;
