@@ -58,18 +58,22 @@ def test_what_is_no_program_is_refused_and_links_that_watch_keep_nothing() -> No
     run(test)
 
 
-def test_a_save_is_carried_out_although_the_page_is_closed_at_once() -> None:
+@pytest.mark.parametrize("made", [0, 1000])  # the longer message is read in a thread
+def test_a_save_is_carried_out_although_the_page_is_closed_at_once(made: int) -> None:
+    records = [{"kind": "actions", "id": number, "caption": "Bow"} for number in range(made)]
+    blocks = program(1) | {"made": records}
+
     async def test(place: Place) -> None:
         token = place.gate.new_token("edit")
         async with place.page() as page:
             await welcomed(page, token)
-            save = {"method": "studio.blocks.save", "params": {"blocks": program(1), "known": ""}}
+            save = {"method": "studio.blocks.save", "params": {"blocks": blocks, "known": ""}}
             await page.send_json({"jsonrpc": "2.0", "id": 1, **save})
         async with place.page() as page:
             await welcomed(page, token)
             while (found := (await call(page, "studio.blocks.get"))["result"]) == NOTHING:
                 pass
-            assert found["blocks"] == program(1)
+            assert found["blocks"] == blocks
 
     run(test)
 
