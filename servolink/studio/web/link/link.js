@@ -31,7 +31,7 @@ export class LinkLost extends Error {
   }
 }
 
-/** A connection to one board that lasts as long as the page: nothing meant for this board ever goes to another one. */
+/** Connection of the page to a single board, until the page is closed: no other board ever gets a message. */
 export class Link {
   /**
    * @param {string} url
@@ -59,7 +59,7 @@ export class Link {
     this.onState = () => {};
     /** Called with the first message, each time that the connection is open. @type {(welcome: Welcome) => void} */
     this.onWelcome = () => {};
-    /** Called with the names of both boards when the studio has another one; the connection is over then. @type {(left: string, next: string) => void} */
+    /** Called with the names of the boards before and after a change of the board, which ends the connection. @type {(left: string, next: string) => void} */
     this.onMoved = () => {};
   }
 
@@ -150,7 +150,7 @@ export class Link {
     else waiting?.resolve(message.result);
   }
 
-  /** @param {string} next name of the board that the studio has now */
+  /** @param {string} next name of the new board */
   _end(next) {
     const socket = /** @type {WebSocket} */ (this._socket);
     socket.onmessage = socket.onclose = null;

@@ -16,7 +16,7 @@ export function useTyping(text) {
   return { value: typed ?? text, end, handlers: { onInput: type, onBlur: end } };
 }
 
-/** From now on, text that is being typed counts as entered when the page is left, before anything else is kept. */
+/** From now on, enter the text in the focused field when the page is left, before edits are kept. */
 export function enterOnLeave() {
   const enter = () => document.activeElement instanceof HTMLElement && document.activeElement.blur();
   addEventListener("pagehide", enter, { capture: true });

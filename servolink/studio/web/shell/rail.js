@@ -52,7 +52,7 @@ export function Dock({ children }) {
 /** Button for the other screens, marked and named as the present one if that is among them; also language and help. */
 function Others() {
   const [openedOn, setOpenedOn] = useState(/** @type {string | null} */ (null));
-  const isOpen = openedOn === screen.value; // another screen closes the list with its first drawing, not an effect later
+  const isOpen = openedOn === screen.value; // an effect would close the list after the drawing of the screen
   const box = useRef(/** @type {HTMLElement | null} */ (null));
   const others = entries().slice(MOST);
   const present = others.find(isShown);

@@ -14,7 +14,7 @@ import { Unsaved } from "./unsaved.js";
 /** @typedef {import("./block-form.js").Stack} Stack */
 /** @typedef {import("../link/link.js").Link} Link */
 /** Blocks kept by the studio. @typedef {{ blocks: Program | null, tag: string }} Kept */
-/** Blocks that the studio has not confirmed: the latest, those sent to it before, and the tag that they replace. @typedef {{ blocks: Program, sent: Program | null, known: string }} Pending */
+/** Unconfirmed blocks: latest program, program sent before, and tag of the replaced blocks. @typedef {{ blocks: Program, sent: Program | null, known: string }} Pending */
 
 const LASTS = 20_000; // milliseconds in which people can bring their own blocks back
 const KEY = "servolink.unsaved_blocks.";
@@ -34,7 +34,7 @@ let link = null;
 let asked = Promise.resolve();
 let unsaved = /** @type {Unsaved<Pending>} */ (new Unsaved(KEY));
 let tag = "";
-/** Program that was sent to the studio, while no answer has come; null for none. @type {Program | null} */
+/** Program sent to the studio and not answered; null for none. @type {Program | null} */
 let sent = null;
 let isSaving = false;
 let isChanged = false;
@@ -67,7 +67,7 @@ function take(kept) {
   program.value = kept.blocks ?? NO_BLOCKS;
 }
 
-/** Bring back blocks of this robot that an earlier page of this browser could not save. */
+/** Bring back unconfirmed blocks of an earlier page. */
 function bringBack() {
   const pending = unsaved.read();
   if (pending === null) return;
@@ -85,7 +85,7 @@ export function changeStacks(stacks) {
 }
 
 /**
- * Show another program, and keep the program in this browser until the studio does.
+ * Show another program, and keep the program in the browser until the studio confirms.
  * @param {Program} after
  */
 function change(after) {
@@ -95,13 +95,13 @@ function change(after) {
   save();
 }
 
-/** Keep in this browser what the studio has not confirmed. */
+/** Keep unconfirmed blocks in the browser. */
 function keep() {
   const blocks = program.value;
   unsaved.write(isChanged && blocks !== null ? { blocks, sent, known: tag } : null);
 }
 
-/** Keep the blocks in the studio, one save after the other. If another page was faster, those blocks are shown, and a message can bring these back. */
+/** Keep the blocks in the studio, one save after the other. Blocks of a faster page win, and a message can bring the own blocks back. */
 async function save() {
   const mine = program.value,
     before = sent;

@@ -8,7 +8,7 @@ import { onLeave, Unsaved } from "./unsaved.js";
 /** @typedef {import("../link/link.js").Link} Link */
 /** Whether the studio keeps all edits, is about to, or only this browser does. @typedef {"saved" | "saving" | "here"} Keeping */
 /** @typedef {{ kind: Difference["kind"], id: number, known: number, base: any, record: any, is_discarded: boolean }} Edit */
-/** Edit as in this browser, with what was sent before and not answered, as JSON. @typedef {Edit & { sent?: string }} Pending */
+/** Edit in the browser, with the edit sent before and not answered, as JSON. @typedef {Edit & { sent?: string }} Pending */
 /** @typedef {{ kind: Difference["kind"], id: number, revision: number, who: string, base: any, record: any, is_discarded: boolean }} Kept */
 
 const PAUSE = 400; // milliseconds after an edit
@@ -37,7 +37,7 @@ export class Drafts {
     this._kept = new Map();
     /** @type {Map<string, number>} */
     this._revisions = new Map();
-    /** Edits that were sent to the studio and not answered, as JSON. @type {Map<string, string>} */
+    /** Edits sent to the studio and not answered, as JSON. @type {Map<string, string>} */
     this._sent = new Map();
     /** Records last edited by the page. @type {Set<string>} */
     this._own = new Set();
@@ -60,7 +60,7 @@ export class Drafts {
       if (kept === undefined || !this._isOwn(kept)) this._revisions.set(keyOf(edit), edit.known); // so that newer edits are not overwritten
     }
     onLeave(() => this._keep());
-    const undone = new Set(unsaved.filter((edit) => edit.is_discarded).map(keyOf)); // here, but not in the studio
+    const undone = new Set(unsaved.filter((edit) => edit.is_discarded).map(keyOf)); // in the browser alone
     return [
       ...records.filter((one) => !one.is_discarded && !undone.has(keyOf(one))),
       ...unsaved.filter((edit) => !edit.is_discarded),
@@ -166,7 +166,7 @@ export class Drafts {
   }
 
   /**
-   * Return whether a kept edit is one that was sent, and whose answer did not come.
+   * Return whether a kept edit was sent by this page without an answer.
    * @param {Kept} one
    */
   _isOwn(one) {

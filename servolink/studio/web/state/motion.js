@@ -122,7 +122,7 @@ export class Motion {
       }
     }
     const isPlayed = () => this.#state.isHeld && this.#played === mine;
-    if (isPlayed()) await this.#until(this.#arrivesAt, mine); // late: the last movement gets its full time all the same
+    if (isPlayed()) await this.#until(this.#arrivesAt, mine); // late: the last movement gets its full time
     return isPlayed();
   }
 

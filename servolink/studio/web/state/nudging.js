@@ -1,5 +1,5 @@
-// Nudges of a servo: each press turns it by one step, and on while it is held. A short press is never lost: its step is
-// carried out to the end, also if the control was released before the hub has given the lease.
+// Nudges of a servo: a step for each press, and more steps while a control is held. The step of a short press is carried
+// out to the end, also after a release before the hub has given the lease.
 
 import { t } from "../texts/text.js";
 import { refusal } from "./motion.js";
@@ -17,7 +17,7 @@ export class Nudges {
   #id;
   /** Degrees of the control that is held; 0 for none. */
   #held = 0;
-  /** Steps that were pressed and not begun; null without a nudge under way. @type {number[] | null} */
+  /** Steps pressed and not begun; null without a nudge under way. @type {number[] | null} */
   #steps = null;
 
   /**
@@ -46,7 +46,7 @@ export class Nudges {
     if (this.#steps === steps) this.#steps = null;
   }
 
-  /** Turn no further than the steps that were pressed. */
+  /** End after the pressed steps. */
   release() {
     this.#held = 0;
   }

@@ -1,6 +1,6 @@
-// Edits that the studio has not confirmed yet, kept in this browser: safe from a reload, a crash, and a lost connection.
+// Unconfirmed edits, kept in the browser: safe from a reload, a crash, and a lost connection.
 
-/** Edits of one kind and one board. @template T */
+/** Unconfirmed edits of a kind and a board. @template T */
 export class Unsaved {
   /** @param {string} key in the storage of the browser */
   constructor(key) {
@@ -23,7 +23,7 @@ export class Unsaved {
   }
 
   /**
-   * Keep edits in place of those before; null if the studio has all. What another page of this browser keeps stays.
+   * Replace the edits; null for none. Edits of other pages in this browser stay.
    * @param {T | null} edits
    */
   write(edits) {
@@ -39,7 +39,7 @@ export class Unsaved {
 }
 
 /**
- * Call `act` whenever the page may not come back: it is closed, loaded again, or hidden.
+ * Call `act` when the page is closed, loaded again, or hidden.
  * @param {() => void} act
  */
 export function onLeave(act) {

@@ -25,7 +25,7 @@ export class Workspace {
   constructor(Blockly, place, isReadOnly, onChange) {
     this._Blockly = Blockly;
     this._onChange = onChange;
-    /** The stacks that are shown, as JSON; empty before the first ones. */
+    /** The stacks that are shown, as JSON; empty before the first stacks. */
     this._shown = "";
     /** Events of blocks that were taken from the list or copied. @type {any[]} */
     this._created = [];
@@ -165,7 +165,7 @@ export class Workspace {
     this._report();
   }
 
-  /** Report the stacks if they have changed. Blockly itself tells of a change a frame later, which may be too late. */
+  /** Report changed stacks. Blockly reports a change a frame later: too late if the page is left. */
   _report() {
     if (this._shown === "" || this._space.isDragging()) return;
     const stacks = fromBlockly(this._Blockly.serialization.workspaces.save(this._space));
