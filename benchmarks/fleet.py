@@ -25,8 +25,8 @@ from servolink.fleet.access import parse_broker
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.controller import new_id
 from servolink.fleet.publish_packets import Received
-from servolink.fleet.together import compare_clocks
-from servolink.fleet.topics import Prepare, Start, Started
+from servolink.fleet.together import compare_clocks, start_each
+from servolink.fleet.topics import Prepare, Started
 
 COUNTS = (1, 10, 50, 200)
 HZ = 10.0
@@ -243,7 +243,7 @@ async def _start_in_turns(fleet: Fleet, case: Case) -> None:
     machines = {board: int(board.removeprefix("bench")) // PER_PROCESS for board in boards}
     moments = {board: at + _APART * machines[board] for board, at in clocks.moments(loop.time() + _LEAD).items()}
     with controller.pending_command(start) as pending:
-        await controller.send_to_all("start", Start(start, controller.who, moments), start, expires=2.0)
+        await start_each(controller, start, boards, moments)
         await pending.until(boards, loop.time() + _PATIENCE)
     results = {board: result.result for board, result in pending.results.items() if result.ok}
     if len(results) != case.boards:

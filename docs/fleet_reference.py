@@ -76,8 +76,8 @@ id of its own:
 - After a crash of the board's machine, the result is OutcomeUnknown: read back before you repeat it.
 
 A fleet adds two methods, by which boards start together: each is asked to `prepare` for an id, and answers when the
-run was checked and the board has the lease; one message to `servolink/_fleet/start` with that id starts them.
-`cancel` gives the lease back.
+run was checked and the board has the lease; a message to `servolink/BOARD/start` with that id starts it at a moment
+of its clock, and one to `servolink/_fleet/start` starts all 0.1 s later. `cancel` gives the lease back.
 """
 
 

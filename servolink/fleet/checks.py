@@ -12,7 +12,6 @@ from servolink.errors import ServolinkError
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.roster import BoardSeen
-from servolink.fleet.topics import Echo
 
 _PATIENCE = 3.0  # seconds for the messages of the check
 _SLOW = 0.25
@@ -52,10 +51,10 @@ async def examine_fleet(controller: Controller) -> tuple[Check, ...]:
 
 async def _round_trips(controller: Controller, patience: float) -> dict[str, float]:
     """Return the seconds of a message to each board and back."""
-    loop, echo = asyncio.get_running_loop(), Echo(new_id())
-    with controller.pending_command(echo.id) as pending:
+    loop, message_id = asyncio.get_running_loop(), new_id()
+    with controller.pending_command(message_id) as pending:
         sent = loop.time()
-        await controller.send_to_all("echo", echo, echo.id, expires=patience)
+        await controller.echo(controller.topics.fleet("echo"), message_id, expires=patience)
         await pending.until(controller.roster.online, sent + patience)
         return {board: came - sent for board, came in pending.seconds.items()}
 

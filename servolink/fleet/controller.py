@@ -30,7 +30,7 @@ from servolink.fleet.topics import (
     UNREADABLE,
     BoardTopic,
     Command,
-    FleetTopic,
+    Echo,
     Result,
     Topics,
 )
@@ -174,12 +174,11 @@ class Controller:
         finally:
             del self._pending[message_id]
 
-    async def send_to_all(self, topic: FleetTopic, payload: Struct, message_id: str, *, expires: float) -> None:
-        """Send one message to all boards together. Raise ConnectionLost if the broker does not accept the message."""
-        deadline = asyncio.get_running_loop().time() + expires
-        await self.publish(
-            self.topics.fleet(topic), msgspec.json.encode(payload), message_id, expires=expires, deadline=deadline
-        )
+    async def echo(self, topic: str, message_id: str, *, expires: float) -> None:
+        """Have boards answer at once. Raise ConnectionLost if the broker is gone for `expires` seconds."""
+        deadline, payload = asyncio.get_running_loop().time() + expires, msgspec.json.encode(Echo(message_id))
+        reply_to = self.reply_at_once
+        await self.publish(topic, payload, message_id, qos=0, expires=expires, deadline=deadline, reply_to=reply_to)
 
     async def publish(
         self,
@@ -189,9 +188,10 @@ class Controller:
         *,
         expires: float,
         deadline: float,
+        qos: int = 1,
         reply_to: str | None = None,
     ) -> None:
-        """Send a message with QoS 1, as soon as there is a connection. Raise ConnectionLost after `deadline`.
+        """Send a message, as soon as there is a connection. Raise ConnectionLost after `deadline`.
 
         Boards answer to `reply_to`, by default with QoS 1. Raise OpenError if the broker does not allow the topic.
         """
@@ -205,7 +205,7 @@ class Controller:
                     message = Publication(
                         topic,
                         payload,
-                        qos=1,
+                        qos,
                         expiry=left,
                         response_topic=reply_to or self._reply_to,
                         correlation=message_id.encode(),

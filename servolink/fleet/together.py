@@ -19,16 +19,20 @@ from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.pending_command import PendingCommand, failure_of, result_as
 from servolink.fleet.roster import Roster
-from servolink.fleet.topics import Cancel, Echo, Echoed, Prepare, Prepared, Start, Started, Stored
+from servolink.fleet.topics import Cancel, Echoed, Prepare, Prepared, Start, Started, Stored
 
 T = TypeVar("T")
 
 Kind = Literal["action", "macro"]
 
 _ECHOES = 3
-_ECHO_LIMIT = 1.0  # seconds for boards to answer an echo
-_AT_ONCE = 16  # boards that answer an echo: of 200 answers at once, the last would seem to have come 40 ms late
-_LEAD, _LONGEST_LEAD = 0.3, 0.9  # seconds until the start, for the message to arrive and all hubs to wait for it
+_ECHO_LIMIT = 1.0  # seconds for a board to answer an echo
+_ECHO_TIME = 0.002  # seconds for all echoes of a board
+_AT_ONCE = 16  # echoes under way: of 200 answers at once, the last would seem to have come 40 ms late
+_LEAD, _LONGEST_LEAD = 0.3, 0.9  # seconds until the start, for the messages to arrive and all hubs to wait for it
+_EACH = 0.0002  # seconds for the message to one more board
+_STARTS_AT_ONCE = 64  # messages that the broker has not confirmed
+_START_LIMIT = 2.0  # seconds after which a start is of no use
 
 
 class RanTogether(Struct, frozen=True):
@@ -104,7 +108,7 @@ async def run_together(
     """
     start = new_id()
     patience = controller.patience
-    expires = min(60.0, patience + 2 * _ECHO_LIMIT)
+    expires = min(60.0, patience + _seconds_to_compare(len(runs)))
 
     async def prepare(board: str) -> Prepared:
         found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
@@ -119,17 +123,40 @@ async def run_together(
     clocks = await compare_clocks(controller, prepared.done)
     with controller.pending_command(start) as pending:
         loop = asyncio.get_running_loop()
+        lead = _LEAD + _EACH * len(prepared.done) + max(clocks.delays.values(), default=0.0)
+        moments = clocks.moments(loop.time() + min(lead, _LONGEST_LEAD))
+        denied = await start_each(controller, start, prepared.done, moments)
+        await pending.until(set(prepared.done) - set(denied), loop.time() + patience)
+        return _result(pending, prepared.done, {**problems, **denied}, clocks.delays)
+
+
+async def start_each(
+    controller: Controller, start: str, boards: Iterable[str], moments: Mapping[str, float]
+) -> dict[str, ServolinkError]:
+    """Start the runs prepared for `start`, each at the moment of its board. Return the errors of denied messages.
+
+    Each board has a message of its own: one for all would name each board, and be sent to each of them.
+    """
+    loop = asyncio.get_running_loop()
+    ends = loop.time() + _START_LIMIT
+
+    async def send(board: str) -> None:
+        topic, payload = controller.topics.board(board, "start"), Start(start, controller.who, moments.get(board))
         with suppress(ConnectionLost):  # the broker may have the message: answers show the started boards
-            slowest = max(clocks.delays.values(), default=0.0)
-            moments = clocks.moments(loop.time() + min(_LEAD + slowest, _LONGEST_LEAD))
-            await controller.send_to_all("start", Start(start, controller.who, moments), start, expires=2.0)
-        await pending.until(prepared.done, loop.time() + patience)
-        return _result(pending, prepared.done, problems, clocks.delays)
+            left = ends - loop.time()
+            await controller.publish(topic, msgspec.json.encode(payload), start, expires=left, deadline=ends)
+
+    return (await for_each(boards, send, parallel=_STARTS_AT_ONCE)).failed
 
 
 async def _cancel(controller: Controller, start: str, boards: Iterable[str]) -> None:
     """Cancel the prepared start on boards, which frees their leases."""
     await for_each(boards, lambda board: controller.call(board, "cancel", Cancel(start), patience=1.0), parallel=64)
+
+
+def _seconds_to_compare(boards: int) -> float:
+    """Return the longest time to compare the clocks of so many boards, in seconds."""
+    return 2 * _ECHO_LIMIT + _ECHO_TIME * boards
 
 
 async def compare_clocks(controller: Controller, boards: Iterable[str]) -> BoardClocks:
@@ -139,21 +166,29 @@ async def compare_clocks(controller: Controller, boards: Iterable[str]) -> Board
         seen = controller.roster.get(board)
         return board if seen is None or seen.now is None else seen.now.host
 
-    loop, there = asyncio.get_running_loop(), list(boards)
-    clocks, ends = BoardClocks(host_of), loop.time() + 2 * _ECHO_LIMIT
-    silent: set[str] = set()
-    for at in [at for _ in range(_ECHOES) for at in range(0, len(there), _AT_ONCE)]:
-        group = [board for board in there[at : at + _AT_ONCE] if board not in silent]
-        if not group or loop.time() >= ends:
-            continue
-        echo = Echo(new_id(), tuple(group))
-        with controller.pending_command(echo.id) as pending:
+    loop, answering = asyncio.get_running_loop(), list(boards)
+    clocks, ends = BoardClocks(host_of), loop.time() + _seconds_to_compare(len(answering))
+
+    async def echo(board: str) -> bool:
+        """Take an echo of a board. Return whether there was one."""
+        if loop.time() >= ends:
+            return False
+        message_id = new_id()
+        with controller.pending_command(message_id, board=board) as pending:
             sent = loop.time()
-            await controller.send_to_all("echo", echo, echo.id, expires=_ECHO_LIMIT)
-            silent.update(await pending.until(group, sent + _ECHO_LIMIT))
-            for board in set(group) & set(pending.results):
-                if (echoed := _as(pending.results[board].result, Echoed)) is not None:
-                    clocks.heard(board, sent, echoed.monotonic, pending.seconds[board])
+            await controller.echo(controller.topics.board(board, "echo"), message_id, expires=_ECHO_LIMIT)
+            await pending.until((board,), sent + _ECHO_LIMIT)
+            result = pending.results.get(board)
+            if result is None or (echoed := _as(result.result, Echoed)) is None:
+                return False
+            clocks.heard(board, sent, echoed.monotonic, pending.seconds[board])
+            return True
+
+    for _ in range(_ECHOES):
+        echoes = await for_each(answering, echo, parallel=_AT_ONCE)
+        for error in echoes.failed.values():
+            raise error
+        answering = [board for board, has_answered in echoes.done.items() if has_answered]
     return clocks
 
 
@@ -168,7 +203,8 @@ def _result(
     for board in prepared:
         result = pending.results.get(board)
         if result is None:
-            failed[board] = OutcomeUnknown(f"{board} was prepared, and has not reported a start: look at the board")
+            text = f"{board} was prepared, and has not reported a start: look at the board"
+            failed.setdefault(board, OutcomeUnknown(text))  # unless the start was denied
         elif (failure := failure_of(result)) is not None:
             failed[board] = failure
         elif (moment := _as(result.result, Started)) is None:

@@ -60,7 +60,7 @@ SESSION_METHODS = frozenset(
 """Methods of the control interface that a fleet lacks: they belong to the connection of a program."""
 
 BoardTopic: TypeAlias = Literal[
-    "available", "state", "servos", "vitals", "event", "log", "cmd", "press", "stop", "result", "pulse"
+    "available", "state", "servos", "vitals", "event", "log", "cmd", "press", "start", "stop", "echo", "result", "pulse"
 ]
 FleetTopic: TypeAlias = Literal["start", "stop", "echo"]
 CommandId: TypeAlias = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+(?!\n)$")]
@@ -237,14 +237,16 @@ class Cancel(Struct, forbid_unknown_fields=True):
 
 
 class Start(Struct, forbid_unknown_fields=True):
-    """Sent to `_fleet/start`: each board prepared for the id begins, and sends a result with the same id."""
+    """Sent to `start` of a board, or to `_fleet/start` for all: those prepared for the id begin, and send a result."""
 
     id: CommandId
     who: Who = ""
     at: Annotated[
-        dict[str, float],
-        about("by board, when to begin by the clock of its machine, at most 1 s ahead; else 0.1 s after the message"),
-    ] = {}
+        float | None,
+        about(
+            "for one board: when to begin by the clock of its machine, at most 1 s ahead; else 0.1 s after the message"
+        ),
+    ] = None
 
 
 class Started(Struct, frozen=True):
@@ -269,10 +271,9 @@ class StopOver(Struct, frozen=True):
 
 
 class Echo(Struct, forbid_unknown_fields=True):
-    """Sent to `_fleet/echo`: each board answers at once, for measuring the delay of the network."""
+    """Sent to `echo` of a board, or to `_fleet/echo` for all: answered at once, to measure the delay of the network."""
 
     id: CommandId
-    boards: Annotated[tuple[str, ...], about("those that answer; all if none is named")] = ()
 
 
 class Echoed(Struct, frozen=True):
@@ -313,7 +314,9 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
     "result": (Result, 1, False),
     "cmd": (Command, 1, False),
     "press": (Press, 0, False),
+    "start": (Start, 1, False),
     "stop": (Stop, 1, False),
+    "echo": (Echo, 0, False),
     "_fleet/start": (Start, 1, False),
     "_fleet/stop": (Stop, 1, False),
     "_fleet/echo": (Echo, 0, False),

@@ -1,7 +1,7 @@
 """Urgent: separate connection for stops and starts of all boards of a machine, undisturbed by floods of commands.
 
-Stops of one board come this way too, and so does the message that starts several boards together: it arrives once for
-all boards of a machine. A press comes this way because the broker keeps nothing for this connection while it is lost.
+Starts, echoes and stops of one board come this way too. A press does because the broker keeps nothing for this
+connection while it is lost.
 """
 
 from __future__ import annotations
@@ -24,9 +24,11 @@ from servolink.fleet.outbox import Outbox
 from servolink.fleet.publish_packets import Received
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_handler import read_stop
-from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, Press, Start, Started, Topics
+from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, FleetTopic, Press, Start, Started, Topics
 from servolink.tasks import Tasks
 
+_OF_ALL: Mapping[FleetTopic, int] = {"stop": 1, "start": 1, "echo": 0}
+"""QoS of the topics of all boards, which each board has for itself as well."""
 _PRESS_SECONDS = 5
 _LEAD = 0.1
 """Seconds from a message that names no moment to the start."""
@@ -46,11 +48,9 @@ class Urgent:
         self._pulse_topic = topics.board(bridges[0].board, "pulse")
         self._tasks = Tasks()
         self.broker.subscriptions = [
-            (topics.fleet("stop"), 1),
-            (topics.fleet("start"), 1),
-            (topics.fleet("echo"), 0),
+            *((topics.fleet(kind), qos) for kind, qos in _OF_ALL.items()),
             (self._pulse_topic, 0),
-            *((topics.board(name, "stop"), 1) for name in self._bridges),
+            *((topics.board(name, kind), qos) for name in self._bridges for kind, qos in _OF_ALL.items()),
             *((topics.board(name, "press"), 0) for name in self._bridges),
         ]
         self.broker.on_connect = self._begin
@@ -73,27 +73,31 @@ class Urgent:
         if message.is_retained:  # nobody knows the age of the message
             return
         sender = Sender(message.response_topic, message.correlation)
-        if message.topic == self._topics.fleet("echo"):
-            if (echo := _read(message.payload, Echo)) is not None:
-                for name in set(self._answers) & set(echo.boards or self._answers):
-                    self._answers[name].succeed(echo.id, sender, Echoed(received))
-        elif message.topic == self._topics.fleet("start"):
-            if (start := _read(message.payload, Start)) is not None:
-                self._start(start, sender, received)
-        elif message.topic.endswith("/press"):
-            self._press(message)
-        else:
-            self._stop(message, sender)
-
-    def _stop(self, message: Received, sender: Sender) -> None:
-        command_id = read_stop(message.payload).id
         found = self._topics.parse(message.topic)
-        for name in self._bridges if found is None else [found[0]]:
+        names = tuple(self._bridges) if found is None else (found[0],)
+        kind = message.topic.rpartition("/")[2]
+        if kind == "echo":
+            self._echo(names, message, sender, received)
+        elif kind == "start":
+            # The clock of a machine is its own, so a moment for all boards has no meaning.
+            self._start(names, message, sender, received, is_for_one=found is not None)
+        elif kind == "press":
+            self._press(names[0], message)
+        else:
+            self._stop(names, message, sender)
+
+    def _echo(self, names: Sequence[str], message: Received, sender: Sender, received: float) -> None:
+        if (echo := _read(message.payload, Echo)) is not None:
+            for name in names:
+                self._answers[name].succeed(echo.id, sender, Echoed(received))
+
+    def _stop(self, names: Sequence[str], message: Received, sender: Sender) -> None:
+        command_id = read_stop(message.payload).id
+        for name in names:
             self._bridges[name].stops.stop(command_id, sender, self._answers[name])
 
-    def _press(self, message: Received) -> None:
+    def _press(self, name: str, message: Received) -> None:
         """Carry out a command without an id, which expires soon."""
-        name, _ = self._topics.parse(message.topic) or ("", "")
         try:
             press = msgspec.json.decode(message.payload, type=Press)
         except UNREADABLE as error:
@@ -106,12 +110,18 @@ class Urgent:
     async def _begin(self) -> None:
         self._link.begin()
 
-    def _start(self, start: Start, sender: Sender, received: float) -> None:
-        for name, bridge in self._bridges.items():
+    def _start(
+        self, names: Sequence[str], message: Received, sender: Sender, received: float, *, is_for_one: bool
+    ) -> None:
+        start = _read(message.payload, Start)
+        if start is None:
+            return
+        at = start.at if is_for_one and start.at is not None else received + _LEAD
+        for name in names:
+            bridge = self._bridges[name]
             if bridge.prepared.is_for(start.id):
-                at = start.at.get(name, received + _LEAD)
                 self._tasks.begin(self._begin_prepared(bridge, start.id, at, sender, received))
-            elif not start.at or name in start.at:  # else the start names other boards of the fleet
+            else:
                 bridge.telemetry.log("info", f"a start was not for {name}: nothing is prepared for {start.id}")
 
     async def _begin_prepared(self, bridge: Bridge, start: str, at: float, sender: Sender, received: float) -> None:

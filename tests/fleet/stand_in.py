@@ -14,7 +14,7 @@ from servolink.fleet.access import broker_access
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.publish_packets import Publication, Received
-from servolink.fleet.topics import BoardNow, Command, Result, Stored, Topics
+from servolink.fleet.topics import BoardNow, Command, FleetTopic, Result, Stored, Topics
 from servolink.tasks import Tasks
 from tests.fleet.bridged import running
 from tests.fleet.mosquitto import Broker
@@ -98,8 +98,9 @@ async def stand_ins(broker: Broker, *names: str, **known: Any) -> AsyncIterator[
         for name in names:
             will = Publication(TOPICS.board(name, "available"), "offline", 1, retain=True)
             connection = BrokerConnection(broker_access(broker.url), MqttOptions(f"stand-in-{name}", will=will))
-            topics = [TOPICS.board(name, "cmd"), TOPICS.board(name, "stop")]
-            topics += [TOPICS.fleet("start"), TOPICS.fleet("stop"), TOPICS.fleet("echo")]
+            kinds: tuple[FleetTopic, ...] = ("start", "stop", "echo")
+            topics = [TOPICS.board(name, "cmd"), *(TOPICS.board(name, kind) for kind in kinds)]
+            topics += [TOPICS.fleet(kind) for kind in kinds]
             connection.subscriptions = [(topic, 1) for topic in topics]
             stored = {"actions": (Stored(1, "Bow"),), "macros": (Stored(2, "Wave"),)}
             board = StandIn(name, connection, **(stored | known))

@@ -199,8 +199,7 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
             wave = {"type": "action", "id": "Wave"}
             await far.call("prepare", params={"start": "s1", "run": wave})
             assert hub.lease is not None
-            await far.publish("servolink/_fleet/start", {"id": "of-others", "at": {"bob": 1.0}})
-            await far.publish("servolink/_fleet/start", {"id": "other"})
+            await far.publish("servolink/rex/start", {"id": "other"})
             await far.publish("servolink/_fleet/start", {"id": "s1"})
             await far.until(lambda: "servolink/rex/log" in far.heard)
             assert json.loads(far.heard["servolink/rex/log"][0].payload)["text"].endswith("prepared for other")
@@ -217,8 +216,9 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
             error = await far.failure("prepare", params={"start": "s3", "run": {"type": "macro", "id": "Alone"}})
             assert "runs action 9, which could not be read" in error["message"]
             assert len(await far.results("s1")) == 1
-            await far.publish("servolink/_fleet/echo", {"id": "e1"})
-            assert (await far.result("e1"))["result"]["monotonic"] > started["monotonic"]
+            for echo, topic in (("e1", "servolink/_fleet/echo"), ("e2", "servolink/rex/echo")):
+                await far.publish(topic, {"id": echo})
+                assert (await far.result(echo))["result"]["monotonic"] > started["monotonic"]
 
     run(main())
 
@@ -238,7 +238,7 @@ def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch:
             await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
             wave = {"type": "action", "id": "Wave"}
             await far.call("prepare", params={"start": "s1", "run": wave})
-            await far.publish("servolink/_fleet/start", {"id": "s1", "at": {"rex": loop.time() + 0.9}})
+            await far.publish("servolink/rex/start", {"id": "s1", "at": loop.time() + 0.9})
             await far.until(lambda: bool(leads))
             await far.publish("servolink/rex/stop", {"id": "now"})
             assert (await far.result("now"))["ok"]
@@ -247,7 +247,7 @@ def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch:
             assert error["data"]["kind"] == "MotionRefused"
             assert "stopped since this was prepared" in error["message"]
             await far.call("prepare", params={"start": "s2", "run": wave}, id="later")
-            await far.publish("servolink/_fleet/start", {"id": "s2", "at": {"rex": loop.time() + LIMIT}})
+            await far.publish("servolink/rex/start", {"id": "s2", "at": loop.time() + LIMIT})
             assert "at must be at most 1 s ahead" in (await far.result("s2"))["error"]["message"]
 
     run(main())

@@ -15,6 +15,7 @@ import pytest
 
 from servolink.errors import ConnectionLost, NotFound
 from servolink.fleet import checks, stop_boards, together
+from servolink.fleet.broker import Denied
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.topics import Stored
@@ -139,7 +140,7 @@ def test_all_boards_are_told_the_same_moment_by_their_own_clocks(broker: Broker)
                 def start(
                     params: dict[str, Any], board: StandIn = board, off: float = off, pace: float = pace
                 ) -> dict[str, Any]:
-                    told[board.name] = (params["at"][board.name] - off) / pace - now()
+                    told[board.name] = (params["at"] - off) / pace - now()
                     return {"host": board.name, "after": 0.3, "monotonic": now()}
 
                 board.now = msgspec.structs.replace(board.now, host=board.name)
@@ -199,17 +200,37 @@ def test_a_start_that_the_broker_has_not_confirmed_may_have_been_one(
     async def main() -> None:
         async with stand_ins(broker, "rex") as (rex,), fleet_of(broker) as fleet:
             ready_to_run(rex, 5.0)
-            send = fleet.controller.send_to_all
+            send = fleet.controller.publish
 
-            async def send_or_lose(topic: Any, *rest: Any, **options: Any) -> None:
-                if topic == "start":
+            async def send_or_lose(topic: str, *rest: Any, **options: Any) -> None:
+                if topic == "servolink/rex/start":
                     patience_ends(monkeypatch, lambda pending: True)
                     raise ConnectionLost("the broker is gone")
                 await send(topic, *rest, **options)
 
-            monkeypatch.setattr(fleet.controller, "send_to_all", send_or_lose)
+            monkeypatch.setattr(fleet.controller, "publish", send_or_lose)
             ran = await fleet.run("Wave")
             assert (ran.started, ran.may_have_started) == ((), ("rex",))
+
+    asyncio.run(main())
+
+
+def test_a_board_whose_start_the_broker_denies_has_not_started(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as both, fleet_of(broker) as fleet:
+            for board in both:
+                ready_to_run(board, 5.0)
+            send = fleet.controller.publish
+
+            async def send_or_deny(topic: str, *rest: Any, **options: Any) -> None:
+                if topic == "servolink/rex/start":
+                    raise Denied("the broker does not allow writing there")
+                await send(topic, *rest, **options)
+
+            monkeypatch.setattr(fleet.controller, "publish", send_or_deny)
+            ran = await fleet.run("Wave")
+            assert (ran.started, ran.may_have_started) == (("fido",), ())
+            assert ran.failed == {"rex": "the broker does not allow writing there"}
 
     asyncio.run(main())
 
