@@ -216,6 +216,7 @@ class BoardTransport(BaseTransport, Generic[B]):
 
     async def _open(self) -> None:
         """Attach to the board."""
+        self.board.advance(asyncio.get_running_loop().time())  # what the host finds begins now, not at time 0
         self._session = self.board.attach(self._receive, lambda: self._unsent, self.unplug)
         self._driver = BoardDriver(self.board)
 

@@ -422,3 +422,10 @@ def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:
 
     run(main())
     assert path.read_text() == "nonsense"
+
+
+async def test_a_board_that_sends_by_itself_begins_when_it_is_opened() -> None:
+    await asyncio.sleep(1000)
+    async with connect("virtual://?odd=flooding") as board:
+        assert len(await board.servos()) == 4
+        assert board.stats.events_received < 10, "one every 5 ms, and not those of 1000 s"

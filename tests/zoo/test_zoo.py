@@ -102,7 +102,7 @@ def test_a_board_that_resets_at_the_first_opening_is_opened_once_more(command: s
 
 
 def test_a_board_that_resets_at_each_opening_is_named(zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Resetting, "opened", lambda board, line: board.after(0.05, line.close))
+    monkeypatch.setattr(Resetting, "opened", lambda board, line: line.close())
     said = zoo("resetting").on_board("servos")
     assert said.code == NO_BOARD
     assert "the board may reset when its port is opened, so wait until it has started" in said.err

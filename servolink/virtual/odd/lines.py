@@ -173,7 +173,7 @@ class Logging(OddBoard, name="logging"):
 
 
 class Resetting(OddBoard, name="resetting"):
-    """End of the first connection after 50 ms; later connections stay."""
+    """End of the first connection at once; later connections stay."""
 
     lesson = "a connection that ends at once is opened once more"
 
@@ -183,7 +183,7 @@ class Resetting(OddBoard, name="resetting"):
 
     def opened(self, line: OddLine) -> None:
         if not next(self._openings):
-            self.after(0.05, line.close)
+            line.close()
 
 
 class Twice(OddBoard, name="twice"):
