@@ -46,15 +46,7 @@ async def confirm(question: str) -> bool:
 
     Call it only if `can_ask()`. The loop and signals keep working meanwhile.
     """
-    print(f"{escape(question)} [y/N] ", end="", file=sys.stderr, flush=True)
-    try:
-        answer = await read_line()
-    except asyncio.CancelledError:
-        print_error("")  # the next message starts a line
-        raise
-    if not answer.endswith("\n"):
-        print_error("")
-    return answer.strip().lower() in ("y", "yes")
+    return (await _answer_to(f"{question} [y/N] ")).strip().lower() in ("y", "yes")
 
 
 async def wait_for_enter(request: str) -> bool:
@@ -62,8 +54,20 @@ async def wait_for_enter(request: str) -> bool:
 
     Call it only if `can_ask()`.
     """
+    return await _answer_to(request) == "\n"
+
+
+async def _answer_to(request: str) -> str:
+    """Print `request` on standard error and return the typed line; the next message starts a line in any case."""
     print(escape(request), end="", file=sys.stderr, flush=True)
-    return await read_line() == "\n"
+    try:
+        answer = await read_line()
+    except asyncio.CancelledError:
+        print_error("")
+        raise
+    if not answer.endswith("\n"):
+        print_error("")
+    return answer
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from servolink.cli.arguments import SPEED, file_path, whole_number
 from servolink.cli.command import TOGETHER, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import print_error, print_result, print_text
+from servolink.cli.screen.terminal import can_ask
 from servolink.cli.usage import needing_extra, usage_error
 from servolink.project.project_file import read_project_file
 from servolink.script import OK
@@ -76,6 +77,8 @@ async def _serve(args: argparse.Namespace, interruption: Interruption) -> int:
         interruption.state, interruption.code = "the content of the board was left unchanged", OK
         server = ModelTools(supervisor, project, asks=not args.no_ask).server()
         if args.http is None:
+            if can_ask():
+                print_error("servolink: a client speaks here on standard input; Ctrl-C ends it")
             await serve_on_stdio(server)
         else:
             await serve_on_http(server, args.http, partial(_announce, args))

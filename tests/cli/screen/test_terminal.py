@@ -7,7 +7,7 @@ import io
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from contextlib import AbstractContextManager
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 
 from servolink.cli.screen import live
-from servolink.cli.screen.terminal import confirm, end_process
+from servolink.cli.screen.terminal import confirm, end_process, wait_for_enter
 from servolink.connection.stats import Stats
 
 _BOARD: Any = SimpleNamespace(stats=Stats())
@@ -24,12 +24,15 @@ HIDDEN, SHOWN = "\x1b[?25l", "\x1b[?25h"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a console cannot be waited for there")
-def test_a_question_that_is_left_leaves_no_thread_that_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("ask", [confirm, wait_for_enter])
+def test_a_question_that_is_left_leaves_no_thread_that_reads(
+    ask: Callable[[str], Coroutine[Any, Any, bool]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Python waits for such a thread before it exits, and nothing interrupts it."""
     ours, theirs = os.openpty()
 
     async def main() -> set[threading.Thread]:
-        asking = asyncio.create_task(confirm("Really?"))
+        asking = asyncio.create_task(ask("Really?"))
         for _ in range(3):
             await asyncio.sleep(0)
         asking.cancel()
@@ -46,6 +49,7 @@ def test_a_question_that_is_left_leaves_no_thread_that_reads(monkeypatch: pytest
             assert asyncio.run(main()) == set()
         finally:
             os.close(ours)
+    assert capsys.readouterr().err.endswith("\n"), "the next message starts a line"
 
 
 @pytest.mark.parametrize(
