@@ -124,7 +124,11 @@ def _function(node: ast.FunctionDef | ast.AsyncFunctionDef) -> Row:
     decorators = {ast.unparse(decorator) for decorator in node.decorator_list}
     if decorators & {"property", "cached_property", "functools.cached_property"}:
         return f"`{node.name}: {returns}`", _summary(node)
-    called = "await " if isinstance(node, ast.AsyncFunctionDef) and not returns.startswith("Async") else ""
+    awaited = re.fullmatch(r"Coroutine\[Any, Any, (.*)\]", returns)
+    if awaited or (isinstance(node, ast.AsyncFunctionDef) and not returns.startswith("Async")):
+        called, returns = "await ", awaited[1] if awaited else returns
+    else:
+        called = ""
     signature = f"{called}{node.name}({_arguments(node)}) -> {returns}"
     if len(signature) > _LONG:
         signature = f"{called}{node.name}({_arguments(_untyped(node))}) -> {returns}"

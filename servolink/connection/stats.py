@@ -5,47 +5,52 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from msgspec import Struct, field
-from msgspec.structs import asdict
-
 from servolink.protocol.parser import PADDING, REASONS
 
 
-class Stats(Struct, eq=False):
+class Stats:
     """Counters since the connection was opened."""
 
-    bytes_sent: int = 0
-    bytes_received: int = 0
-    frames_sent: int = 0
-    frames_received: int = 0
-    skipped: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
-    """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
-    undecodable: int = 0
-    """Intact frames whose content contradicts itself."""
-    hidden: int = 0
-    """Rejected frames inside another frame, such as in a caption."""
-    unsolicited: int = 0
-    """Frames without a request, other than events."""
-    mismatched: int = 0
-    """Responses about another servo, action, macro or table than requested."""
-    repeated: int = 0
-    """Second responses to a request, or responses that may be one, of a board that is known to answer twice."""
-    late_responses: int = 0
-    """Responses after the end of their request, not mistaken for the response to a later request."""
-    timeouts: int = 0
-    """Sendings not answered in time."""
-    retries: int = 0
-    """Requests sent again after a missing response."""
-    reopenings: int = 0
-    """Openings because of a stray response."""
-    reconnects: int = 0
-    fences: int = 0
-    """Queries sent to prove the end of everything older."""
-    events_received: int = 0
-    events_dropped: int = 0
-    """Button events lost because their reader was too slow."""
-    round_trips: deque[float] = field(default_factory=lambda: deque(maxlen=4096))
-    """The latest 4096 times from request to response, in seconds."""
+    def __init__(self) -> None:
+        """Start at 0."""
+        self.bytes_sent = 0
+        """Bytes passed to the transport."""
+        self.bytes_received = 0
+        """Bytes from the transport, noise included."""
+        self.frames_sent = 0
+        """Frames of requests, commands and stops, repeats and fences included."""
+        self.frames_received = 0
+        """Intact frames, except hidden ones."""
+        self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
+        """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
+        self.undecodable = 0
+        """Intact frames whose content contradicts itself."""
+        self.hidden = 0
+        """Rejected frames inside another frame, such as in a caption."""
+        self.unsolicited = 0
+        """Frames without a request, other than events."""
+        self.mismatched = 0
+        """Responses about another servo, action, macro or table than requested."""
+        self.repeated = 0
+        """Second responses to a request, or responses that may be one, of a board that is known to answer twice."""
+        self.late_responses = 0
+        """Responses after the end of their request, not mistaken for the response to a later request."""
+        self.timeouts = 0
+        """Sendings not answered in time."""
+        self.retries = 0
+        """Requests sent again after a missing response."""
+        self.reopenings = 0
+        """Openings because of a stray response."""
+        self.reconnects = 0
+        """Connections after a loss."""
+        self.fences = 0
+        """Queries sent to prove the end of everything older."""
+        self.events_received = 0
+        """Button events from the board."""
+        self.events_dropped = 0
+        """Button events lost because their reader was too slow."""
+        self.round_trips: deque[float] = deque(maxlen=4096)
+        """The latest 4096 times from request to response, in seconds."""
 
     @property
     def noise(self) -> int:
@@ -71,7 +76,7 @@ class Stats(Struct, eq=False):
 
     def as_dict(self) -> dict[str, Any]:
         """Return all counters as plain numbers, and percentiles of the round trips in milliseconds."""
-        counters = {name: value for name, value in asdict(self).items() if isinstance(value, int)}
+        counters = {name: value for name, value in vars(self).items() if isinstance(value, int)}
         percentiles = {f"p{percent}": self.round_trip(percent) for percent in (50, 90, 99)}
         return {
             **counters,

@@ -218,9 +218,9 @@ def work_at(board: Board, depth: int) -> None:
 def forget(board: Board) -> None:
     """Set the counters of `board` back to 0."""
     fresh = Stats()
-    for name in Stats.__annotations__:
+    for name, value in vars(fresh).items():
         if name != "skipped":  # the parser has that one
-            setattr(board.stats, name, getattr(fresh, name))
+            setattr(board.stats, name, value)
 
 
 async def turns_of_the_loop(count: int) -> None:
