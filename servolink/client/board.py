@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, Iterable
+from collections.abc import AsyncGenerator, Coroutine, Iterable
 from copy import copy
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.board_servos import ServoController
 from servolink.client.captions import Targets
@@ -208,7 +208,9 @@ class Board:
         """
         return self._session.states()
 
-    async def request(self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False) -> R:
+    def request(
+        self, packet: Request[R], *, timeout: float | None = None, unchecked: bool = False
+    ) -> Coroutine[Any, Any, R]:
         """Send any packet that the board answers, and return the response, also a negative one.
 
         With limits, an ExecuteMacroRequest is treated as by `run_macro`.
@@ -220,9 +222,10 @@ class Board:
             unchecked: Whether values are allowed that only a board sends, such as control characters in captions. For
                 writing back records that were read from the board.
         """
+        # A coroutine function would only add a second coroutine to each request.
         if timeout is None and isinstance(packet, Query):  # most requests: nothing is to be checked or kept up to date
-            return await self._session.connection.request(packet, unchecked=unchecked)
-        return await self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked, ticket=self._ticket)
+            return self._session.connection.request(packet, unchecked=unchecked)
+        return self._packets.request(packet, timeout=as_number(timeout), unchecked=unchecked, ticket=self._ticket)
 
     async def send(self, packet: Command) -> None:
         """Send any packet that the board does not answer.
