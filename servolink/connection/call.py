@@ -37,6 +37,8 @@ class Lane:
         """Whether a stop on this lane is not settled: no response on the lane can be assigned to a slot."""
         self.permits = 0
         """Permits of requests on this lane, counted while the depth is learnt."""
+        self.owed = 0
+        """Bytes of responses to requests with a permit, as expected when the permits were taken."""
         self.size = UNKNOWN_SIZE
         """Bytes of a request or of its response, whichever has more."""
         self.response_size = UNKNOWN_SIZE
@@ -79,7 +81,7 @@ class Lane:
 
 
 class Slot(Struct, eq=False):
-    """One sending of one request."""
+    """Sending of a request."""
 
     request: Request[Any]
     lane: Lane

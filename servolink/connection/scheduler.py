@@ -58,6 +58,7 @@ class Window:
         self._bytes = self._seconds = 0.0  # of consecutive responses
         self._responses = 0
         self._bulks = 0
+        self._limit_owed()
 
     @property
     def depth(self) -> int:
@@ -69,6 +70,7 @@ class Window:
     def bulk(self) -> Iterator[None]:
         """Allow more time for owed responses, and try the bounds at once, during a large transfer."""
         self._bulks += 1
+        self._limit_owed()
         if self.learns:
             self.queries.leap()
             self.writes.leap()
@@ -76,6 +78,7 @@ class Window:
             yield
         finally:
             self._bulks -= 1
+            self._limit_owed()
 
     def climb(self, packet: Request[Any] | Command, writes: int) -> DepthClimb:
         """Return whose depth holds for `packet` beside `writes` changes."""
@@ -83,8 +86,10 @@ class Window:
 
     def fits(self, owed: int, under_way: int) -> bool:
         """Return whether a stop may wait for `owed` bytes, of `under_way` requests and one more."""
-        pace = self.pace
-        return owed <= pace * (MOST_OWED_IN_BULK if self._bulks else MOST_OWED) if pace else under_way < _UNMEASURED
+        return owed <= self._most_owed if self._most_owed else under_way < _UNMEASURED
+
+    def _limit_owed(self) -> None:
+        self._most_owed = self.pace * (MOST_OWED_IN_BULK if self._bulks else MOST_OWED)
 
     def heard(self, size: int, seconds: float, responses: int = 1) -> None:
         """Count responses of `size` bytes, received together `seconds` after another one while already due."""
@@ -95,6 +100,7 @@ class Window:
         self._seconds += seconds
         pace = self._bytes / (self._seconds or 1e-9)
         self.pace = pace if pace > self.least_pace else self.least_pace
+        self._limit_owed()
 
 
 class Waiting(Struct, eq=False):
@@ -140,7 +146,7 @@ class RequestScheduler:
         self._loop = asyncio.get_running_loop()
         self._permits = 0
         self._changes = 0  # permits of changes
-        self._busy: list[Lane] = []  # lanes with permits
+        self._owed = 0  # bytes of responses to requests with a permit
         self._paused = False
         self.waiting: deque[Waiting] = deque()
         """Queue of calls that wait for permits."""
@@ -153,12 +159,15 @@ class RequestScheduler:
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing stands in the way of `packet`, to be sent at once. `release` must follow."""
-        if self.waiting or self._paused or self._granted or (self._permits and not self._has_room(packet)):
+        if self.waiting or self._paused or self._granted:
             return False
         slots = self._slots
+        lane = slots.lanes.get(packet.packet_id + 1)
+        if self._permits and not self._has_room(packet, lane):
+            return False
         if (slots.live or slots.overdue or slots.answer_twice) and slots.obstacle(packet) is not NO_OBSTACLE:
             return False
-        self._take(packet)
+        self._take(packet, lane)
         return True
 
     async def acquire(
@@ -192,12 +201,13 @@ class RequestScheduler:
         send: Callable[[asyncio.Future[None]], None] | None = None,
     ) -> Waiting:
         """Return a place in the queue for a permit; `withdraw` must be called to leave the queue."""
-        waiting = Waiting(packet, self._loop.create_future(), send)
+        queue, waiting = self.waiting, Waiting(packet, self._loop.create_future(), send)
         if first:
-            self.waiting.appendleft(waiting)
+            queue.appendleft(waiting)
         else:
-            self.waiting.append(waiting)
-        self.grant()
+            queue.append(waiting)
+        if queue[0] is waiting:  # else the whole queue waits for the head
+            self.grant()
         return waiting
 
     def withdraw(self, waiting: Waiting) -> None:
@@ -221,9 +231,10 @@ class RequestScheduler:
         if not packet.is_query:
             self._changes -= 1
         if self.window.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+            owed = lane.owed // lane.permits
             lane.permits -= 1
-            if not lane.permits:
-                self._busy.remove(lane)
+            lane.owed -= owed
+            self._owed -= owed
         if self.waiting:
             self.grant()
 
@@ -281,14 +292,15 @@ class RequestScheduler:
                 self.waiting.popleft()
                 continue
             packet = head.packet
-            if self._paused or not self._has_room(packet):
+            lane = self._slots.lanes.get(packet.packet_id + 1)
+            if self._paused or not self._has_room(packet, lane):
                 return
             obstacle = self._slots.obstacle(packet, self._granted)
             send = head.send if obstacle is NO_OBSTACLE else None
             if obstacle is Obstacle.WAIT or (send is not None and self._granted):  # those are sent first
                 return
             self.waiting.popleft()
-            self._take(packet)
+            self._take(packet, lane)
             if send is not None:
                 head.is_sent = True
                 send(head.granted)
@@ -296,7 +308,7 @@ class RequestScheduler:
                 self._granted.append(packet)
                 head.granted.set_result(None)
 
-    def _has_room(self, packet: Request[Any] | Command) -> bool:
+    def _has_room(self, packet: Request[Any] | Command, lane: Lane | None) -> bool:
         """Return whether the depth allows another request without delaying a stop; an idle line always has room."""
         # The board is done with a request whose response is unmatched.
         under_way = self._permits - self._slots.unmatched
@@ -306,23 +318,17 @@ class RequestScheduler:
         climb = window.queries if packet.is_query and not self._changes else window.writes
         if under_way >= climb.depth:
             return False
-        if not window.learns:
-            return True
-        lane = self._slots.lanes.get(packet.packet_id + 1)
-        # By permits, not by slots: a caller whose slot is overdue sends again without asking.
-        owed = 0 if lane is None else lane.size
-        for busy in self._busy:
-            owed += busy.size * busy.permits
-        return window.fits(owed, under_way)
+        return not window.learns or window.fits(self._owed if lane is None else self._owed + lane.size, under_way)
 
-    def _take(self, packet: Request[Any] | Command) -> None:
+    def _take(self, packet: Request[Any] | Command, lane: Lane | None) -> None:
         self._permits += 1
         if not packet.is_query:
             self._changes += 1
-        if self.window.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+        if lane is not None and self.window.learns:
+            # By permits, not by slots: a caller whose slot is overdue sends again without asking.
             lane.permits += 1
-            if lane.permits == 1:
-                self._busy.append(lane)
+            lane.owed += lane.size
+            self._owed += lane.size
 
     def learn(self, load: Load, now: float) -> None:
         """Learn depth and pace from a chunk that came at `now`, in seconds."""
@@ -338,8 +344,10 @@ class RequestScheduler:
         under_way = self._permits - self._slots.unmatched
         for waiting in self.waiting:
             if not waiting.granted.done():
-                climb = self.window.climb(waiting.packet, self._changes)
-                return Load(climb, not self._has_room(waiting.packet), has_backlog=under_way >= climb.depth)
+                packet = waiting.packet
+                climb = self.window.climb(packet, self._changes)
+                has_room = self._has_room(packet, self._slots.lanes.get(packet.packet_id + 1))
+                return Load(climb, not has_room, has_backlog=under_way >= climb.depth)
         climb = self.window.writes if self._changes else self.window.queries
         return Load(climb, under_way >= climb.depth, has_backlog=False)
 

@@ -103,8 +103,9 @@ class RequestSender:
             return woken  # most requests
         return self._go_on_sending(call, sending, woken)
 
-    def send_granted(self, call: Call, packet: Query[Any], frame: bytes, woken: asyncio.Future[None]) -> None:
+    def send_granted(self, call: Call, frame: bytes, woken: asyncio.Future[None]) -> None:
         """Send the query of a call that just got its permit, without a task; `woken` is done when the call is woken."""
+        packet: Any = call.packet
         call.woken = woken
         self.open_request(call, packet, self._loop.time())
         self._pass_on(frame)

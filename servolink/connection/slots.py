@@ -142,11 +142,25 @@ class Slots:
         return self._settle_among(lane, content)
 
     def close_oldest(self, slot: Slot) -> None:
-        """Close the oldest of all slots, with the response on its lane that can belong to no older one."""
+        """Close the oldest of all slots: the response on its lane belongs to no older slot."""
         if len(slot.lane.slots) == 1:
             self.unproved = self.unanswerable = 0
         self._order.popleft()
         self._close(slot)
+
+    def close_only_origin(self, slot: Slot) -> None:
+        """Close the slot from `only_origin`, in fewer steps than `close_oldest`."""
+        slots, live = slot.lane.slots, self.live
+        slots.popleft()
+        self._order.popleft()
+        live.popleft()  # the same slot: the oldest, and not overdue
+        slot.open = False
+        if not slots:
+            self.unproved = self.unanswerable = 0
+        if live and (live[0].overdue or not live[0].open):
+            self._tidy()
+        if slot is self._exclusive:
+            self._exclusive = None
 
     def _settle_among(self, lane: Lane, content: Content) -> list[Settled] | None:
         """Several slots with different requests: the content tells which of them may be the origin."""
@@ -271,7 +285,7 @@ class Slots:
         slots = lane.slots
         if lane.equal and (slots[0].request is request or slots[0].request == request):
             return Obstacle.FENCE_BESIDE if lane.overdue else NO_OBSTACLE
-        # Another request than all that are open, or one among several different ones.
+        # A request other than all open requests, or one of several different requests.
         if any(slot.request == request or _conflict(request, slot.request) for slot in slots):
             return Obstacle.WAIT if lane.overdue < len(slots) else Obstacle.FENCE
         return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else NO_OBSTACLE
