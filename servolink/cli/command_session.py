@@ -6,7 +6,7 @@ import argparse
 import asyncio
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -138,7 +138,10 @@ def run_with_board(
         usage_error(args, str(error))
 
     async def main(interruption: Interruption) -> int:
-        async with connection as board:
+        async with AsyncExitStack() as stack:
+            if greet:
+                stack.enter_context(_unlogged("servolink.client.projects"))  # the greeting says the same
+            board = await stack.enter_async_context(connection)
             try:
                 with interruption.watched():
                     async with mode_restored(board, keeps_mode=keeps_mode):
@@ -178,6 +181,19 @@ async def mode_restored(board: Board, *, keeps_mode: bool, woke: bool = False) -
 def _has_woken(board: Board) -> bool:
     """Return whether the present connection has set mode 1 on a board in mode 0."""
     return getattr(board.connection, "woke", False)
+
+
+@contextmanager
+def _unlogged(name: str) -> Iterator[None]:
+    """Drop what a module logs."""
+    import logging  # late: `--help` needs none
+
+    logger = logging.getLogger(name)
+    logger.disabled = True
+    try:
+        yield
+    finally:
+        logger.disabled = False
 
 
 async def _has_unfinished_import(board: Board) -> bool:

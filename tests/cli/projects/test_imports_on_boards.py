@@ -245,8 +245,8 @@ def test_what_was_agreed_to_is_done_and_nothing_else(
     assert shell("plan", other).code == 0
 
 
-def test_every_command_says_that_an_import_is_unfinished(
-    shell: Shell, after: str, served: Addresses, tmp_path: Path
+def test_every_command_says_once_that_an_import_is_unfinished(
+    shell: Shell, after: str, served: Addresses, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     exported = tmp_path / "exported"
 
@@ -258,6 +258,8 @@ def test_every_command_says_that_an_import_is_unfinished(
     said = shell("servos")
     assert said.code == 0
     assert "holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` undoes" in said.err
+    assert shell("events", "--seconds", "0.05").err.count("unfinished import") == 1
+    assert not caplog.messages, "the log would say the same"
     assert "an import is unfinished" in shell("info").out
     assert shell("--json", "info").json["has_unfinished_import"]
     assert "with a lost journal" in shell("rollback", "--yes").err
