@@ -110,13 +110,15 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     def of(part: Action | Macro | float, *, ratio: int = 100, loop: int = 1) -> MacroCommand:
         """Return the command to run an action or a macro, or to wait for a number of seconds (to 0.001 s).
 
-        `build_project` fills in `total_interval`. Raise EncodeError for a pause out of range.
+        `build_project` fills in `total_interval`. Raise EncodeError for any other part, or a pause out of range.
         """
         ratio, loop = as_number(ratio), as_number(loop)
         if isinstance(part, Action):
             return MacroCommand(RecordRef.of(part), MacroCommandType.ACTION.value, ratio, loop)
         if isinstance(part, Macro):
             return MacroCommand(RecordRef.of(part), MacroCommandType.MACRO.value, ratio, loop)
+        if not is_number(as_number(part)):
+            raise EncodeError(f"a part of a macro must be an Action, a Macro or a pause in seconds, not {quote(part)}")
         return MacroCommand(_in_units(part, 1000, 0x7FFF_FFFF), MacroCommandType.DELAY.value, ratio, loop)
 
 
@@ -131,7 +133,7 @@ class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     def of(caption: str, *parts: Action | Macro | MacroCommand | float, loop: int = 1, macro_id: int = 0) -> Macro:
         """Return the macro to run `parts` in order, `loop` times; a number is a pause in seconds.
 
-        For the id 0, `build_project` assigns an id. Raise EncodeError for a pause out of range.
+        For the id 0, `build_project` assigns an id. Raise EncodeError for any other part, or a pause out of range.
         """
         commands = tuple(part if isinstance(part, MacroCommand) else MacroCommand.of(part) for part in parts)
         return Macro(as_number(macro_id), caption, commands * as_number(loop))
