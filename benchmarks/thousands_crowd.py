@@ -1,8 +1,8 @@
 """Stand-ins for thousands of boards: what their bridges say to a broker, without bridges, hubs and boards.
 
 Each board has a connection with a last will, says that it is there and sends its pulse each second. Ten boards share
-one more connection, which answers stops as the bridges of a machine do. MQTT is written by hand, as a library would
-take longer than the program that is measured.
+one more connection, which answers stops as the bridges of a machine do. Packets are written by hand, and read with
+`servolink.fleet.publish_packets`: paho-mqtt would take longer than the program that is measured.
 """
 
 from __future__ import annotations
