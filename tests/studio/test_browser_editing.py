@@ -131,6 +131,22 @@ def test_what_two_pages_edit_is_not_overwritten(studio: Studio, browser: Any) ->
         expect(winner.get_by_label("Name", exact=True)).to_have_value(name)
 
 
+def test_a_clip_that_is_too_short_to_hit_has_a_number_below(studio: Studio, browser: Any) -> None:
+    with editing(browser, studio.url, "Macros", "phone") as page:
+        page.get_by_role("button", name="Add a pause").click()
+        page.get_by_label("Waits").fill("0.01 s")
+        page.get_by_label("Waits").press("Enter")
+        number = page.locator(".clipno[aria-pressed=true]")
+        page.locator(".clip:not(.on)").first.click()
+        expect(number).to_have_count(0)
+        page.locator(".clipno").last.click()
+        expect(number).to_have_count(1)
+        assert min(number.bounding_box()[side] for side in ("width", "height")) >= 24
+        assert page.locator(".clip.on").bounding_box()["width"] < 10  # as long as the pause
+        page.keyboard.press("Delete")
+        expect(number).to_have_count(0)
+
+
 def test_a_macro_is_built_with_the_keyboard_and_by_dragging(studio: Studio, browser: Any) -> None:
     with editing(browser, studio.url, "Macros") as page:
         clips = page.locator(".lane.clips .clip")

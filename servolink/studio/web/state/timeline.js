@@ -4,6 +4,8 @@ import { computed, signal } from "../html.js";
 import { course } from "./shown-macro.js";
 
 const SHORTEST = 1; // seconds
+const TARGET = 24; // pixels of what a finger or a mouse can hit
+const GAP = 2; // pixels between two targets
 const ROOM = 1.06;
 const FARTHEST = 1,
   NEAREST = 8,
@@ -25,6 +27,59 @@ const frozen = signal(/** @type {number | null} */ (null));
 
 /** The seconds of the timeline from left to right. */
 export const span = computed(() => frozen.value ?? Math.max(SHORTEST, (course.value?.seconds ?? 0) * ROOM));
+
+/** Width of the lane of clips, pixels. */
+const width = signal(0);
+
+/** @typedef {import("./macro-time.js").Clip} Clip */
+/** Numbers below clips that are too short to hit: middle of the clip and of the number by index, pixels. @typedef {Map<number, { from: number, to: number }>} Handles */
+let handlesBefore = /** @type {Handles} */ (new Map());
+
+/** Numbers below the short clips of the macro itself; the same while a clip is stretched. */
+export const handles = computed(() => {
+  if (frozen.value !== null || width.value === 0) return handlesBefore;
+  const perSecond = width.value / span.value;
+  const short = clipsOf(course.value).filter((clip) => (clip.until - clip.from) * perSecond - GAP < TARGET);
+  const middles = short.map((clip) => ((clip.from + clip.until) / 2) * perSecond);
+  const places = apart(middles, TARGET + GAP, width.value);
+  return (handlesBefore = new Map(short.map((clip, at) => [clip.index, { from: middles[at], to: places[at] }])));
+});
+
+/** Least width of the lane of clips, in which a number below each clip has room, pixels. */
+export const leastWidth = computed(() => clipsOf(course.value).length * (TARGET + GAP));
+
+/** @param {import("./macro-time.js").Course | null} course */
+const clipsOf = (course) => (course?.clips ?? []).filter((clip) => clip.depth === 0);
+
+/**
+ * Return places at least `least` apart, and half of that from both ends, as near the wishes as possible.
+ * @param {readonly number[]} wishes in ascending order
+ * @param {number} least
+ * @param {number} width with room for all
+ * @returns {number[]}
+ */
+export function apart(wishes, least, width) {
+  /** Wishes that share a row of places, each less the room of the places before. @type {{ sum: number, count: number }[]} */
+  const rows = [];
+  for (const [at, wish] of wishes.entries()) {
+    let row = { sum: wish - at * least, count: 1 };
+    for (let last = rows.at(-1); last && last.sum / last.count > row.sum / row.count; last = rows.at(-1)) {
+      rows.pop();
+      row = { sum: last.sum + row.sum, count: last.count + row.count };
+    }
+    rows.push(row);
+  }
+  const lowest = least / 2,
+    highest = width - (wishes.length - 0.5) * least;
+  return rows
+    .flatMap(({ sum, count }) => Array(count).fill(Math.max(lowest, Math.min(highest, sum / count))))
+    .map((place, at) => place + at * least);
+}
+
+/** @param {number} pixels of the lane of clips */
+export function measureLane(pixels) {
+  width.value = pixels;
+}
 
 /** @param {typeof lanes.value} name */
 export function showLanes(name) {

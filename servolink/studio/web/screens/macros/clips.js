@@ -1,12 +1,23 @@
 // The commands of the macro as clips: they are dragged to another place, and at the right edge to another speed.
 
-import { html, useEffect, useRef } from "../../html.js";
+import { html, useEffect, useLayoutEffect, useRef } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { PosePicture } from "../../parts/pose-picture.js";
 import { draft, settle } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { chooseClip, chosenClip, course, macro, nameOfCommand } from "../../state/shown-macro.js";
-import { dragClip, dragged, endDrag, freezeScale, place, releaseScale, share, span } from "../../state/timeline.js";
+import {
+  dragClip,
+  dragged,
+  endDrag,
+  freezeScale,
+  handles,
+  measureLane,
+  place,
+  releaseScale,
+  share,
+  span,
+} from "../../state/timeline.js";
 import { seconds, t } from "../../texts/text.js";
 import { move, stretch } from "./commands.js";
 
@@ -19,8 +30,17 @@ const MOST_MARKS = 50;
 
 /** Lane of clips, one for each command of the macro. */
 export function ClipsLane() {
+  const lane = useRef(/** @type {HTMLElement | null} */ (null));
+  useLayoutEffect(() => {
+    const element = /** @type {HTMLElement} */ (lane.current);
+    measureLane(element.clientWidth);
+    const size = new ResizeObserver(() => measureLane(element.clientWidth));
+    size.observe(element);
+    return () => size.disconnect();
+  }, []);
   const all = (course.value?.clips ?? []).filter((clip) => clip.depth === 0);
-  return html`<div class="bd">
+  return html`<div class=${handles.value.size > 0 ? "bd numbered" : "bd"} ref=${lane}>
+    <${Leads} />
     ${all.map((clip) => html`<${TopClip} key=${clip.index} clip=${clip} all=${all} />`)}
     <${Gap} all=${all} />
     ${all.length === 0 && html`<span class="quiet">${course.value === null ? t("macros.endless_detail") : t("macros.empty")}</span>`}
@@ -38,6 +58,13 @@ function Gap({ all }) {
   return html`<i class="drop" style=${{ left: share(others[to]?.from ?? others.at(-1)?.until ?? 0) }}></i>`;
 }
 
+/** Lines from the short clips to the numbers below. */
+function Leads() {
+  if (handles.value.size === 0) return null;
+  const lines = [...handles.value.values()].map(({ from, to }) => `M${from.toFixed(1)} 0L${to.toFixed(1)} 8`);
+  return html`<svg class="leads" aria-hidden="true"><path d=${lines.join("")} /></svg>`;
+}
+
 /** @param {{ clip: Clip, all: Clip[] }} props */
 function TopClip({ clip, all }) {
   const { command, index } = clip,
@@ -45,12 +72,16 @@ function TopClip({ clip, all }) {
   const handlers = useReorder(clip, all),
     what = nameOfCommand(command);
   const label = t("macros.clip_aria", { what, time: seconds(clip.from, 1), seconds: seconds(clip.until - clip.from) });
-  return html`<button class="clip ${command.type}" style=${place(clip)} aria-pressed=${String(index === chosenClip.value)} title=${label}
-    onClick=${() => chooseClip(index)} onFocus=${() => chooseClip(index)} ...${handlers}>
-    ${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
+  const isChosen = index === chosenClip.value,
+    handle = handles.value.get(index);
+  const face = html`${Array.from({ length: marks }, (_, at) => html`<i class="rep" style=${{ left: `${((at + 1) / (marks + 1)) * 100}%` }}></i>`)}
     <${ClipLabel} clip=${clip} />
-    <${Edge} clip=${clip} />
-  </button>`;
+    <${Edge} clip=${clip} />`;
+  const choose = () => chooseClip(index);
+  if (handle === undefined)
+    return html`<button class="clip ${command.type}" style=${place(clip)} aria-pressed=${String(isChosen)} title=${label} onClick=${choose} onFocus=${choose} ...${handlers}>${face}</button>`;
+  return html`<div class="clip ${command.type} ${isChosen ? "on" : ""}" style=${place(clip)} title=${label} aria-hidden="true" onClick=${choose} ...${handlers}>${face}</div>
+    <button class="clipno num" style=${{ left: `${handle.to}px` }} aria-pressed=${String(isChosen)} aria-label=${`${index + 1}: ${label}`} title=${label} onClick=${choose} onFocus=${choose} ...${handlers}>${index + 1}</button>`;
 }
 
 /** @param {{ clip: Clip }} props */

@@ -13,7 +13,18 @@ import { draft } from "../../state/project.js";
 import { poseOf } from "../../state/records.js";
 import { mayEdit, servoIds } from "../../state/robot.js";
 import { chooseClip, chosenClip, course, insertCommand, macro, nameOfMacro } from "../../state/shown-macro.js";
-import { isFarthest, isNearest, lanes, share, showLanes, span, zoom, zoomIn, zoomOut } from "../../state/timeline.js";
+import {
+  isFarthest,
+  isNearest,
+  lanes,
+  leastWidth,
+  share,
+  showLanes,
+  span,
+  zoom,
+  zoomIn,
+  zoomOut,
+} from "../../state/timeline.js";
 import { list, seconds, t } from "../../texts/text.js";
 import { ClipsLane, InnerLanes } from "./clips.js";
 import { LimbLanes, movedServos, ServoLanes } from "./lanes.js";
@@ -32,7 +43,7 @@ export function Timeline() {
   return html`<section class="card tl">
     <${TimelineBar} />
     <div class="tlgrid" tabindex="0" role="region" aria-label=${t("macros.timeline")}>
-      <div class="tlin" style=${{ minWidth: `max(var(--least-timeline), ${zoom.value * 100}%)` }}>
+      <div class="tlin" style=${{ minWidth: `max(var(--least-timeline), ${zoom.value * 100}%, calc(var(--lane-label) + ${leastWidth.value}px))` }}>
         <${Ruler} />
         <div class="lane clips">
           <button class="lb plain" aria-pressed=${String(chosenClip.value === null)} onClick=${() => chooseClip(null)}>
