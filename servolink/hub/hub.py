@@ -51,7 +51,7 @@ class Hub:
         self.doors: tuple[str, ...] = ()
         """Addresses of the doors, for the status."""
         self._buttons = ButtonRelay(board, self._deliver)
-        units = UnitSwitch(board)
+        self._units = units = UnitSwitch(board)
         self.motions = Motions(board)
         """Sender of motions to the board, with durations."""
         self._tasks = Tasks()
@@ -209,6 +209,11 @@ class Hub:
         response = await self._begin(exchange)
         if response == ExecuteMacroResponse(0):
             raise Rejected(f"{self.url} refused to run what was prepared", packet)
+
+    async def set_units(self, session_id: str, packet: Packet) -> None:
+        """Set the angle units of a program for `packet` in advance. Raise as `UnitSwitch.enter`."""
+        await self._units.enter(packet, self._program(session_id).units)
+        self._units.leave()
 
     async def stream(
         self, session_id: str, targets: Mapping[int, float], points: SetPoints, ticket: Ticket

@@ -80,7 +80,6 @@ async def test_a_prepared_run_begins_at_the_moment_that_was_said_unless_a_stop_c
 async def test_a_start_asks_the_board_for_nothing_and_keeps_the_lease_until_the_end(kind: str) -> None:
     async with shared() as here, here.program() as studio:
         await stored(here)
-        await studio.call("run", type=kind, id=1, wait=True)  # sets the unit of angles for this program
         await studio.call("run.prepare", type=kind, id=1)
         sent = here.hub.board.stats.frames_sent
         await studio.call("run.start")
