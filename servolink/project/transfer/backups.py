@@ -173,7 +173,7 @@ class BackupStore:
         except FileNotFoundError:
             return []
         except (OSError, ValueError) as error:
-            raise ProjectError(f"{folder} cannot be read: {error}") from error
+            raise ProjectError(f"{folder} cannot be read: {reason(error)}") from error
 
 
 _LOG = logging.getLogger(__name__)
