@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NoReturn
 
 from servolink.cli.screen.output import print_error, print_json_error
-from servolink.errors import TransportUnavailable, install_extra
+from servolink.errors import ServolinkError, install_extra
 from servolink.script import USAGE
 
 if TYPE_CHECKING:  # `servolink --help` uses no path
@@ -44,11 +44,11 @@ def usage_error(args: argparse.Namespace, text: str) -> NoReturn:
 
 @contextmanager
 def needing_extra(extra: str) -> Iterator[None]:
-    """Raise TransportUnavailable, with the way to install `extra`, if an import of this context fails."""
+    """Raise ServolinkError, with the way to install `extra`, if an import of this context fails."""
     try:
         yield
     except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"this command needs {error.name}; {install_extra(extra)}") from error
+        raise ServolinkError(f"this command needs {error.name}; {install_extra(extra)}") from error
 
 
 def refuse_input(args: argparse.Namespace, source: Path, outputs: Iterable[Path]) -> None:

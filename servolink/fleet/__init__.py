@@ -32,8 +32,8 @@ def __getattr__(name: str) -> object:
     try:
         value: object = getattr(import_module(_MODULES[name]), name)
     except ModuleNotFoundError as error:
-        from servolink.errors import TransportUnavailable, install_extra
+        from servolink.errors import ServolinkError, install_extra
 
-        raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
+        raise ServolinkError(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     globals()[name] = value
     return value

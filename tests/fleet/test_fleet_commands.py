@@ -293,7 +293,7 @@ def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], mo
     for module in ("paho.mqtt", "servolink.fleet.client", "servolink.fleet.controller", "servolink.fleet.broker"):
         monkeypatch.setitem(sys.modules, module, None)
     found = said("list")
-    assert found.code == NO_BOARD
+    assert found.code == FAILED
     assert found.err == (
         "servolink: servolink fleet needs paho-mqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
     )

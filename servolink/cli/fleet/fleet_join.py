@@ -17,7 +17,7 @@ from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, access_o
 from servolink.cli.screen.live import can_draw, staying_line
 from servolink.cli.screen.output import counted, cut, print_error, print_result
 from servolink.cli.usage import named_board, usage_error
-from servolink.errors import TransportUnavailable, install_extra
+from servolink.errors import ServolinkError, install_extra
 from servolink.escaping import escape
 from servolink.script import OK
 
@@ -76,7 +76,7 @@ async def _join(args: argparse.Namespace, broker: str, interruption: Interruptio
     try:
         from servolink.fleet.join import LocalFleet, local_boards
     except ModuleNotFoundError as error:
-        raise TransportUnavailable(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
+        raise ServolinkError(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
     from servolink.fleet import home_assistant
     from servolink.fleet.policy import PolicyFile
     from servolink.fleet.topics import PREFIX, Topics
