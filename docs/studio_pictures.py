@@ -212,8 +212,8 @@ def fall(page: Page) -> None:
     page.locator(".pose[aria-pressed=true] .verdict").wait_for(timeout=_JUDGED)
     take(page, "twin")
     _show(page, "Project")
-    page.get_by_text("still trying").wait_for(state="detached", timeout=_JUDGED)
     page.get_by_text("The twin falls in").wait_for(timeout=_JUDGED)
+    page.get_by_text("still trying").wait_for(state="detached", timeout=_JUDGED)
     take(page, "twin-plan")
 
 
