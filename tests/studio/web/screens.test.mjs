@@ -291,6 +291,7 @@ test("limbs are released, posed, held and saved as an action", async () => {
   teaching.nameLesson(" up ");
   assert.equal(teaching.problem.value, "teach.name_taken");
   teaching.nameLesson("salute");
+  assert.equal(JSON.parse(sessionStorage.getItem("servolink.taught_name")), "salute");
   const saving = teaching.saveLesson();
   for (let request; (request = link.taken("servo.set")); await turns()) request.resolve({});
   await saving;

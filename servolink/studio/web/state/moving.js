@@ -10,7 +10,7 @@ import { toast } from "./toasts.js";
 /** @typedef {{ by: string, left: string, is_stopped: boolean }} Moving */
 
 const KEY = "servolink.moving";
-const TAUGHT = "servolink.taught"; // poses taken on the screen Teach, of one robot
+const TAUGHT = ["servolink.taught", "servolink.taught_name"]; // poses and name on the screen Teach, of one robot
 const LASTS = 12_000; // milliseconds
 
 /**
@@ -27,13 +27,15 @@ export function followMoves(link) {
 }
 
 /**
- * Put the poses taken on one robot aside, and bring back those of the other.
+ * Put poses and name of one robot aside, and bring back those of the other.
  * @param {string} left
  * @param {string} next
  */
 function keepTaught(left, next) {
-  sessionStorage.setItem(`${TAUGHT}.${left}`, sessionStorage.getItem(TAUGHT) ?? "[]");
-  sessionStorage.setItem(TAUGHT, sessionStorage.getItem(`${TAUGHT}.${next}`) ?? "[]");
+  for (const key of TAUGHT) {
+    sessionStorage.setItem(`${key}.${left}`, sessionStorage.getItem(key) ?? "null");
+    sessionStorage.setItem(key, sessionStorage.getItem(`${key}.${next}`) ?? "null");
+  }
 }
 
 /**

@@ -16,7 +16,8 @@ import { chooseAction, chooseMacro } from "./view.js";
 /** @typedef {import("./lesson.js").Start} Start */
 /** @typedef {import("../link/link.js").Link} Link */
 
-const KEY = "servolink.taught";
+const KEY = "servolink.taught",
+  NAME = "servolink.taught_name";
 const GENTLE = 120; // degrees per second that are fast enough for what a hand has shown
 /** @type {Start} */
 const NOWHERE = { pose: {}, at: -Infinity };
@@ -24,11 +25,13 @@ const NOWHERE = { pose: {}, at: -Infinity };
 /** The limbs that may go limp. */
 export const chosenLimbs = signal(/** @type {ReadonlySet<string>} */ (new Set()));
 /** Film of the poses taken so far, kept across reloads. */
-export const film = signal(read());
+export const film = signal(
+  read(KEY, /** @type {Taken[]} */ ([])).map((taken) => ({ ...taken, at: -1 })), // of another clock: before new poses
+);
 /** The pose of the film that is shown beside the robot, by its index. */
 export const chosenPose = signal(/** @type {number | null} */ (null));
-/** Name under which the poses will be saved. */
-export const name = signal("");
+/** Name under which the poses will be saved, kept across reloads. */
+export const name = signal(read(NAME, ""));
 /** Seconds from the beginning of the preview, null while nothing is played. */
 export const previewTime = signal(/** @type {number | null} */ (null));
 
@@ -56,7 +59,8 @@ let limp = null;
 const caps = () => Object.fromEntries(servoIds.value.map((id) => [id, Math.min(GENTLE, capOf(id))]));
 const now = () => performance.now() / 1000;
 
-effect(() => keep(film.value));
+effect(() => keep(KEY, film.value));
+effect(() => keep(NAME, name.value));
 
 /** @param {Link} link */
 function limpOf(link) {
@@ -186,24 +190,28 @@ export function endPreview() {
 }
 
 /**
- * Return the poses taken before a reload of the page.
- * @returns {Taken[]}
+ * Return a value kept before a reload of the page.
+ * @template T
+ * @param {string} key
+ * @param {T} fallback
+ * @returns {T}
  */
-function read() {
+function read(key, fallback) {
   try {
-    /** @type {Taken[]} */
-    const kept = JSON.parse(sessionStorage.getItem(KEY) ?? "[]");
-    return kept.map((taken) => ({ ...taken, at: -1 })); // of another clock: before anything that is taken now
+    return JSON.parse(sessionStorage.getItem(key) ?? "null") ?? fallback;
   } catch {
-    return []; // damaged, or the browser keeps nothing
+    return fallback; // damaged, or the browser keeps nothing
   }
 }
 
-/** @param {readonly Taken[]} taken */
-function keep(taken) {
+/**
+ * @param {string} key
+ * @param {unknown} value
+ */
+function keep(key, value) {
   try {
-    sessionStorage.setItem(KEY, JSON.stringify(taken));
+    sessionStorage.setItem(key, JSON.stringify(value));
   } catch {
-    // the browser keeps nothing: the poses last as long as the page
+    // the browser keeps nothing: poses and name last as long as the page
   }
 }
