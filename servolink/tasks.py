@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial, wraps
-from typing import Any, ParamSpec, TypeVar
+from functools import cache, partial, wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import ThreadPoolExecutor
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-# One thread for all: each further thread at work would delay an event loop by another time slice of Python.
-_computing = ThreadPoolExecutor(1, "servolink computing")
 
 
 def computed(work: Callable[P, T]) -> Callable[P, Coroutine[Any, Any, T]]:
@@ -24,9 +23,17 @@ def computed(work: Callable[P, T]) -> Callable[P, Coroutine[Any, Any, T]]:
 
     @wraps(work)
     async def compute(*args: P.args, **kwargs: P.kwargs) -> T:
-        return await asyncio.get_running_loop().run_in_executor(_computing, partial(work, *args, **kwargs))
+        return await asyncio.get_running_loop().run_in_executor(_thread(), partial(work, *args, **kwargs))
 
     return compute
+
+
+@cache
+def _thread() -> ThreadPoolExecutor:
+    """Return the thread for all: each further one at work would delay an event loop by a time slice of Python."""
+    from concurrent.futures import ThreadPoolExecutor  # late: few programs need it
+
+    return ThreadPoolExecutor(1, "servolink computing")
 
 
 class Tasks:
