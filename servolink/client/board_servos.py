@@ -264,7 +264,7 @@ class ServoController:
                 doubt = str(error)
                 continue
             except TransportError as error:
-                raise ConnectionLost(f"a stop was sent and could not be confirmed: {error}") from error
+                raise ConnectionLost(f"a stop was sent and could not be confirmed; stop again: {error}") from error
             moving = [state.servo_id for state in states if state.is_start or not state.is_hold]
             silent = sorted({*self.all.separate_ids} - {state.servo_id for state in states})
             if states and not moving and not silent:
