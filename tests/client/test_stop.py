@@ -309,6 +309,6 @@ async def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed
 async def test_a_stop_that_a_silent_board_may_have_got_is_not_confirmed() -> None:
     fake = FakeBoard(usual=SWALLOWED)
     async with connect(fake, handshake=False) as board:
-        with pytest.raises(ConnectionLost, match="a stop was sent and could not be confirmed; stop again: .*fake"):
+        with pytest.raises(ConnectionLost, match=r"a stop was sent and could not be confirmed; stop again: .*fake"):
             await board.stop()
         assert fake.sent_of(SetServoParameterRequest) == [1000]
