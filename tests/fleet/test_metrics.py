@@ -21,7 +21,7 @@ import pytest
 from servolink.client.alarms import Alarm
 from servolink.control.status import ServoNow
 from servolink.fleet.topics import BoardNow, ServosNow
-from servolink.script import NO_BOARD
+from servolink.script import FAILED
 from tests.cli.programs import call, finished, started
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.fleet.stand_in import stand_ins
@@ -133,7 +133,7 @@ def test_without_the_extra_the_command_says_how_to_install_it(capsys: pytest.Cap
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "servolink.fleet.metrics", None)
         found = call(capsys, "fleet", "metrics")
-    assert found.code == NO_BOARD
+    assert found.code == FAILED
     assert "pip install '.[metrics]'" in found.err
 
 
