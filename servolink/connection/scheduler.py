@@ -142,6 +142,7 @@ class RequestScheduler:
     def __init__(self, window: Window, slots: Slots) -> None:
         """Allow as many requests as fit into `window` beside the open `slots`."""
         self.window = window
+        self._learns = window.learns
         self._slots = slots
         self._loop = asyncio.get_running_loop()
         self._permits = 0
@@ -230,7 +231,7 @@ class RequestScheduler:
         self._permits -= 1
         if not packet.is_query:
             self._changes -= 1
-        if self.window.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+        if self._learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
             owed = lane.owed // lane.permits
             lane.permits -= 1
             lane.owed -= owed
@@ -318,13 +319,13 @@ class RequestScheduler:
         climb = window.queries if packet.is_query and not self._changes else window.writes
         if under_way >= climb.depth:
             return False
-        return not window.learns or window.fits(self._owed if lane is None else self._owed + lane.size, under_way)
+        return not self._learns or window.fits(self._owed if lane is None else self._owed + lane.size, under_way)
 
     def _take(self, packet: Request[Any] | Command, lane: Lane | None) -> None:
         self._permits += 1
         if not packet.is_query:
             self._changes += 1
-        if lane is not None and self.window.learns:
+        if self._learns and lane is not None:
             # By permits, not by slots: a caller whose slot is overdue sends again without asking.
             lane.permits += 1
             lane.owed += lane.size

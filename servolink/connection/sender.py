@@ -146,7 +146,7 @@ class RequestSender:
         if self._must_fence(call):
             frame = self._open_fence(call)
         else:
-            self.open_request(call, packet, self._loop.time())
+            self._open_repeat(call, packet)
         call.woken = woken = self._loop.create_future()
         return woken, frame
 
@@ -256,16 +256,19 @@ class RequestSender:
         return call.open_slots >= _FENCE_AFTER and call.tries % 2 == 1 and not fenced
 
     def open_request(self, call: Call, packet: Request[Any], now: float) -> None:
-        """Open a slot for the packet of a call, to be written `now`."""
+        """Open the first slot for the packet of a call, to be written `now`."""
         if not packet.is_query and isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
-        owner = call
-        if call.tries:
-            self._stats.retries += 1
-            if not call.open_slots:
-                owner = self._slots.lanes[packet.packet_id + 1].hand_down(call)
-        open_slots = owner.open_slots
-        owner.latest = self._open(packet, owner, open_slots, now)  # a proved loss does not show a slow board
+        call.latest = self._open(packet, call, 0, now)
+        call.open_slots = call.tries = 1
+
+    def _open_repeat(self, call: Call, packet: Request[Any]) -> None:
+        """Open a further slot for the packet of a call, to be written now."""
+        self._stats.retries += 1
+        self.units_sent += isinstance(packet, SetAngleUnitRequest)
+        owner = call if call.open_slots else self._slots.lanes[packet.packet_id + 1].hand_down(call)
+        open_slots = owner.open_slots  # a proved loss does not show a slow board
+        owner.latest = self._open(packet, owner, open_slots, self._loop.time())
         owner.open_slots = open_slots + 1
         call.tries += 1
 
