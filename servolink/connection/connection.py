@@ -362,11 +362,10 @@ class Connection:
         if self.lifecycle.state is not _READY:
             self._begin()
         if not self._scheduler.acquire_at_once(packet):
-            await self._wait_in_queue(call, first=first, query=frame)
-            now = self._loop.time()
+            await self._wait_until_sent(call, frame, first=first)
         try:
             if not call.tries:
-                await self._sender.start(call, packet, frame, now)
+                await self._sender.start(call, packet, frame, self._loop.time() if call.queued else now)
             answer: Any = call.response or await self._sender.converse(call, packet, frame)
             return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
         finally:
@@ -513,21 +512,35 @@ class Connection:
             excuse = self.lifecycle.excuse
             raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, excuse=excuse) from None
 
-    async def _wait_in_queue(self, call: Call, *, first: bool = False, query: bytes | None = None) -> None:
-        """Wait for a permit, then until nothing stands in the way.
+    async def _wait_until_sent(self, call: Call, frame: bytes, *, first: bool) -> None:
+        """Wait for a permit, with which the query of a call is sent; then until the call is woken.
 
-        The frame of a `query` may be sent with the permit: then wait until the call is woken.
+        Where a transport or older slots prevent that, return as soon as nothing stands in the way of the query.
         """
-        send = None
-        if query is not None and self._takes_at_once:
-            send = partial(self._sender.send_granted, call, query)
+        if not self._takes_at_once:
+            await self._wait_in_queue(call, first=first)
+            return
+        scheduler, send = self._scheduler, partial(self._sender.send_granted, call, frame)
+        waiting = scheduler.enqueue(call.packet, first=first, send=send)
         try:
-            if await self._scheduler.acquire(call.packet, first=first, send=send):
-                return
+            if waiting.granted.done():
+                await scheduler.let_others_send(waiting)
+            await waiting.granted
         except asyncio.CancelledError:
-            if call.tries:
+            if waiting.is_sent:
                 self.answers.leave(call)
+            else:
+                scheduler.withdraw(waiting)
             raise
+        if not waiting.is_sent:
+            await self._clear_way(call)
+
+    async def _wait_in_queue(self, call: Call, *, first: bool = False) -> None:
+        """Wait for a permit, then until nothing stands in the way."""
+        await self._scheduler.acquire(call.packet, first=first)
+        await self._clear_way(call)
+
+    async def _clear_way(self, call: Call) -> None:
         call.queued = True
         if self._slots.obstacle(call.packet) is NO_OBSTACLE:
             return

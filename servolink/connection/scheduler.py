@@ -171,28 +171,20 @@ class RequestScheduler:
         self._take(packet, lane)
         return True
 
-    async def acquire(
-        self,
-        packet: Request[Any] | Command,
-        *,
-        first: bool = False,
-        send: Callable[[asyncio.Future[None]], None] | None = None,
-    ) -> bool:
-        """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`.
-
-        If nothing else is needed first, `send` sends the packet with the permit. Then wait until its future is done,
-        and return True; only `release` must follow.
-        """
-        waiting = self.enqueue(packet, first=first, send=send)
+    async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
+        """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`."""
+        waiting = self.enqueue(packet, first=first)
         try:
-            if self._granted and waiting.granted.done() and self._granted[0] is not packet:
-                await asyncio.sleep(0)  # earlier grants wake up first, and send first
+            await self.let_others_send(waiting)
             await waiting.granted
         except asyncio.CancelledError:
-            if not waiting.is_sent:
-                self.withdraw(waiting)
+            self.withdraw(waiting)
             raise
-        return waiting.is_sent
+
+    async def let_others_send(self, waiting: Waiting) -> None:
+        """Pause if other callers wake up first, and send first: their permits were granted earlier."""
+        if self._granted and waiting.granted.done() and self._granted[0] is not waiting.packet:
+            await asyncio.sleep(0)
 
     def enqueue(
         self,
@@ -201,7 +193,10 @@ class RequestScheduler:
         first: bool,
         send: Callable[[asyncio.Future[None]], None] | None = None,
     ) -> Waiting:
-        """Return a place in the queue for a permit; `withdraw` must be called to leave the queue."""
+        """Return a place in the queue for a permit; `withdraw` must be called to leave the queue.
+
+        If nothing else is needed first, `send` sends the packet with the permit, and only `release` must follow.
+        """
         queue, waiting = self.waiting, Waiting(packet, self._loop.create_future(), send)
         if first:
             queue.appendleft(waiting)

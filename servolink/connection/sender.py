@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 from logging import DEBUG
 from typing import Any
 
@@ -109,7 +108,8 @@ class RequestSender:
         call.woken = woken
         self.open_request(call, packet, self._loop.time())
         self._pass_on(frame)
-        if self.needs_mark(call):
+        slots = self._slots
+        if (slots.unproved >= _MARK_EVERY or slots.unmatched) and self.needs_mark(call):
             fence = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
             self._pass_on(self._codec.encode(fence.request))
 
@@ -389,9 +389,12 @@ class RequestSender:
 
     def _pass_on(self, frame: bytes) -> None:
         """Take a frame for which nobody waits. The end of the connection wakes its call, and all others."""
-        with suppress(ConnectionLost):
-            if (sending := self.take(frame, may_join=True)) is not None:
-                self._drain.hold(sending)
+        try:
+            sending = self.take(frame, may_join=True)
+        except ConnectionLost:
+            return
+        if sending is not None:
+            self._drain.hold(sending)
 
     def _join(self) -> None:
         """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
