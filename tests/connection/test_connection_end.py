@@ -81,6 +81,22 @@ async def test_a_board_that_vanishes_while_sending_is_lost_with_the_reason() -> 
         assert connection.ended is ends[0]
 
 
+async def test_a_board_that_vanishes_as_a_waiting_query_is_sent_is_lost_with_the_reason() -> None:
+    board = FakeBoard()
+    async with connected(board) as connection:
+        first = asyncio.create_task(connection.request(PROJECT))
+        second = asyncio.create_task(connection.request(QueryServoListRequest()))
+        await turns_of_the_loop(2)
+
+        def go() -> None:  # as the first response comes, and nobody says so but the send itself
+            board.gone = OSError("write failed")
+
+        asyncio.get_running_loop().call_later(LATENCY, go)
+        await first
+        with pytest.raises(ConnectionLost, match="write failed"):
+            await second
+
+
 async def test_closing_fails_who_waits_and_may_be_repeated() -> None:
     board = FakeBoard(usual=LOST)
     async with connected(board) as connection:
