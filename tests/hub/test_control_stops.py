@@ -47,6 +47,15 @@ async def test_motions_that_wait_are_neither_beats_nor_sent_after_the_stop(greet
         assert here.hub.lease is None
 
 
+async def test_from_the_moment_of_silence_on_motions_asked_for_before_are_refused() -> None:
+    async with shared() as here, here.program("studio") as studio:
+        await studio.call("lease.take", dead_man=0.35)
+        ticket = here.hub.stops.ticket()
+        assert here.hub.lease is not None
+        here.hub.leases.left(here.hub.lease.session)
+        assert not here.hub.stops.holds(ticket)  # in the same turn of the loop, before the stop is sent
+
+
 async def test_a_stop_ends_what_any_program_asked_for_before_it() -> None:
     async with shared() as here, here.program("script") as script, here.program("tablet", "watch") as tablet:
         script.begin("lease.take")
