@@ -23,6 +23,7 @@ from servolink.errors import (
     RequestTimeout,
     ServolinkError,
 )
+from servolink.pauses import Pauses, Reconnecting
 from servolink.platforms.signals import handled
 from servolink.script import INTERRUPTED, NO_BOARD, OK
 
@@ -43,6 +44,7 @@ UNTOUCHED = "nothing was changed on the board"
 ENDLESS = "Ctrl-C ends it with exit code 0. If an option sets the end, Ctrl-C before that ends it with 130."
 """Help of commands that run until Ctrl-C; such commands set `Interruption.code` accordingly."""
 _UNMOVED = "no servo was moved"
+_LONGEST_PAUSE = 0.3  # seconds between connections after a loss
 _PATIENCE = 0.2  # seconds for the board to be closed in good order after Ctrl-C
 
 
@@ -113,13 +115,15 @@ def run_with_board(
     talk: Callable[[Board, Interruption], Awaitable[int]],
     *,
     greet: bool = True,
+    repeats: bool = False,
     state: str = _UNMOVED,
     **options: Any,
 ) -> int:
     """Connect to the board of `args` and return the exit code of `talk`.
 
-    `greet` reports an import left unfinished on the board. `state` is what Ctrl-C reports at first; `options` go to
-    `connect`.
+    `greet` reports an import left unfinished on the board. `repeats`: after a loss, connect and `talk` again, within
+    the patience of the connection; only for what may be repeated, such as a stop. `state` is what Ctrl-C reports at
+    first; `options` go to `connect`.
     """
     from servolink.client.connect import connect
 
@@ -137,23 +141,56 @@ def run_with_board(
     except ValueError as error:
         usage_error(args, str(error))
 
-    async def main(interruption: Interruption) -> int:
+    board: Board | None = None
+
+    async def once(interruption: Interruption) -> int:
+        nonlocal board
         async with AsyncExitStack() as stack:
             if greet:
                 stack.enter_context(_unlogged("servolink.client.projects"))  # the greeting says the same
             board = await stack.enter_async_context(connection)
-            try:
-                with interruption.watched():
-                    async with mode_restored(board, keeps_mode=keeps_mode):
-                        if greet and await _has_unfinished_import(board):
-                            print_error(UNFINISHED_IMPORT)
-                        return await talk(board, interruption)
-            except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
-                if board.stats.frames_received:
-                    raise
-                return fail(error, NO_BOARD, as_json=args.json)
+            with interruption.watched():
+                async with mode_restored(board, keeps_mode=keeps_mode):
+                    if greet and await _has_unfinished_import(board):
+                        print_error(UNFINISHED_IMPORT)
+                    return await talk(board, interruption)
+
+    async def main(interruption: Interruption) -> int:
+        loop = asyncio.get_running_loop()
+        started_at = loop.time()
+        try:
+            if not repeats:
+                return await once(interruption)
+            return await _until_kept(
+                partial(once, interruption),
+                lambda: board is not None and loop.time() < started_at + board.connection.patience,
+            )
+        except (RequestTimeout, OutcomeUnknown, ConnectionLost) as error:
+            if board is None or board.stats.frames_received:
+                raise
+            return fail(error, NO_BOARD, as_json=args.json)
 
     return run_interruptible(main, state)
+
+
+async def _until_kept(attempt: Callable[[], Awaitable[int]], may_repeat: Callable[[], bool]) -> int:
+    """Repeat `attempt` after a loss while `may_repeat` returns True, as some boards restart when they are opened.
+
+    Raise the first loss if no later connection stays either.
+    """
+    losses: list[ConnectionLost] = []
+
+    def retry(error: Exception) -> bool:
+        if isinstance(error, ConnectionLost):
+            losses.append(error)
+        return bool(losses) and isinstance(error, ConnectionLost | OpenError) and may_repeat()
+
+    try:
+        return await anext(Reconnecting(attempt, Pauses(longest=_LONGEST_PAUSE), retry))
+    except (ConnectionLost, OpenError) as error:
+        if losses and error is not losses[0]:
+            raise losses[0] from error
+        raise
 
 
 @asynccontextmanager

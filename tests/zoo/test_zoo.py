@@ -14,7 +14,7 @@ import pytest
 from docs.odd_boards import PAGE, with_table
 from servolink.cli.command_session import WOKEN
 from servolink.script import NO_BOARD
-from servolink.virtual.odd.board import OddBoard
+from servolink.virtual.odd.board import OddBoard, OddLine
 from servolink.virtual.odd.kinds import KINDS
 from servolink.virtual.odd.lines import OldMode, Resetting
 from servolink.virtual.odd.wire import Values
@@ -99,6 +99,23 @@ def test_a_board_that_resets_at_the_first_opening_is_opened_once_more(command: s
     said = board.on_board(command)
     assert (said.code, said.err) == (0, "")
     assert board.seconds < 1
+
+
+@pytest.mark.parametrize(("resets", "code", "seconds"), [(1, 0, 0.5), (5, 0, 1.5), (100, NO_BOARD, 3.5)])
+def test_a_stop_is_repeated_while_the_board_resets(
+    resets: int, code: int, seconds: float, zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def opened(board: Resetting, line: OddLine) -> None:
+        if next(board._openings) < resets:  # later than the opening: the stop is on its way by then
+            board.after(0.001, line.close)
+
+    monkeypatch.setattr(Resetting, "opened", opened)
+    board = zoo("resetting")
+    said = board.on_board("stop")
+    assert said.code == code, said.err
+    assert ("a stop was sent and could not be confirmed; stop again" in said.err) == bool(code)
+    assert board.seconds < seconds
+    assert code or {servo.is_start for servo in board.board.servos.values()} == {0}
 
 
 def test_a_board_that_resets_at_each_opening_is_named(zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch) -> None:

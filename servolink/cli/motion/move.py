@@ -219,7 +219,8 @@ def run_stop(args: argparse.Namespace) -> int:
         print_servos(servos, as_json=args.json, captions={})
         return OK
 
-    options: dict[str, Any] = {"greet": False, "handshake": False}  # the handshake comes after the stop
+    # The handshake comes after the stop, and a stop may be repeated.
+    options: dict[str, Any] = {"greet": False, "repeats": True, "handshake": False}
     try:
         return run_with_board(args, talk, **options)
     except ProfileError as error:
