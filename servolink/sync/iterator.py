@@ -7,6 +7,7 @@ import time
 import weakref
 from collections.abc import AsyncGenerator, AsyncIterator, Iterator
 from contextlib import suppress
+from math import isnan
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
@@ -14,6 +15,8 @@ from servolink.client import button_events, servo_readings
 from servolink.client.readers import SharedIterator
 from servolink.client.servo_readings import ServoReading
 from servolink.errors import ServolinkError
+from servolink.escaping import quote
+from servolink.numeric import as_number, is_number
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.sync.loop_thread import LoopThread
 
@@ -96,7 +99,17 @@ class BlockingIterator(Iterator[T]):
             raise StopIteration from None
 
     def within(self, seconds: float) -> Iterator[T]:
-        """Yield the items of the next `seconds` seconds; with 0, only items already received."""
+        """Return an iterator over the items of the next `seconds` seconds; with 0, only items already received.
+
+        Raise TypeError or ValueError if `seconds` is not a number.
+        """
+        if not is_number(seconds := as_number(seconds)):
+            raise TypeError(f"seconds must be a number of seconds, not {quote(seconds)}")
+        if isnan(seconds):
+            raise ValueError(f"seconds must be a number of seconds, not {quote(seconds)}")
+        return self._within(seconds)
+
+    def _within(self, seconds: float) -> Iterator[T]:
         end = time.monotonic() + seconds
         with suppress(StopAsyncIteration):
             while items := self._thread.run(self._reader.read, max(0.0, end - time.monotonic())):

@@ -6,7 +6,9 @@ import gc
 import itertools
 import threading
 from collections.abc import Iterator
+from math import nan
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -68,6 +70,15 @@ def test_a_loop_can_have_its_time(fake: FakeBoard, board: servolink.sync.Board) 
         press(fake, 7)
         assert [event.button_id for event in events.within(0.02)] == [7]
         assert not list(events.within(-1))
+
+
+@pytest.mark.parametrize(
+    ("seconds", "error"), [("x", TypeError), (None, TypeError), (True, TypeError), (nan, ValueError)]
+)
+def test_the_time_of_a_loop_must_be_a_number(seconds: Any, error: type[Exception], board: servolink.sync.Board) -> None:
+    events = board.button_events()
+    with pytest.raises(error, match=f"^seconds must be a number of seconds, not {seconds!r}$"):
+        events.within(seconds)
 
 
 def test_a_loop_slower_than_its_events_ends_in_time(
