@@ -106,13 +106,16 @@ class Fleet:
         *,
         kind: Kind | None = None,
         anyway: bool = False,
+        start: bool = False,
     ) -> RanTogether:
         """Start an action or a macro, by caption or id, on several boards at the same moment.
 
-        All prepare first. If one cannot, nobody starts, unless `anyway`: then the others do.
+        All prepare first, and with `start`, start and hold servos of the run that are stopped or released. If one
+        cannot, nobody starts, unless `anyway`: then the others do.
         """
         await self.controller.settle()
-        return await together.run_by_name(self.controller, self.boards(on), name, kind, anyway=anyway)
+        boards = self.boards(on)
+        return await together.run_by_name(self.controller, boards, name, kind, anyway=anyway, start=start)
 
     async def stop(self, on: On = ALL, *, patience: float = stop_boards.PATIENCE) -> Stopped:
         """Stop all servos of all boards, or of those of `on`: names of groups, and of boards whether known or not.

@@ -10,6 +10,7 @@ from typing import Literal, TypeVar
 
 import msgspec
 from msgspec import UNSET, Struct
+from msgspec.structs import replace
 
 from servolink.control.messages import Runnable
 from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
@@ -19,6 +20,7 @@ from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
 from servolink.fleet.pending_command import PendingCommand, failure_of, result_as
 from servolink.fleet.roster import Roster
+from servolink.fleet.start_servos import start_servos
 from servolink.fleet.topics import Cancel, Echoed, Prepare, Prepared, Start, Started, Stored
 
 T = TypeVar("T")
@@ -28,7 +30,7 @@ Kind = Literal["action", "macro"]
 _ECHOES = 3
 _ECHO_LIMIT = 1.0  # seconds for a board to answer an echo
 _ECHO_TIME = 0.002  # seconds for all echoes of a board
-_AT_ONCE = 16  # echoes under way: of 200 answers at once, the last would seem to have come 40 ms late
+_AT_ONCE = 16  # boards asked at once: of 200 answers at once, the last would seem to have come 40 ms late
 _LEAD, _LONGEST_LEAD = 0.3, 0.9  # seconds until the start, for the messages to arrive and all hubs to wait for it
 _EACH = 0.0002  # seconds for the message to one more board
 _STARTS_AT_ONCE = 64  # messages that the broker has not confirmed
@@ -76,11 +78,18 @@ def run_for(roster: Roster, board: str, name: int | str, kind: Kind | None) -> R
 
 
 async def run_by_name(
-    controller: Controller, boards: Iterable[str], name: int | str, kind: Kind | None, *, anyway: bool = False
+    controller: Controller,
+    boards: Iterable[str],
+    name: int | str,
+    kind: Kind | None,
+    *,
+    anyway: bool = False,
+    start: bool = False,
 ) -> RanTogether:
     """Run the action or macro `name` of each board, by caption or id, at the same moment.
 
-    All prepare first. If one cannot, nobody starts, unless `anyway`: then the others do.
+    All prepare first, and with `start`, start and hold stopped and released servos of the run. If one cannot, nobody
+    starts, unless `anyway`: then the others do.
     """
     runs, failed = dict[str, Runnable](), dict[str, ServolinkError]()
     for board in boards:
@@ -88,7 +97,7 @@ async def run_by_name(
             runs[board] = run_for(controller.roster, board, name, kind)
         except ServolinkError as error:
             failed[board] = error
-    return await run_together(controller, runs, anyway=anyway, failed=failed)
+    return await run_together(controller, runs, anyway=anyway, start=start, failed=failed)
 
 
 def _has(stored: Iterable[Stored], name: int | str) -> bool:
@@ -100,34 +109,45 @@ async def run_together(
     runs: Mapping[str, Runnable],
     *,
     anyway: bool = False,
+    start: bool = False,
     failed: Mapping[str, ServolinkError] | None = None,
 ) -> RanTogether:
     """Prepare every board for the run, and start all with a message.
 
-    If one cannot prepare, or is in `failed` already, nobody starts, unless `anyway`: then the others do.
+    With `start`, start and hold stopped and released servos of the run, once all boards are prepared. If a board cannot
+    prepare, or is in `failed` already, nobody starts, unless `anyway`: then the others do.
     """
-    start = new_id()
+    start_id = new_id()
     patience = controller.patience
-    expires = min(60.0, patience + _seconds_to_compare(len(runs)))
+    expires = min(60.0, patience * (2 if start else 1) + _seconds_to_compare(len(runs)))
 
     async def prepare(board: str) -> Prepared:
-        found = await controller.call(board, "prepare", Prepare(start, runs[board], expires))
+        found = await controller.call(board, "prepare", Prepare(start_id, runs[board], expires))
         return result_as(board, found, Prepared)
 
+    async def start_idle(board: str) -> Prepared:
+        await start_servos(controller, board, runs[board])
+        return replace(prepared.done[board], idle_servos=())
+
     prepared = await for_each(runs, prepare, parallel=len(runs))
-    problems = {**(failed or {}), **prepared.failed}
-    if not prepared.done or (problems and not anyway):
-        await _cancel(controller, start, prepared.done)
+    ready, problems = prepared.done, {**(failed or {}), **prepared.failed}
+    if start and ready and (anyway or not problems):
+        begun = await for_each(ready, start_idle, parallel=_AT_ONCE)
+        if anyway:
+            await _cancel(controller, start_id, begun.failed)
+        ready, problems = begun.done, problems | begun.failed
+    if not ready or (problems and not anyway):
+        await _cancel(controller, start_id, prepared.done)
         texts = {board: str(error) for board, error in problems.items()}
-        return RanTogether((), tuple(sorted(prepared.done)), texts, (), None, None, None)
-    clocks = await compare_clocks(controller, prepared.done)
-    with controller.pending_command(start) as pending:
+        return RanTogether((), tuple(sorted(ready)), texts, (), None, None, None)
+    clocks = await compare_clocks(controller, ready)
+    with controller.pending_command(start_id) as pending:
         loop = asyncio.get_running_loop()
-        lead = _LEAD + _EACH * len(prepared.done) + max(clocks.delays.values(), default=0.0)
+        lead = _LEAD + _EACH * len(ready) + max(clocks.delays.values(), default=0.0)
         moments = clocks.moments(loop.time() + min(lead, _LONGEST_LEAD))
-        denied = await start_each(controller, start, prepared.done, moments)
-        await pending.until(set(prepared.done) - set(denied), loop.time() + patience)
-        return _result(pending, prepared.done, {**problems, **denied}, clocks.delays)
+        denied = await start_each(controller, start_id, ready, moments)
+        await pending.until(set(ready) - set(denied), loop.time() + patience)
+        return _result(pending, ready, {**problems, **denied}, clocks.delays)
 
 
 async def start_each(

@@ -19,13 +19,16 @@ import pytest
 
 from servolink.client.connect import connect
 from servolink.control import channel as channel_module
+from servolink.control.messages import Runnable
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
+from servolink.fleet import client as fleet_client
 from servolink.fleet import hub_session, join, telemetry
 from servolink.fleet.broker import BrokerConnection
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy, PolicyFile
+from servolink.fleet.together import run_together
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.methods import prepared
 from servolink.hub.serving import serve_board
@@ -269,6 +272,27 @@ def test_the_servos_that_do_not_move_are_named_before_a_start(broker: Broker) ->
             await far.until(lambda: idle() == [1, 3, 4])
             found = await far.call("prepare", params={"start": "s1", "run": {"type": "action", "id": 7}})
             assert found == {"seconds": 0.1, "idle_servos": [1, 3, 4]}
+
+    run(main())
+
+
+def test_a_run_starts_the_servos_that_it_moves_if_asked_to(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker, "move") as (_, hub), fleet_client.connect(broker.url) as fleet:
+            controller, runs = fleet.controller, {"rex": Runnable("macro", 8)}
+            controller.patience = LIMIT
+            await controller.settle()
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10), Step(3, 60, 10))))
+            await hub.board.add_macro(Macro(8, "Twice", (MacroCommand(7, 0, loop=2),)))
+            await hub.board.stop()
+            await hub.board.set_servo(4, start=False, hold=False)
+            assert (await run_together(controller, runs)).started == ("rex",)
+            assert not any(servo.is_start for servo in await hub.board.servos()), "not asked to"
+            ran = await run_together(controller, runs, start=True)
+            assert (ran.started, ran.failed, ran.idle_servos) == (("rex",), {}, {})
+            servos = await hub.board.servos()
+            assert [servo.servo_id for servo in servos if servo.is_start and servo.is_hold] == [1, 3]
+            assert not servos[3].is_hold
 
     run(main())
 

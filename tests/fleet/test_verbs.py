@@ -1,6 +1,7 @@
 """What is done to many boards at once, with boards that misbehave.
 
-Modules: servolink.fleet.checks, servolink.fleet.each, servolink.fleet.together, servolink.fleet.transfer.
+Modules: servolink.fleet.checks, servolink.fleet.each, servolink.fleet.start_servos, servolink.fleet.together,
+servolink.fleet.transfer.
 """
 
 from __future__ import annotations
@@ -27,6 +28,16 @@ from tests.project.projects import HUMANOID
 
 pytestmark = needs_broker
 
+IDLE = {
+    "servo_id": 1,
+    "angle": 0,
+    "angle_unit": "degree",
+    "current_raw": 0,
+    "temperature_raw": 0,
+    "servo_type": 0,
+    "is_start": False,
+    "is_hold": True,
+}
 STARTED = {"host": "here", "after": 0.001, "monotonic": 5.0}
 
 
@@ -169,6 +180,31 @@ def test_one_that_cannot_prepare_keeps_all_from_starting(broker: Broker, anyway:
             assert ran.held_back == (() if anyway else ("rex",))
             assert ran.failed == {"fido": "fido: somebody else has the lease"}
             assert ("cancel" in methods(rex)) == (not anyway)
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("anyway", [False, True])
+def test_one_whose_servos_cannot_be_started_keeps_all_from_starting(broker: Broker, anyway: bool) -> None:
+    async def main() -> None:
+        async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
+            steps = [{"servo_id": 1, "degree": 5, "interval_ms": 10}]
+            bow = {"type": "action", "record": {"action_id": 1, "action_caption": "Bow", "steps": steps}}
+            for board in (rex, fido):
+                ready_to_run(board, 5.0)
+                board.answers |= {
+                    "records.get": lambda params: bow,
+                    "servos.list": lambda params: {"servos": [IDLE]},
+                    "servo.set": lambda params: {},
+                }
+            fido.answers["servo.set"] = refuse("Forbidden", "servo.set is not allowed from afar")
+            ran = await fleet.run("Bow", anyway=anyway, start=True)
+            assert ran.started == (("rex",) if anyway else ())
+            assert ran.held_back == (() if anyway else ("rex",))
+            assert ran.failed == {"fido": "fido: servo.set is not allowed from afar"}
+            assert ("cancel" in methods(fido), "cancel" in methods(rex)) == (True, not anyway)
+            started = [command.params for command in rex.commands if command.method == "servo.set"]
+            assert started == [{"servo": 1, "start": True, "hold": True}]
 
     asyncio.run(main())
 

@@ -20,12 +20,13 @@ if TYPE_CHECKING:
 @Command(
     "fleet run",
     help="start an action or a macro on many boards at the same moment",
-    examples=("fleet run Wave", "fleet run Wave --on rex,fido --anyway"),
+    examples=("fleet run Wave", "fleet run Wave --start", "fleet run Wave --on rex,fido --anyway"),
     options=(
         option("name", "NAME", "caption or id of an action or a macro", RECORD_NAME),
         option(
             "--type", "action|macro", "type of the record, where boards have both types under that name", dest="kind"
         ),
+        flag("--start", "start and hold servos that are stopped or released"),
         flag("--anyway", "start the others if some boards cannot"),
         *GROUPS,
         *BROKER,
@@ -37,7 +38,7 @@ async def run_together(args: argparse.Namespace, interruption: Interruption) -> 
     """Prepare all boards, and start the prepared boards with a single message."""
     async with boards_of(args) as fleet:
         interruption.state = "boards may have been started; `servolink fleet stop` stops all"
-        ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway)
+        ran = await fleet.run(args.name, args.on or "all", kind=args.kind, anyway=args.anyway, start=args.start)
         interruption.state = "boards were started; `servolink fleet stop` stops all"
     if args.json:
         print_json(
@@ -75,7 +76,7 @@ def _print_run(ran: RanTogether, name: int | str) -> None:
     if ran.idle_servos:
         print_error(
             f"servolink: servos are stopped or released, and do not move: {', '.join(ran.idle_servos)}; "
-            "on the machine of each board, `servolink --board BOARD servo start all` starts and holds them"
+            "--start starts and holds those of the run first"
         )
     if ran.spread is not None:
         how = "by the clock of their machine" if ran.measured_by == "clock" else "estimated from the delay of messages"

@@ -1,0 +1,32 @@
+"""Starting of the servos of a run, so that a board whose servos are stopped or released moves with the others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from servolink.client.collect import collect
+from servolink.control.messages import Runnable, ServoList
+from servolink.fleet.controller import Controller
+from servolink.fleet.pending_command import result_as
+from servolink.protocol.json_form import record_from_json
+from servolink.protocol.record_types import ACTION, MACRO, RecordType
+
+
+async def start_servos(controller: Controller, board: str, run: Runnable) -> None:
+    """Start and hold the stopped and released servos that a run moves on a board.
+
+    Raise the error of the board, also if the board does not allow `move` from afar.
+    """
+
+    async def get(kind: RecordType[Any], record_id: int | str) -> Any:
+        found = await controller.call(board, "records.get", {"type": kind.label, "id": record_id})
+        record = result_as(board, found, dict[str, Any]).get("record")
+        return record_from_json(kind.record_class, record, unchecked=True)
+
+    kind: RecordType[Any] = ACTION if run.type == "action" else MACRO
+    stored = await collect(get, kind, kind.id_of(await get(kind, run.id)))
+    moved = {step.servo_id for action in stored.actions for step in action.steps}
+    servos = result_as(board, await controller.call(board, "servos.list"), ServoList).servos
+    for servo in servos:
+        if servo.servo_id in moved and not (servo.is_start and servo.is_hold):
+            await controller.call(board, "servo.set", {"servo": servo.servo_id, "start": True, "hold": True})
