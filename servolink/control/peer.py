@@ -15,10 +15,11 @@ from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, nullcontext, suppress
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, Generic, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgspec
-from msgspec import Struct
+from msgspec import Raw, Struct
+from msgspec.structs import asdict
 
 from servolink.control.error_codes import Code, RpcError, error_object, is_defect
 from servolink.errors import EncodeError
@@ -44,12 +45,16 @@ MOST_NOTIFICATIONS = 256
 
 _MOST_ID = 2**53  # JavaScript rounds larger integers
 _LONGEST_ID = 128
+_PIECE = 64  # records encoded at once
 _NOT_ASCII = re.compile(r"[^\x00-\x7f]+")
+_NOT_BY_CODEC = (b"\xc2", b"\xc3", b"\xf0", b"\xf1", b"\xf2", b"\xf3", b"\xf4")
+"""First bytes of the characters up to U+00FF and beyond U+FFFF, which Python's codec writes otherwise than JSON."""
 _FIELDS = ("jsonrpc", "method", "params", "id")
 
 _logger = logging.getLogger(__name__)
 
 C = TypeVar("C")
+S = TypeVar("S", bound=Struct)
 Handler = Callable[..., Any]
 
 
@@ -183,8 +188,28 @@ def encode(value: Any) -> bytes:
     """Return `value` as JSON in ASCII, so that captions cannot control a terminal or a log."""
     with suppress(UnicodeEncodeError):  # a caption with a byte that is not text
         text = msgspec.json.encode(value)
-        return text if text.isascii() else _NOT_ASCII.sub(_escaped, text.decode()).encode()
+        if text.isascii():
+            return text
+        if any(byte in text for byte in _NOT_BY_CODEC):
+            return _NOT_ASCII.sub(_escaped, text.decode()).encode()
+        return text.decode().encode("ascii", "backslashreplace")
     return json.dumps(msgspec.to_builtins(value), separators=(",", ":")).encode()
+
+
+def encoded(result: S) -> S:
+    """Return a large result as JSON, for a handler to return; call it in a thread.
+
+    It is encoded in pieces, as each call of the encoder keeps the event loop waiting until its end.
+    """
+    return cast("S", Raw(_in_pieces(asdict(result))))
+
+
+def _in_pieces(value: Any) -> bytes:
+    if isinstance(value, dict):
+        return b"{%b}" % b",".join(b"%b:%b" % (encode(key), _in_pieces(part)) for key, part in value.items())
+    if isinstance(value, list | tuple) and len(value) > _PIECE:
+        return b"[%b]" % b",".join(encode(value[at : at + _PIECE])[1:-1] for at in range(0, len(value), _PIECE))
+    return encode(value)
 
 
 class Peer(Generic[C]):

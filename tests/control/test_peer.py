@@ -17,7 +17,16 @@ from msgspec import Meta, Struct
 
 from servolink.control import peer
 from servolink.control.error_codes import Code
-from servolink.control.peer import MOST_BEGUN, MOST_BYTES, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer
+from servolink.control.peer import (
+    MOST_BEGUN,
+    MOST_BYTES,
+    MOST_NOTIFICATIONS,
+    MOST_WAITING,
+    Methods,
+    Peer,
+    encode,
+    encoded,
+)
 from servolink.control.roles import Role
 from servolink.errors import MotionRefused, NotFound
 from tests.virtual_time import run
@@ -224,6 +233,33 @@ async def test_responses_are_ascii_whatever_is_stored() -> None:
     program.call("odd", 1)
     assert program.raw[0].isascii()
     assert program.got[0]["result"] == ["\u202e", "\udcff", "é"]
+
+
+class Found(Struct, frozen=True):
+    content: Any
+    number: int = 1
+
+
+@given(
+    st.recursive(st.text() | st.sampled_from(["揮手", "é", "😀", "\udcff"]), lambda part: st.lists(part, min_size=60))
+)
+def test_json_is_ascii_and_the_same_in_pieces(content: Any) -> None:
+    for text in (encode(Found(content)), encode(encoded(Found(content)))):
+        assert text.isascii()
+        assert json.loads(text) == {"content": content, "number": 1}
+
+
+def test_a_large_result_is_encoded_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+
+    def measured(value: Any) -> bytes:
+        sizes.append(len(text := encode(value)))
+        return text
+
+    monkeypatch.setattr(peer, "encode", measured)
+    actions = [{"action_id": number, "action_caption": "揮手"} for number in range(20_000)]
+    encoded(Found({"actions": actions}))
+    assert max(sizes) < sum(sizes) / 100
 
 
 async def test_a_request_without_id_is_carried_out_and_not_answered() -> None:

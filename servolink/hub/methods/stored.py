@@ -29,6 +29,7 @@ from servolink.control.messages import (
     RecordsList,
     RecordStored,
 )
+from servolink.control.peer import encoded
 from servolink.control.roles import Role
 from servolink.errors import NotFound, ProjectError
 from servolink.hub.methods.methods import METHODS, Caller
@@ -139,7 +140,7 @@ async def project_export(caller: Caller, params: NoParams, on_progress: Progress
 def _exported(project: Project, caption_encoding: str) -> ProjectExported:
     found = validate_project(project, caption_encoding=caption_encoding)
     is_odd = any(one.severity == "error" for one in found)
-    return ProjectExported(project_to_form(project, unchecked=is_odd))
+    return encoded(ProjectExported(project_to_form(project, unchecked=is_odd)))
 
 
 def _wanted_id(marker: int, url: str) -> int:
@@ -163,7 +164,7 @@ async def project_plan(caller: Caller, params: ProjectPlan, on_progress: Progres
 
 @computed
 def _planned(plan: Plan) -> Planned:
-    return Planned(
+    planned = Planned(
         tuple(Changed(one.what, record_to_json(one.old), record_to_json(one.new)) for one in plan.changes),
         plan.inconsistencies,
         plan.requests,
@@ -172,6 +173,7 @@ def _planned(plan: Plan) -> Planned:
         None if plan.memory is None else _memory(plan.memory),
         plan.is_unfinished,
     )
+    return encoded(planned)
 
 
 @METHODS.add("project.apply", Role.EDIT, in_order=True)
