@@ -290,7 +290,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
                 connection.hub = await _link_to(hub, connection)
             if self._handshake:
                 await connection.shake_hands()
-            if options.transmission_mode == 1 and connection.mode_answered != 1:
+            if options.transmission_mode == 1 and connection.opener.mode_answered != 1:
                 await set_mode(connection, 1)
             if guard is not None and self._handshake:
                 await guard.warn()

@@ -65,7 +65,7 @@ class HubLink:
         self._learn_lease(board.lease)
         self._learn_hold(board.hold)
         self._learn_upstream(board)
-        self._connection.unsupported |= frozenset(board.unanswered)
+        self._connection.opener.unsupported |= frozenset(board.unanswered)
         for notification in early:
             self._hear(*notification)
         self._channel.on_notification = self._hear

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
 from functools import partial
@@ -16,7 +15,7 @@ from servolink.connection.deadlines import DeadlineTimer
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost, other_loop, timed_out
 from servolink.connection.gates import Gates, Preparation, limits_gate, passes_gates, ticket_gate
-from servolink.connection.opening import Opening
+from servolink.connection.opener import Opener
 from servolink.connection.options import HUB_MARGIN, PATIENCE, SLOW_PATIENCE, TransmissionMode
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.sender import RequestSender
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
 R = TypeVar("R", bound=Response)
 
 _READY = State.READY  # a global is faster than a member of an enum
-_REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 
 
 class Connection:
@@ -92,19 +90,6 @@ class Connection:
         """Link to the hub of a shared board; None for a board without a hub."""
         self.on_another: Callable[[str], None] = lambda text: None
         """Called with a description if another board answers in place of a lost one; empty when that board is gone."""
-        self._mode: TransmissionMode = transmission_mode
-        self.unsupported = frozenset(unsupported)
-        """Names of queries that the board is known not to answer, such as `QueryMemorySize`; openings add to them."""
-        self.woke = False
-        """Whether an opening set mode 1 because the board was silent, and the board answered after that only."""
-        self.answered: tuple[Query[Any], ...] = ()
-        """Short queries that the board has answered in the latest opening."""
-        self.mode_answered: int | None = None
-        """Mode that the board has answered to the mode setting of the latest opening; None without an answer."""
-        self.is_proved = True
-        """Whether responses of the board prove that nothing is owed; otherwise only a silence before the opening."""
-        self._opened_by: frozenset[int] = frozenset()  # packet ids of the queries of the latest opening
-        self._random = random
         self._loop = asyncio.get_running_loop()
         self._thread = get_ident()
         self._slots = _repeating_slots() if answers_twice else Slots()
@@ -116,7 +101,6 @@ class Connection:
         self.lifecycle = Lifecycle(outlasts_silence=not repeats)
         """State in the life of the connection."""
         self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
-        self._reopened_at = -_REOPEN_PAUSE
         self.answers = ResponseDispatcher(
             transport.url,
             codec,
@@ -132,6 +116,20 @@ class Connection:
         self._sender = RequestSender(
             transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
         )
+        self.opener = Opener(
+            transport,
+            codec,
+            self.lifecycle,
+            self._slots,
+            self._scheduler,
+            self.answers,
+            self._sender,
+            patience=patience,
+            transmission_mode=transmission_mode,
+            unsupported=unsupported,
+            random=random,
+        )
+        """Openings of the connection, with what they have shown of the board."""
         self.gates = Gates(ticket=ticket_gate(self.stops, time_with_sleep), limits=limits_gate(lambda: self.units_sent))
         """Checks of each packet right before sending, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
@@ -161,6 +159,16 @@ class Connection:
     def is_suspended(self) -> bool:
         """Whether another program has exclusive use of a shared board."""
         return self.lifecycle.state is State.SUSPENDED
+
+    @property
+    def unsupported(self) -> frozenset[str]:
+        """Names of queries that the board is known not to answer, such as `QueryMemorySize`."""
+        return self.opener.unsupported
+
+    @property
+    def answered(self) -> tuple[Query[Any], ...]:
+        """Short queries that the board has answered in the latest opening."""
+        return self.opener.answered
 
     @property
     def units_sent(self) -> int:
@@ -217,17 +225,14 @@ class Connection:
         have asked this board before may be taken for responses to this connection.
         """
         await self.transport.open(self.answers)
-        self._change(ConnectionEvent.OPENED if handshake else ConnectionEvent.JOINED)
+        self.lifecycle.change(ConnectionEvent.OPENED if handshake else ConnectionEvent.JOINED)
         if handshake:
-            self.answers.on_stranger = self._open_again
+            self._scheduler.pause()
+            self.answers.on_stranger = self.opener.open_again
 
     async def shake_hands(self) -> None:
         """Prove that no response to another program is outstanding. Raise OpenError with the remedy if none comes."""
-        self._sender.raise_if_ended()
-        if self.lifecycle.state is State.UNPROVED:
-            self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
-        if self.lifecycle.state is State.OPENING and self.lifecycle.handshake is not None:
-            await asyncio.shield(self.lifecycle.handshake)
+        await self.opener.shake_hands()
 
     async def close(self) -> None:
         """Fail all waiting calls and free the port; may be called again."""
@@ -242,71 +247,6 @@ class Connection:
         if self.hub is not None:
             await self.hub.close()
 
-    def _change(self, event: ConnectionEvent) -> None:
-        """Enter the next state; requests pass only in `ready`."""
-        self.lifecycle.change(event)
-        if self.lifecycle.state is State.READY:
-            self._scheduler.resume()
-        else:
-            self._scheduler.pause()
-
-    def _begin_opening(self, event: ConnectionEvent) -> None:
-        # A recorded session can be replayed only with the same handshake.
-        seed = b"" if getattr(self.transport, "is_recorded", False) else os.urandom(16)
-        self._random = self._random or random_of(seed)
-        opening = Opening(
-            self.transport.url,
-            self.codec,
-            self._sender.send_packet,
-            lambda: self.stats.bytes_received,
-            self.patience,
-            self.answers.times,
-            transmission_mode=self._mode,
-            random=self._random,
-            unsupported=self.unsupported,
-            twice=self._slots.answer_twice,
-        )
-        if early := bytes(self.answers.early):
-            opening.seen(early)
-        self.lifecycle.begin_opening(event, opening)
-        self._scheduler.pause()
-        self.answers.close_all()
-        self.lifecycle.handshake = self._loop.create_task(self._shake_hands(opening))
-        self.lifecycle.handshake.add_done_callback(_see_exception)
-
-    async def _shake_hands(self, opening: Opening) -> None:
-        try:
-            leftover = await opening.run()
-        except ServolinkError as error:
-            self.answers.end(lost(self.transport.url, error))
-            raise
-        except BaseException:
-            self._change(ConnectionEvent.HANDSHAKE_CANCELLED)
-            raise
-        self.answers.close_all()
-        self._sender.use_fences(opening.fences)
-        self.unsupported |= opening.unanswered
-        self.woke |= opening.woke
-        self.answered = opening.answered
-        self.mode_answered = opening.mode_answered
-        self.is_proved = opening.is_proved
-        self._opened_by = opening.kinds
-        # Their order stands in for their times, by which the fences are chosen that settle the most.
-        for age, query in zip(range(len(leftover), 0, -1), leftover, strict=True):
-            lane = self._slots.lanes[query.packet_id + 1]
-            self._slots.open(Slot(query, lane, None, float(-age), is_fence=True, overdue=True))
-        self._change(ConnectionEvent.HANDSHAKE_DONE)
-
-    def _open_again(self, packet_id: int) -> None:
-        """Open the connection again after a stray response to a fence: the handshake has taken a wrong response."""
-        now = self._loop.time()
-        if packet_id - 1 not in self._opened_by or self.lifecycle.state is not State.READY:
-            return
-        if now - self._reopened_at >= _REOPEN_PAUSE:
-            self._reopened_at = now
-            self.stats.reopenings += 1
-            self._begin_opening(ConnectionEvent.STRAY_RESPONSE)
-
     # --- a board that is shared ---------------------------------------------------------------------------------
 
     def suspend(self, reason: str) -> None:
@@ -318,7 +258,8 @@ class Connection:
         """Send again, if the connection is suspended."""
         if self.is_suspended:
             self.answers.count_from_now()
-            self._change(ConnectionEvent.RESUMED)
+            self.lifecycle.change(ConnectionEvent.RESUMED)
+            self._scheduler.resume()
 
     def explain_silence(self, reason: str) -> None:
         """Name `reason` in the errors of unanswered requests from now on; empty for an unknown reason."""
@@ -360,7 +301,7 @@ class Connection:
         now = self._loop.time()
         call = Call(packet, self.patience + self._margin, now)
         if self.lifecycle.state is not _READY:
-            self._begin()
+            self.opener.begin()
         if not self._scheduler.acquire_at_once(packet):
             await self._wait_until_sent(call, frame, first=first)
         try:
@@ -391,7 +332,7 @@ class Connection:
         if self.preparations and passes_gates(packet):
             await self._prepare(call, ticket, deadline)
         if self.lifecycle.state is not _READY:
-            self._begin()
+            self.opener.begin()
         if not self._scheduler.acquire_at_once(packet):
             await self._acquire(call, deadline, first=first)
         limit = None if deadline is None else self._limit(call, deadline)
@@ -438,7 +379,7 @@ class Connection:
         if self.preparations:
             await self.prepare(packet, ticket)
         if self.lifecycle.state is not _READY:
-            self._begin()
+            self.opener.begin()
         if not self._scheduler.acquire_at_once(packet):
             await self._wait_in_queue(call)
         try:
@@ -481,12 +422,6 @@ class Connection:
         if timeout is None and not packet.is_query and isinstance(packet, ClearAllDataRequest):
             patience = max(patience, SLOW_PATIENCE + self._margin)
         return Call(packet, patience, begun_at)
-
-    def _begin(self) -> None:
-        """Begin the handshake before the first request. Raise the error of an ended connection."""
-        self._sender.raise_if_ended()
-        if self.lifecycle.state is State.UNPROVED:
-            self._begin_opening(ConnectionEvent.HANDSHAKE_BEGUN)
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
         """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
@@ -569,20 +504,7 @@ class Connection:
             raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
 
 
-def random_of(seed: bytes) -> Random:
-    """Return the source of chance for the handshakes of a connection."""
-    from random import Random  # late: a program on a hub opens nothing
-
-    return Random(seed)  # noqa: S311 - unlike in any other program, not unguessable
-
-
 def _repeating_slots() -> Slots:
     from servolink.connection.repeating_slots import RepeatingSlots  # late: few boards answer twice
 
     return RepeatingSlots()
-
-
-def _see_exception(opening: asyncio.Task[None]) -> None:
-    """Mark the error of an opening as seen: all waiting callers get the same error from the end of the connection."""
-    if not opening.cancelled():
-        opening.exception()

@@ -119,7 +119,7 @@ async def response_of(connection: Connection) -> ProbeResponse:
     if project_id is None:
         begun = loop.time()
         await connection.request(connection.answered[0])
-    mode = 0 if connection.woke else 1
+    mode = 0 if connection.opener.woke else 1
     return ProbeResponse(connection.codec.byte_order, mode, project_id, loop.time() - begun)
 
 

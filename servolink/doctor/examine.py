@@ -173,7 +173,7 @@ async def _query(
     try:
         report.response = await response_of(connection)
         report.unsupported = tuple(sorted(connection.unsupported))
-        report.is_proved = connection.is_proved
+        report.is_proved = connection.opener.is_proved
         report.findings += _differences(url, report.response, expected)
         await _measure(facts, report, connection, patience, name, is_known_twice=bool(options.get("answers_twice")))
     except (TransportError, RequestTimeout) as error:

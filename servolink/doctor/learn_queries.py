@@ -83,7 +83,7 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
         ) from error
     try:
         line = await measure(connection, patience)
-        mode, silent_queries = (0, _SILENT_QUERIES) if connection.woke else (1, 0)
+        mode, silent_queries = (0, _SILENT_QUERIES) if connection.opener.woke else (1, 0)
         contact = Contact(
             connection.codec.byte_order, connection.answered, mode, silent_queries, line.requests, line.repeated, longer
         )

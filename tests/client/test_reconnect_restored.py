@@ -128,7 +128,7 @@ async def test_a_board_that_falls_silent_behind_its_opening_is_not_connected_to(
 async def test_a_board_without_project_id_is_connected_to_again_after_a_loss(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.connection.connection.os.urandom", lambda size: bytes([seed] * size))
+    monkeypatch.setattr("servolink.connection.opener.os.urandom", lambda size: bytes([seed] * size))
     virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryProjectID",)))
     socket = Socket(virtual)
     monkeypatch.setattr(connecting, "create", socket.transport)

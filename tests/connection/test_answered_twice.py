@@ -129,5 +129,5 @@ async def test_the_mode_is_set_before_the_first_query_on_request() -> None:
     async with opening(board, transmission_mode=1) as link:
         await link.shake_hands()
         assert isinstance(board.sent[0][1], TransmissionModeSettingRequest)
-        assert link.mode_answered == 1
-        assert not link.woke
+        assert link.opener.mode_answered == 1
+        assert not link.opener.woke

@@ -8,7 +8,7 @@ from random import Random
 import pytest
 
 from servolink.connection.fences import FENCES
-from servolink.errors import OpenError, RequestTimeout
+from servolink.errors import OpenError
 from servolink.protocol.editing import (
     QueryProjectIDRequest,
     QueryProjectIDResponse,
@@ -16,7 +16,6 @@ from servolink.protocol.editing import (
 from servolink.protocol.joystick import ButtonEventResponse
 from servolink.protocol.packet import Packet
 from servolink.protocol.servos import (
-    QueryServoListRequest,
     QueryServoListResponse,
     SetServoParameterRequest,
 )
@@ -59,59 +58,6 @@ def test_its_queries_are_drawn_anew_each_time() -> None:
         return tuple(kinds(board))
 
     assert len({run(main(seed)) for seed in range(20)}) > 15
-
-
-async def test_the_first_request_brings_it_about() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        assert len((await connection.request(LIST)).servo_id_list) == 4
-        assert set(kinds(board)[:6]) <= set(FENCE_KINDS)
-        assert kinds(board)[6:] == [QueryServoListRequest]
-
-
-async def test_all_who_ask_meanwhile_wait_for_the_same_one() -> None:
-    board = FakeBoard()
-    async with opening(board, depth=4) as connection:
-        await asyncio.gather(
-            connection.shake_hands(),
-            connection.request(LIST),
-            connection.request(QueryProjectIDRequest()),
-            connection.shake_hands(),
-        )
-        assert len(board.sent) == 8
-
-
-async def test_who_is_cancelled_leaves_it_to_the_others() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        first = asyncio.create_task(connection.shake_hands())
-        second = asyncio.create_task(connection.request(LIST))
-        await asyncio.sleep(2.5 * LATENCY)
-        first.cancel()
-        assert len((await second).servo_id_list) == 4
-        assert first.cancelled()
-        assert len(board.sent) == 7
-
-
-async def test_one_that_nobody_waits_for_any_more_serves_the_next() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        asking = asyncio.create_task(connection.request(LIST))
-        await asyncio.sleep(2.5 * LATENCY)
-        asking.cancel()
-        await asyncio.sleep(1)
-        assert len(board.sent) == 6
-        await connection.request(LIST)
-        assert len(board.sent) == 7
-
-
-async def test_a_time_limit_counts_meanwhile() -> None:
-    board = FakeBoard(usual=late(0.2))
-    async with opening(board) as connection:
-        begun = now()
-        with pytest.raises(RequestTimeout, match=r"not sent in 0\.5 s"):
-            await connection.request(LIST, timeout=0.5)
-        assert now() == pytest.approx(begun + 0.5)
 
 
 @over("seed", range(30))

@@ -1,4 +1,4 @@
-"""Opening: queries that a board does not support, and openings for a response that nobody asked for."""
+"""Opening: queries that a board does not support."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown
+from servolink.errors import ConnectionLost, OpenError
 from servolink.protocol.editing import (
     AddActionRequest,
     QueryActionListRequest,
@@ -44,8 +44,6 @@ from tests.tables import over
 from tests.virtual_time import run
 
 WRITE = WriteProjectIDRequest(4)
-
-# --- queries that a board does not support ------------------------------------------------------------------------
 
 
 @over("seed", range(12))
@@ -90,7 +88,7 @@ def test_a_board_with_one_kind_only_is_opened_when_the_line_was_quiet_and_that_i
             board.speak(ButtonEventResponse(1, 1))
             await connection.shake_hands()
             assert any(after - before >= 10 for before, after in pairwise(board.answered_at))
-            assert not connection.is_proved
+            assert not connection.opener.is_proved
             assert connection.unsupported >= {"QueryMemorySize", "QueryServoList", "QueryMacroList"}
             assert (await connection.request(WRITE)).result == 1
 
@@ -105,7 +103,7 @@ async def test_old_firmware_is_opened_by_what_it_lists_and_works(seed: int) -> N
         begun = now()
         await connection.shake_hands()
         assert now() < begun + 6
-        assert connection.is_proved
+        assert connection.opener.is_proved
         word = kinds(board)[-6:]
         assert set(word) <= {QueryServoListRequest, QueryServoRequest}
         board.plan(QueryServoListRequest, LOST, LOST)
@@ -132,7 +130,7 @@ async def test_a_board_with_one_servo_is_opened_by_its_records_if_it_has_any() -
     async with opening(board, unsupported=[kind.__name__.removesuffix("Request") for kind in FENCE_KINDS]) as link:
         board.sent.clear()
         await link.shake_hands()
-        assert link.is_proved
+        assert link.opener.is_proved
         assert {type(packet) for _, packet in board.sent} >= {QueryActionRequest, QueryActionListRequest}
 
 
@@ -148,7 +146,7 @@ async def test_a_list_in_old_mode_is_asked_for_again_behind_the_mode_setting() -
     board = without(Asleep(usual=LOST), *FENCE_KINDS)
     async with opening(board, unsupported=[kind.__name__.removesuffix("Request") for kind in FENCE_KINDS]) as link:
         await link.shake_hands()
-        assert link.woke
+        assert link.opener.woke
 
 
 async def test_a_board_that_falls_silent_is_not_taken_for_one_with_one_kind_only() -> None:
@@ -241,94 +239,3 @@ async def test_a_connection_that_is_lost_while_it_waits_for_quiet_is_lost() -> N
         with pytest.raises(ConnectionLost, match="device disconnected"):
             await opened
         assert now() == begun
-
-
-# --- a response that nobody asked for -----------------------------------------------------------------------------
-
-
-STRANGER = QueryProjectIDResponse(666)
-
-
-async def test_a_response_that_nobody_asked_for_opens_the_connection_again() -> None:
-    """Then it was opened on the responses to another program, and whatever is under way is in doubt."""
-    board = FakeBoard()
-    async with opening(board, depth=2) as connection:
-        await connection.shake_hands()
-        board.sent.clear()
-        board.plan(QueryServoListRequest, late(0.2))
-        board.plan(AddActionRequest, late(0.2))
-        query = asyncio.create_task(connection.request(LIST))
-        command = asyncio.create_task(connection.request(AddActionRequest(1)))
-        await asyncio.sleep(0.1)
-        board.speak(STRANGER)
-        assert len((await query).servo_id_list) == 4
-        with pytest.raises(OutcomeUnknown):
-            await command
-        assert connection.stats.reopenings == 1
-        assert board.executed_of(AddActionRequest) == [AddActionRequest(1)]
-        assert len(board.sent_of(QueryServoListRequest)) == 2
-        assert sum(kind in FENCE_KINDS for kind in kinds(board)) >= 6
-
-
-async def test_it_does_so_at_most_once_in_ten_seconds() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        await connection.shake_hands()
-        reopenings = []
-        for _ in range(25):
-            board.speak(STRANGER)
-            await asyncio.sleep(1)
-            reopenings.append(connection.stats.reopenings)
-        assert reopenings == [1] * 10 + [2] * 10 + [3] * 5
-        assert connection.stats.unsolicited == 25
-        assert (await connection.request(WriteProjectIDRequest(4))).result == 1
-
-
-@pytest.mark.parametrize("packet", [QueryServoListResponse((1,)), QueryServoListRequest()])
-async def test_what_no_handshake_could_have_been_deceived_by_opens_nothing(packet: Packet) -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        await connection.shake_hands()
-        board.speak(packet)
-        await asyncio.sleep(1)
-        assert connection.stats.reopenings == 0
-        assert connection.stats.unsolicited == 1
-
-
-async def test_after_the_end_it_opens_nothing() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        await connection.shake_hands()
-        sent = len(board.sent)
-        board.vanish()
-        board.speak(STRANGER)
-        await asyncio.sleep(1)
-        assert connection.stats.reopenings == 0
-        assert len(board.sent) == sent
-
-
-async def test_a_stop_waits_for_no_second_opening_either() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        await connection.shake_hands()
-        board.usual = SWALLOWED
-        board.speak(STRANGER)
-        await asyncio.sleep(0.1)
-        begun = now()
-        await connection.send_stop(STOP)
-        assert board.sent[-1] == (begun, STOP)
-        board.usual = Fate()
-        await connection.request(LIST)
-
-
-async def test_a_second_opening_that_fails_ends_the_connection() -> None:
-    board = FakeBoard()
-    async with opening(board) as connection:
-        await connection.shake_hands()
-        board.usual = LOST
-        asking = asyncio.create_task(connection.request(LIST))
-        await asyncio.sleep(0.1)
-        board.speak(STRANGER)
-        with pytest.raises(ConnectionLost, match="no board answers"):
-            await asking
-        assert connection.ended is not None

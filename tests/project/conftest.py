@@ -7,11 +7,11 @@ from random import Random
 
 import pytest
 
-from servolink.connection import connection
+from servolink.connection import opener
 
 
 @pytest.fixture(scope="package", autouse=True)
 def _same_handshake() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(connection, "random_of", lambda _: Random(1))
+        patch.setattr(opener, "random_of", lambda _: Random(1))
         yield

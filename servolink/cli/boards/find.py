@@ -267,7 +267,7 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
         "actions": count(await ask("QueryActionList", board.actions)),
         "macros": count(await ask("QueryMacroList", board.macros)),
         "joystick_tables": count(await ask("QueryJoystickTableList", board.joystick_tables)),
-        "transmission_mode": {"found": _mode_found(board), "set": getattr(board.connection, "mode_answered", None)},
+        "transmission_mode": {"found": _mode_found(board), "set": board.connection.opener.mode_answered},
         "active_joystick_table": await ask("QueryActiveJoystickTable", board.active_joystick_table),
         "angle_unit": board.unit_of(ALL_SERVOS),
         "round_trip_seconds": board.stats.round_trip(50),
@@ -286,9 +286,10 @@ async def run_info(args: argparse.Namespace, board: Board, interruption: Interru
 
 def _mode_found(board: Board) -> int | None:
     """Return the transmission mode before this command; None if the board was not asked before mode 1 was set."""
-    if getattr(board.connection, "woke", False):
+    opener = board.connection.opener
+    if opener.woke:
         return 0
-    return 1 if getattr(board.connection, "mode_answered", None) is None else None
+    return 1 if opener.mode_answered is None else None
 
 
 def _mode_text(found: int | None, *, kept: bool) -> str:

@@ -269,7 +269,7 @@ class PacketSender:
 
     def _is_unanswered(self, packet: Request[Any]) -> bool:
         """Return whether the board is known to leave a query unanswered, for which no program should wait for long."""
-        return bool(self._board.connection.unsupported) and name_of(packet) in self._board.unanswered
+        return bool(self._board.connection.opener.unsupported) and name_of(packet) in self._board.unanswered
 
 
 async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
