@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable, Sequence
 
 # Controls, format characters (bidi overrides), lone surrogates, private use, unassigned, and the two separators
@@ -48,6 +47,8 @@ def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption
 
 
 def _escape_character(character: str) -> str:
+    import unicodedata  # late: most text is ASCII
+
     hidden = character in _BLANKS or unicodedata.category(character) in _HIDDEN
     if not hidden or character in _JOINERS:
         return character

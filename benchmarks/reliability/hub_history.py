@@ -18,7 +18,7 @@ from benchmarks.reliability.hub_programs import KINDS, SharingProgram
 from benchmarks.reliability.line import LINES, Line
 from benchmarks.reliability.witness import WitnessedParser
 from servolink.client.board import Board
-from servolink.client.reconnect import BoardIdentity
+from servolink.client.board_identity import BoardIdentity
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
 from servolink.connection.dispatcher import ResponseDispatcher

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Coroutine, Iterable
-from copy import copy
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -20,7 +19,6 @@ from servolink.motion.movement import INTERVAL_UNIT, Speed
 from servolink.motion.ticket import Ticket
 from servolink.motion.units import ServoUnits
 from servolink.numeric import as_number
-from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback, ignore_progress
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response
 from servolink.protocol.record_types import ACTION, MACRO, TABLE
@@ -56,6 +54,7 @@ if TYPE_CHECKING:  # imported at first use: few programs use most of these modul
     from servolink.control.status import ConnectionState
     from servolink.profiles.profile import ProfileInUse
     from servolink.project.model import Project
+    from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 
 R = TypeVar("R", bound=Response)
 
@@ -610,11 +609,11 @@ class Board:
 
     # --- 4 projects: everything stored on the board at once --------------------------------------------------------
 
-    async def export_project(self, *, on_progress: ProgressCallback = ignore_progress) -> Project:
+    async def export_project(self, *, on_progress: ProgressCallback | None = None) -> Project:
         """Return everything stored on the board, each part from two equal readings (4.3).
 
         Args:
-            on_progress: Function called with the progress.
+            on_progress: Function called with the progress; None for none.
 
         Raises:
             ProjectError: Two readings are never equal, or the board lists a record that it does not return.
@@ -627,7 +626,7 @@ class Board:
         *,
         replace: bool = False,
         unchecked: bool = False,
-        on_progress: ProgressCallback = ignore_progress,
+        on_progress: ProgressCallback | None = None,
     ) -> Plan:
         """Return the changes by `apply_project` and their cost, and change nothing.
 
@@ -635,7 +634,7 @@ class Board:
             project: Project to compare with the board.
             replace: As for `apply_project`.
             unchecked: As for `apply_project`.
-            on_progress: Function called with the progress.
+            on_progress: Function called with the progress; None for none.
         """
         return await self._projects.plan(project, replace=replace, unchecked=unchecked, on_progress=on_progress)
 
@@ -647,7 +646,7 @@ class Board:
         backup: bool = True,
         folder: Path | None = None,
         unchecked: bool = False,
-        on_progress: ProgressCallback = ignore_progress,
+        on_progress: ProgressCallback | None = None,
     ) -> ApplyResult:
         """Make the board hold exactly `project` (4.2): write the differences, and delete all other records.
 
@@ -660,7 +659,7 @@ class Board:
             backup: Whether to save the content of the board first.
             folder: Folder of the backups and journals; None for the user's data folder.
             unchecked: Whether values are allowed that only a board sends. For a project that was read from a board.
-            on_progress: Function called with the progress.
+            on_progress: Function called with the progress; None for none.
 
         Raises:
             ProjectError: The project cannot be written, the backup fails, or the board refuses.
@@ -670,14 +669,14 @@ class Board:
         )
 
     async def rollback_project(
-        self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback = ignore_progress
+        self, backup: Path | None = None, *, folder: Path | None = None, on_progress: ProgressCallback | None = None
     ) -> ApplyResult:
         """Restore the content of the board before the last import at this address, or a backup.
 
         Args:
             backup: File of the backup; None for that of the last import.
             folder: Folder of the backups and journals; None for the user's data folder.
-            on_progress: Function called with the progress.
+            on_progress: Function called with the progress; None for none.
 
         Raises:
             ProjectError: There is no such backup, or the board was changed since that import.
@@ -703,6 +702,8 @@ def servos_of(board: Board) -> ServoController:
 
 def with_ticket(board: Board, ticket: Ticket) -> Board:
     """Return `board` with `ticket` for all motions, in place of a new ticket at each call."""
+    from copy import copy  # late: few programs share a board
+
     one = copy(board)
     one._ticket = ticket  # noqa: SLF001 - a board that only this function makes
     return one

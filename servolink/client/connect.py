@@ -30,12 +30,9 @@ from servolink.escaping import escape, quote
 from servolink.motion.angles import AngleUnit
 from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.pauses import Pauses, Reconnecting
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.frame import ByteOrder
-from servolink.transports.base import Transport
-from servolink.transports.foreign import contained
 from servolink.transports.registry import create
 
 if TYPE_CHECKING:  # loaded on use: most boards have no profile
@@ -43,6 +40,7 @@ if TYPE_CHECKING:  # loaded on use: most boards have no profile
     from servolink.connection.sharing import BoardSharing
     from servolink.control.share_address import ShareTransport
     from servolink.profiles.profile import BoardProfile, ProfileInUse
+    from servolink.transports.base import Transport
 
 _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
@@ -119,8 +117,7 @@ class connect:  # noqa: N801 - reads as the function it stands for
         ConnectionOptions(**self._options)  # checks the options; those in the address are known later
         if angle_unit not in ("degree", "adc", None):
             raise ValueError(f"angle_unit must be 'degree', 'adc' or None, not {quote(angle_unit)}")
-        if not (url is None or isinstance(url, str | Transport)):
-            raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
+        _check_url(url)
         _check_profile(profile)
         if reconnect:
             _refuse_transport(url, "reconnect")
@@ -158,6 +155,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""
         if self._url is not None and not isinstance(self._url, str):
+            from servolink.transports.foreign import contained
+
             transport = contained(self._url)
             options, profile = await self._prepare(transport, None, self._options)
             self._log_text(transport.url, options)
@@ -338,6 +337,16 @@ async def _link_to(hub: ShareTransport, connection: Connection) -> BoardSharing 
     return await open_link(connection, hub)
 
 
+def _check_url(url: object) -> None:
+    """Raise TypeError unless `url` is an address, a transport or None."""
+    if url is None or isinstance(url, str):
+        return
+    from servolink.transports.base import Transport  # late: most programs give an address
+
+    if not isinstance(url, Transport):
+        raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
+
+
 def _check_profile(profile: object) -> None:
     """Raise TypeError unless `profile` is a profile, a name or None."""
     if profile is None or isinstance(profile, str):
@@ -412,6 +421,8 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     board at once. Takes the address and options of `connect`. Waits 0.1 to 5 s before each further connection, longer
     each time until a board has answered.
     """
+    from servolink.pauses import Pauses, Reconnecting  # late: most programs connect once
+
     _refuse_transport(url, "reconnecting")
     pauses = Pauses()
     async for board in Reconnecting(connect(url, **options).open, pauses, _may_come_back):

@@ -9,7 +9,6 @@ from servolink.client.session import Session
 from servolink.escaping import escape, quote
 from servolink.project.model import Project, is_unfinished
 from servolink.project.transfer.folders import may_have_journals
-from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
 from servolink.protocol.editing import QueryProjectIDRequest
 from servolink.protocol.joystick import QueryActiveJoystickTableRequest
 
@@ -17,6 +16,7 @@ if TYPE_CHECKING:  # loading transfers takes longer than loading all packets
     from pathlib import Path
 
     from servolink.project.transfer.pinned import PinnedConnection
+    from servolink.project.transfer.results import ApplyResult, Plan, Progress, ProgressCallback
 
 
 class ProjectTransfers:
@@ -27,15 +27,17 @@ class ProjectTransfers:
         self._session = session
         self._reported_unfinished = False
 
-    async def export(self, on_progress: ProgressCallback) -> Project:
+    async def export(self, on_progress: ProgressCallback | None) -> Project:
         """Return everything stored on the board (see `Board.export_project`)."""
         from servolink.project.transfer.read import export_project
 
         board = await self._pinned()
         async with self._session.transfer(""):
-            return await export_project(board, on_progress)
+            return await export_project(board, on_progress or ignore_progress)
 
-    async def plan(self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback) -> Plan:
+    async def plan(
+        self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback | None
+    ) -> Plan:
         """Return the changes of an `apply` (see `Board.plan_project`)."""
         from servolink.project.transfer.import_plan import plan_project
 
@@ -45,7 +47,7 @@ class ProjectTransfers:
             return await plan_project(
                 board,
                 project,
-                on_progress=on_progress,
+                on_progress=on_progress or ignore_progress,
                 replace=replace,
                 unchecked=unchecked,
             )
@@ -58,7 +60,7 @@ class ProjectTransfers:
         backup: bool,
         folder: Path | None,
         unchecked: bool,
-        on_progress: ProgressCallback,
+        on_progress: ProgressCallback | None,
     ) -> ApplyResult:
         """Make the board hold exactly `project` (see `Board.apply_project`)."""
         from servolink.project.transfer.backups import BackupStore
@@ -71,14 +73,14 @@ class ProjectTransfers:
                 board,
                 project,
                 store=store,
-                on_progress=on_progress,
+                on_progress=on_progress or ignore_progress,
                 replace=replace,
                 backup=backup,
                 unchecked=unchecked,
             )
 
     async def roll_back(
-        self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback
+        self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback | None
     ) -> ApplyResult:
         """Write a backup to the board (see `Board.rollback_project`)."""
         from servolink.project.transfer.backups import BackupStore
@@ -90,7 +92,7 @@ class ProjectTransfers:
                 board,
                 backup,
                 store=store,
-                on_progress=on_progress,
+                on_progress=on_progress or ignore_progress,
             )
 
     async def has_unfinished_import(self, folder: Path | None) -> bool:
@@ -136,3 +138,7 @@ def check_project(project: object) -> None:
     """Raise TypeError with the way to read a file, unless `project` is a Project."""
     if not isinstance(project, Project):
         raise TypeError(f"project must be a Project, not {quote(project)}; read a file with load_project(path)")
+
+
+def ignore_progress(progress: Progress) -> None:
+    """Callback that ignores all progress."""

@@ -7,7 +7,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, 
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from servolink.client.reconnect import BoardIdentity, ConnectionStates, Reconnector
+from servolink.client.board_identity import BoardIdentity
 from servolink.connection.explain import described, lost, same
 from servolink.connection.fences import SERVO_LIST, name_of
 from servolink.connection.stats import Stats
@@ -28,12 +28,43 @@ from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResp
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, Result
 from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 
-if TYPE_CHECKING:  # most boards have no profile
+if TYPE_CHECKING:  # most boards have no profile, and most connections are not restored
+    from servolink.client.reconnect import Reconnector
     from servolink.connection.packet_connection import PacketConnection
     from servolink.control.status import ConnectionState
     from servolink.profiles.profile import ProfileInUse
 
 R = TypeVar("R", bound=Response)
+
+
+class ConnectionStates:
+    """The state of a connection, for any number of readers."""
+
+    def __init__(self) -> None:
+        """Start in the state `connected`."""
+        self.now: ConnectionState = "connected"
+        self._readers: list[asyncio.Queue[ConnectionState]] = []
+
+    def change(self, state: ConnectionState) -> None:
+        """Pass a new state to every reader; `closed` is final."""
+        if self.now not in {state, "closed"}:
+            self.now = state
+            for reader in self._readers:
+                with suppress(RuntimeError):  # the reader's loop has ended, and nobody can be woken
+                    reader.put_nowait(state)
+
+    async def read(self) -> AsyncGenerator[ConnectionState, None]:
+        """Yield the present state and then each change, up to `closed`."""
+        reader: asyncio.Queue[ConnectionState] = asyncio.Queue()
+        reader.put_nowait(self.now)
+        self._readers.append(reader)
+        try:
+            state: ConnectionState | None = None
+            while state != "closed":
+                state = await reader.get()
+                yield state
+        finally:
+            self._readers.remove(reader)
 
 
 class Session:
@@ -64,6 +95,8 @@ class Session:
         self._ended: ConnectionLost | None = None
         self._reconnector: Reconnector | None = None
         if reopen is not None:
+            from servolink.client.reconnect import Reconnector
+
             self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume, self._found_another)
         connection.answers.on_end = self._connection_ended
         self._follow_state(connection)

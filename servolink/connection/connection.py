@@ -30,12 +30,12 @@ from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
 from servolink.protocol.servos import SetServoParameterRequest
 from servolink.protocol.settings import ClearAllDataRequest
-from servolink.transports.base import Transport
 
 if TYPE_CHECKING:
     from random import Random
 
     from servolink.connection.sharing import BoardSharing
+    from servolink.transports.base import Transport
 
 R = TypeVar("R", bound=Response)
 

@@ -22,7 +22,6 @@ from servolink.errors import ConnectionLost, DecodeError
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
 from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.lenient import LenientParser
 from servolink.protocol.parser import FrameParser
 
 _READY = State.READY  # a global is faster than a member of an enum
@@ -130,7 +129,7 @@ class ResponseDispatcher:
         self._silence = Silence()
         self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         """Done when the connection has ended."""
-        self._parser = (LenientParser if ignore_extra else FrameParser)(codec.byte_order)
+        self._parser = _parser_for(codec.byte_order, ignore_extra=ignore_extra)
         self._parser.skipped = stats.skipped
         self._nested = NestedFrameFilter(codec.byte_order)
         self._timer = DeadlineTimer(self._look, lambda: self.stats.bytes_received, self._earliest_due)
@@ -488,3 +487,11 @@ class ResponseDispatcher:
                 return
             for frame in self._parser.abandon_frame():
                 self._take(frame)
+
+
+def _parser_for(byte_order: ByteOrder, *, ignore_extra: bool) -> FrameParser:
+    if not ignore_extra:
+        return FrameParser(byte_order)
+    from servolink.protocol.lenient import LenientParser  # late: most boards send what the document says
+
+    return LenientParser(byte_order)

@@ -9,7 +9,6 @@ from collections.abc import Awaitable, Callable, Collection
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from servolink.connection.deadlines import BACKOFF, DeadlineTimer, ResponseTimes
-from servolink.connection.evidence import HandshakeFailed, LineEvidence, evidence_in
 from servolink.connection.explain import same
 from servolink.connection.fences import FENCES, LISTS, RESERVES, SERVO_LIST, name_of, names, queries_about
 from servolink.connection.handshake import LEAST_KINDS, MOST_SILENT, THIRD_LENGTH, Handshake
@@ -23,6 +22,8 @@ from servolink.protocol.settings import TransmissionModeSettingRequest, Transmis
 
 if TYPE_CHECKING:
     from random import Random
+
+    from servolink.connection.evidence import HandshakeFailed, LineEvidence
 
 Kind: TypeAlias = "Query[Any] | int"
 """A query of the handshake, or the id of any other response."""
@@ -363,6 +364,8 @@ class Opening:
             raise self._failure()
 
     def _evidence(self) -> LineEvidence:
+        from servolink.connection.evidence import evidence_in  # late, as below: most openings succeed
+
         return evidence_in(
             bytes(self._sample),
             self._codec.byte_order,
@@ -373,6 +376,8 @@ class Opening:
 
     def _failure(self) -> HandshakeFailed:
         """Return the error of a board that is silent or answers too little, with what was received meanwhile."""
+        from servolink.connection.evidence import HandshakeFailed
+
         evidence = self._evidence()
         effort = f"{evidence.sent} queries in {self._time() - self._begun:.1f} s"
         explain = evidence.explain_silence if self._heard_at is None else evidence.explain_too_little

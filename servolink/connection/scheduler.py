@@ -7,7 +7,7 @@ import logging
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
@@ -17,7 +17,9 @@ from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
 from servolink.errors import ConnectionLost
 from servolink.escaping import escape
 from servolink.protocol.packet import Command, Request
-from servolink.transports.base import Transport
+
+if TYPE_CHECKING:
+    from servolink.transports.base import Transport
 
 MOST_ASIDE = 8
 """Callers that may have stepped aside at the same time."""

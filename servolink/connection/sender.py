@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from logging import DEBUG
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servolink.connection.call import Call, Slot
 from servolink.connection.dispatcher import ResponseDispatcher
@@ -19,7 +19,9 @@ from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.servos import SetAngleUnitRequest
-from servolink.transports.base import Transport
+
+if TYPE_CHECKING:
+    from servolink.transports.base import Transport
 
 _AT_ONCE = 3  # repeats of a lost query without a pause
 _FENCE_AFTER = 3  # sendings without a response

@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from struct import calcsize
-from typing import NamedTuple, get_type_hints
+from typing import NamedTuple
 
 from servolink.doctor.learn_queries import Survey
 from servolink.escaping import quote
@@ -14,7 +14,7 @@ from servolink.profiles.profile import Measured
 from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.codec import response_class
 from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.packet import Packet, Value, bare, counted, group, value
+from servolink.protocol.packet import Packet, Value, bare, counted, field_hints, group, value
 from servolink.protocol.record_types import RECORD_TYPES
 
 _SURE = 4  # characters outside ASCII needed for certainty
@@ -113,13 +113,12 @@ def captions_in(declared: type[Packet], content: bytes) -> list[bytes]:
 
 @cache
 def _places(declared: type[Packet]) -> _Places:
-    hints = get_type_hints(declared, include_extras=True)
     fixed, count, records = list[Value](), "", list[Value]()
-    for name in declared.__struct_fields__:
-        if (how := counted(hints[name])) is not None:
-            count, records = how.count, group(hints[name])[1]
-        elif bare(hints[name]) is not bytes:
-            fixed.append(value(name, hints[name]))
+    for name, hint in field_hints(declared).items():
+        if (how := counted(hint)) is not None:
+            count, records = how.count, group(hint)[1]
+        elif bare(hint) is not bytes:
+            fixed.append(value(name, hint))
     head, end = _captions(fixed)
     record, unit = _captions(records)
     return _Places(head, end + calcsize(f"<{count}"), unit, record)

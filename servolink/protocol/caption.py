@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import re
-import unicodedata
 from collections.abc import Sequence
 
 from servolink.errors import EncodeError
@@ -145,4 +144,4 @@ def _is_control(character: str) -> bool:
     if 0xDC00 <= code <= 0xDCFF:
         code -= 0xDC00
         return code < 0x20 or code == 0x7F
-    return unicodedata.category(character) == "Cc"
+    return code < 0x20 or 0x7F <= code < 0xA0

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache, lru_cache
 from struct import error as struct_error
-from typing import Any, get_type_hints
+from typing import Any
 
 from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import DecodeError, EncodeError
 from servolink.protocol.frame import MAX_CONTENT, ByteOrder
-from servolink.protocol.packet import Counted, Packet, Response, bare, counted, group, value, wire_range
+from servolink.protocol.packet import Counted, Packet, Response, bare, counted, field_hints, group, value, wire_range
 from servolink.protocol.row import Row, Writing
 
 Decoder = Callable[[bytes, str], Packet]
@@ -47,8 +47,8 @@ class Layout:
         self._name = declared.__name__
         self._from_us = not issubclass(declared, Response)  # captions of requests are composed here, so checked
         prefix = "<" if byte_order == "little" else ">"
-        hints = get_type_hints(declared, include_extras=True)
-        names = list(declared.__struct_fields__)
+        hints = field_hints(declared)
+        names = list(hints)
         self._tail = ""  # name of the group, or of the rest of the bytes
         last = hints[names[-1]] if names else None
         count = counted(last)

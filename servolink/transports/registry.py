@@ -11,18 +11,18 @@ from msgspec import Struct
 
 from servolink.errors import TransportError, TransportUnavailable
 from servolink.transports.address import Address, shorten
-from servolink.transports.base import Transport
-from servolink.transports.foreign import ForeignTransport
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
+
+    from servolink.transports.base import Transport
 
 TRANSPORTS = "servolink.transports"
 """Entry-point group for schemes of other packages: name = scheme, value = function of an Address."""
 DISCOVERY = "servolink.discovery"
 """Entry-point group for the search by other packages: value = function that returns DeviceInfos."""
 
-Factory: TypeAlias = Callable[[Address], Transport]
+Factory: TypeAlias = "Callable[[Address], Transport]"
 
 
 class _Kind(Struct, frozen=True):
@@ -102,6 +102,9 @@ def plug_ins(group: str) -> list[PlugIn]:
 
 
 def _create_with(plug_in: PlugIn, address: Address) -> Transport:
+    from servolink.transports.base import Transport  # late, as below: few boards need a plug-in
+    from servolink.transports.foreign import ForeignTransport
+
     with plug_in.blamed():
         transport = plug_in.load()(address)
     if not isinstance(transport, Transport):

@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 from msgspec import Meta
 
@@ -16,7 +16,7 @@ from servolink.files import MIB, read_file, reason, write_atomically
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import ByteOrder
 from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet, Response, Result, Value, bare, counted, group, value
+from servolink.protocol.packet import Packet, Response, Result, Value, bare, counted, field_hints, group, value
 
 FIRST_LINE = "-- A Wireshark dissector for servo control boards, written by `servolink wireshark`."
 """First line of each dissector by servolink: a file with another first line is never replaced."""
@@ -61,10 +61,10 @@ def _fields() -> list[tuple[str, str, str]]:
     """Return name, kind and meaning of each field of all packets, each name once."""
     found: dict[str, tuple[str, str, str]] = {}
     for _, declared in sorted(PACKETS.items()):
-        for name, hint in _hints(declared).items():
+        for name, hint in field_hints(declared).items():
             if counted(hint) is not None:
                 record, values = group(hint)
-                hints = get_type_hints(record, include_extras=True) if record else {}
+                hints = field_hints(record) if record else {}
                 if record is None:
                     values = [_named(values[0], name)]
                 else:
@@ -91,7 +91,7 @@ def _packet(declared: type[Packet]) -> dict[str, Any]:
             described["is_result"] = True
     elif echoed := _echoed(declared):
         described["echoed"] = echoed
-    for name, hint in _hints(declared).items():
+    for name, hint in field_hints(declared).items():
         if (count := counted(hint)) is not None:
             described["group"] = _group(name, hint, count.count, rule.unit)
         elif bare(hint) is bytes:
@@ -106,7 +106,7 @@ def _group(name: str, hint: Any, count: str, size: int) -> dict[str, Any]:
     if record is None:
         described = [_value(_named(values[0], name), None)]
     else:
-        hints = get_type_hints(record, include_extras=True)
+        hints = field_hints(record)
         described = [_value(each, hints[each.name]) for each in values]
     return {"name": name, "count": count, "size": size, "values": described}
 
@@ -123,16 +123,11 @@ def _echoed(declared: type[Packet]) -> str:
     response = PACKETS.get(declared.packet_id + 1)
     if response is None:
         return ""
-    answered = set(_hints(response))
-    for hint in _hints(response).values():
+    answered = set(field_hints(response))
+    for hint in field_hints(response).values():
         if counted(hint) is not None:
             answered |= {each.name for each in group(hint)[1]}
-    return getattr(declared, "echoed", "") or next((name for name in _hints(declared) if name in answered), "")
-
-
-def _hints(declared: type[Packet]) -> dict[str, Any]:
-    hints = get_type_hints(declared, include_extras=True)
-    return {name: hints[name] for name in declared.__struct_fields__}
+    return getattr(declared, "echoed", "") or next((name for name in field_hints(declared) if name in answered), "")
 
 
 def _named(declared: Value, name: str) -> Value:

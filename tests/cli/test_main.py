@@ -37,6 +37,20 @@ HEAVY = {
     "servolink.client",
 }
 
+NOT_FOR_CONNECTING = {
+    "copy",
+    "pathlib",
+    "unicodedata",
+    "servolink.client.reconnect",
+    "servolink.connection.evidence",
+    "servolink.pauses",
+    "servolink.project.transfer",
+    "servolink.protocol.lenient",
+    "servolink.transports.base",
+    "servolink.transports.foreign",
+}
+"""Modules for losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
+
 LIST_MODULES = """
 import sys
 from servolink.__main__ import main
@@ -86,6 +100,7 @@ def test_connecting_loads_neither_searches_nor_other_kinds_of_address() -> None:
         loaded & {"servolink.cli", "servolink.discovery", "servolink.transports.serial_ports", "servolink.virtual"}
         == set()
     )
+    assert loaded & NOT_FOR_CONNECTING == set()
 
 
 def test_the_public_names_are_loaded_when_they_are_used() -> None:

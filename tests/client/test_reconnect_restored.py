@@ -1,4 +1,7 @@
-"""Reconnecting: what is as it was before, and what keeps a board from being taken for the same one."""
+"""Reconnecting: what is as it was before, and what keeps a board from being taken for the same one.
+
+Module: servolink.client.board_identity.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from servolink import (
     reconnecting,
 )
 from servolink.client import connect as connecting
-from servolink.client.reconnect import SETTLES_AFTER
+from servolink.client.board_identity import SETTLES_AFTER
 from servolink.connection.connection import Connection
 from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
 from servolink.transports.serial_ports import PortTracker

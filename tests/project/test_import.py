@@ -15,12 +15,13 @@ from msgspec.structs import replace
 
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.client.projects import ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.import_plan import plan_project
 from servolink.project.transfer.pinned import PinnedConnection
-from servolink.project.transfer.results import Memory, Progress, ignore_progress
+from servolink.project.transfer.results import Memory, Progress
 from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
 from servolink.protocol.record_types import ACTION
 from servolink.protocol.records import Action, Step

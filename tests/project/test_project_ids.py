@@ -15,13 +15,13 @@ import pytest
 from servolink.client import connect as connecting
 from servolink.client.board import Board
 from servolink.client.connect import connect
+from servolink.client.projects import ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.import_plan import plan_project
 from servolink.project.transfer.journal import digests_of, strangers
 from servolink.project.transfer.marker import is_cut, is_same_id
 from servolink.project.transfer.pinned import PinnedConnection, ProjectIDBits
-from servolink.project.transfer.results import ignore_progress
 from servolink.virtual.storage import Storage
 from servolink.virtual.transport import VirtualTransport
 from tests.client.reconnections import connected, until

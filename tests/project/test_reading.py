@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from servolink.client.board import Board
+from servolink.client.projects import ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
@@ -22,7 +23,7 @@ from servolink.project.transfer.import_plan import compare, plan_project
 from servolink.project.transfer.importing import apply_project
 from servolink.project.transfer.pinned import PinnedConnection
 from servolink.project.transfer.read import Content, Listed
-from servolink.project.transfer.results import Change, Progress, ignore_progress
+from servolink.project.transfer.results import Change, Progress
 from servolink.project.transfer.writing import writes
 from servolink.protocol.editing import (
     QueryActionRequest,

@@ -28,10 +28,6 @@ class Progress(Struct, frozen=True):
 ProgressCallback: TypeAlias = Callable[[Progress], None]
 
 
-def ignore_progress(progress: Progress) -> None:
-    """Callback that ignores all progress."""
-
-
 class Change(Struct, frozen=True):
     """Single difference: an addition (no `old`), a removal (no `new`) or a change."""
 
