@@ -19,10 +19,11 @@ from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Query
-from servolink.transports.base import Transport
 
 if TYPE_CHECKING:
     from random import Random
+
+    from servolink.transports.base import Transport
 
 _REOPEN_PAUSE = 10.0  # seconds at least between two openings for stray responses
 

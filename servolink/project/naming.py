@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Iterable, Sequence
 
 from msgspec import Struct
@@ -76,4 +75,6 @@ def listed(things: Sequence[Named], word: str = "and") -> str:
 
 def _folded(caption: str) -> str:
     """Return a text equal for captions that differ only in case or in the encoding of accents."""
+    import unicodedata  # late: most programs give ids
+
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", caption).casefold())
