@@ -122,6 +122,11 @@ class Call(Struct, eq=False):
     """Why the response could not be read."""
     error: ServolinkError | None = None
     """Cause of an end from outside: a stop, or the caller's time limit."""
+    frame: bytes = b""
+    """Frame of the packet if it is to be sent with the permit, before the caller is woken."""
+    granted: asyncio.Future[None] = None  # type: ignore[assignment]  # set by the queue for permits
+    """Done when the permit is granted, or if `frame` was sent with it, when the call is woken; fails if the connection
+    ends."""
     queued: bool = False
     """Whether the call waited for a permit: then the scheduler must be notified when the packet is sent."""
     is_aside: bool = False

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Collection, Coroutine
 from contextlib import AbstractContextManager
-from functools import partial
 from threading import get_ident
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -303,7 +302,14 @@ class Connection:
         if self.lifecycle.state is not _READY:
             self.opener.begin()
         if not self._scheduler.acquire_at_once(packet):
-            await self._wait_until_sent(call, frame, first=first)
+            self._scheduler.enqueue(call, frame if self._takes_at_once else b"", first=first)
+            try:
+                await (self._scheduler.let_others_send(call) if call.granted.done() else call.granted)
+            except asyncio.CancelledError:
+                self._give_up_waiting(call)
+                raise
+            if not call.tries:
+                await self._clear_way(call)
         try:
             if not call.tries:
                 await self._sender.start(call, packet, frame, self._loop.time() if call.queued else now)
@@ -447,33 +453,17 @@ class Connection:
             excuse = self.lifecycle.excuse
             raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, excuse=excuse) from None
 
-    async def _wait_until_sent(self, call: Call, frame: bytes, *, first: bool) -> None:
-        """Wait for a permit, with which the query of a call is sent; then until the call is woken.
-
-        Where a transport or older slots prevent that, return as soon as nothing stands in the way of the query.
-        """
-        if not self._takes_at_once:
-            await self._wait_in_queue(call, first=first)
-            return
-        scheduler, send = self._scheduler, partial(self._sender.send_granted, call, frame)
-        waiting = scheduler.enqueue(call.packet, first=first, send=send)
-        try:
-            if waiting.granted.done():
-                await scheduler.let_others_send(waiting)
-            await waiting.granted
-        except asyncio.CancelledError:
-            if waiting.is_sent:
-                self.answers.leave(call)
-            else:
-                scheduler.withdraw(waiting)
-            raise
-        if not waiting.is_sent:
-            await self._clear_way(call)
-
     async def _wait_in_queue(self, call: Call, *, first: bool = False) -> None:
         """Wait for a permit, then until nothing stands in the way."""
-        await self._scheduler.acquire(call.packet, first=first)
+        await self._scheduler.acquire(call, first=first)
         await self._clear_way(call)
+
+    def _give_up_waiting(self, call: Call) -> None:
+        """End a call that was cancelled in the queue, or after its query was sent with the permit."""
+        if call.tries:
+            self.answers.leave(call)
+        else:
+            self._scheduler.withdraw(call)
 
     async def _clear_way(self, call: Call) -> None:
         call.queued = True

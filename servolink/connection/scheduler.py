@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
-from servolink.connection.call import Lane
+from servolink.connection.call import Call, Lane
 from servolink.connection.climb import DepthClimb
 from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
 from servolink.errors import ConnectionLost
@@ -105,18 +105,6 @@ class Window:
         self._limit_owed()
 
 
-class Waiting(Struct, eq=False):
-    """Caller waiting for a permit."""
-
-    packet: Request[Any] | Command
-    granted: asyncio.Future[None]
-    """Done when the permit is granted; fails if the connection ends."""
-    send: Callable[[asyncio.Future[None]], None] | None = None
-    """Sends the packet with the permit, in place of waking the caller, who then waits on `granted` for the response."""
-    is_sent: bool = False
-    """Whether `send` was called."""
-
-
 class Load(Struct):
     """How far the window is used when a chunk comes, and the responses of the chunk."""
 
@@ -151,8 +139,10 @@ class RequestScheduler:
         self._changes = 0  # permits of changes
         self._owed = 0  # bytes of responses to requests with a permit
         self._paused = False
-        self.waiting: deque[Waiting] = deque()
+        self.waiting: deque[Call] = deque()
         """Queue of calls that wait for permits."""
+        self.send: Callable[[Call], None] = lambda call: None
+        """Called to send the frame of a call with the permit just granted, in place of waking the caller."""
         self.aside = 0
         """Number of callers who have given their permit back for a pause."""
         self.on_aside: Callable[[], None] = lambda: None
@@ -173,48 +163,42 @@ class RequestScheduler:
         self._take(packet, lane)
         return True
 
-    async def acquire(self, packet: Request[Any] | Command, *, first: bool = False) -> None:
+    async def acquire(self, call: Call, *, first: bool = False) -> None:
         """Wait for a permit, with `first` ahead of all waiting callers. `sent` must follow, then `release`."""
-        waiting = self.enqueue(packet, first=first)
+        self.enqueue(call, first=first)
         try:
-            await self.let_others_send(waiting)
-            await waiting.granted
+            await self.let_others_send(call)
+            await call.granted
         except asyncio.CancelledError:
-            self.withdraw(waiting)
+            self.withdraw(call)
             raise
 
-    async def let_others_send(self, waiting: Waiting) -> None:
+    async def let_others_send(self, call: Call) -> None:
         """Pause if other callers wake up first, and send first: their permits were granted earlier."""
-        if self._granted and waiting.granted.done() and self._granted[0] is not waiting.packet:
+        if self._granted and call.granted.done() and self._granted[0] is not call.packet:
             await asyncio.sleep(0)
 
-    def enqueue(
-        self,
-        packet: Request[Any] | Command,
-        *,
-        first: bool,
-        send: Callable[[asyncio.Future[None]], None] | None = None,
-    ) -> Waiting:
-        """Return a place in the queue for a permit; `withdraw` must be called to leave the queue.
+    def enqueue(self, call: Call, frame: bytes = b"", *, first: bool) -> None:
+        """Put a call into the queue; `call.granted` is done with the permit. `withdraw` must be called to leave.
 
-        If nothing else is needed first, `send` sends the packet with the permit, and only `release` must follow.
+        If nothing else is needed first, `send` sends `frame` with the permit, and only `release` must follow.
         """
-        queue, waiting = self.waiting, Waiting(packet, self._loop.create_future(), send)
+        queue = self.waiting
+        call.frame, call.granted = frame, self._loop.create_future()
         if first:
-            queue.appendleft(waiting)
+            queue.appendleft(call)
         else:
-            queue.append(waiting)
-        if queue[0] is waiting:  # else the whole queue waits for the head
+            queue.append(call)
+        if queue[0] is call:  # else the whole queue waits for the head
             self.grant()
-        return waiting
 
-    def withdraw(self, waiting: Waiting) -> None:
+    def withdraw(self, call: Call) -> None:
         """Leave the queue, and give a granted permit back."""
-        granted = waiting.granted
+        granted = call.granted
         if not granted.cancel() and not granted.cancelled() and granted.exception() is None:
-            self.sent(waiting.packet)
-            self.release(waiting.packet)
-        elif self.waiting and self.waiting[0] is waiting:
+            self.sent(call.packet)
+            self.release(call.packet)
+        elif self.waiting and self.waiting[0] is call:
             self.grant()  # the head of the queue held back the rest
 
     def sent(self, packet: Request[Any] | Command) -> None:
@@ -294,14 +278,13 @@ class RequestScheduler:
             if self._paused or not self._has_room(packet, lane):
                 return
             obstacle = self._slots.obstacle(packet, self._granted)
-            send = head.send if obstacle is NO_OBSTACLE else None
-            if obstacle is Obstacle.WAIT or (send is not None and self._granted):  # those are sent first
+            sends = head.frame and obstacle is NO_OBSTACLE
+            if obstacle is Obstacle.WAIT or (sends and self._granted):  # those are sent first
                 return
             self.waiting.popleft()
             self._take(packet, lane)
-            if send is not None:
-                head.is_sent = True
-                send(head.granted)
+            if sends:
+                self.send(head)
             else:
                 self._granted.append(packet)
                 head.granted.set_result(None)
@@ -329,13 +312,11 @@ class RequestScheduler:
             self._owed += lane.size
 
     def learn(self, load: Load, now: float) -> None:
-        """Learn depth and pace from a chunk that came at `now`, in seconds."""
+        """Learn depth and pace from a chunk that came at `now`, in seconds. `go_on` must follow."""
         if load.responses:
             load.climb.answered(now, load.responses, full=load.is_full, has_backlog=load.has_backlog)
         if load.due:
             self.window.heard(load.size, load.seconds, load.due)
-        if self.waiting:
-            self.grant()
 
     def load(self) -> Load:
         """Return the present load of the window."""

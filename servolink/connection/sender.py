@@ -67,6 +67,7 @@ class RequestSender:
         self._lifecycle = lifecycle
         self._slots = slots
         self._scheduler = scheduler
+        scheduler.send = self._send_granted
         self._answers = answers
         self._times = answers.times
         self._repeats = repeats
@@ -104,12 +105,12 @@ class RequestSender:
             return woken  # most requests
         return self._go_on_sending(call, sending, woken)
 
-    def send_granted(self, call: Call, frame: bytes, woken: asyncio.Future[None]) -> None:
-        """Send the query of a call that just got its permit, without a task; `woken` is done when the call is woken."""
+    def _send_granted(self, call: Call) -> None:
+        """Send the query of a call that just got its permit, without a task."""
         packet: Any = call.packet
-        call.woken = woken
+        call.woken = call.granted
         self.open_request(call, packet, self._loop.time())
-        self._pass_on(frame)
+        self._pass_on(call.frame)
         slots = self._slots
         if (slots.unproved >= _MARK_EVERY or slots.unmatched) and self.needs_mark(call):
             fence = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
@@ -192,18 +193,18 @@ class RequestSender:
         self._scheduler.step_aside(call.packet)
         call.is_aside = True
         await self._pause(call)
-        waiting = self._scheduler.enqueue(call.packet, first=True)
+        self._scheduler.enqueue(call, first=True)
         try:
             while True:  # at least one turn: earlier grants send first
                 call.woken = self._loop.create_future()
-                ends = waiting.granted, call.woken
+                ends = call.granted, call.woken
                 await asyncio.wait(ends, timeout=self._remaining(call), return_when=asyncio.FIRST_COMPLETED)
-                if waiting.granted.done():
+                if call.granted.done():
                     break
                 await self._go_on(call)
-            await waiting.granted
+            await call.granted
         except BaseException:
-            self._scheduler.withdraw(waiting)
+            self._scheduler.withdraw(call)
             raise
         self._scheduler.step_back()
         call.is_aside, call.queued = False, True

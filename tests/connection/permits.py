@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
-from servolink.connection.call import Slot
+from servolink.connection.call import Call, Slot
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Slots
 from servolink.protocol.editing import (
@@ -60,7 +60,7 @@ class Line:
         self.scheduler.release(self._packets.pop(name))
 
     async def _send(self, name: str, packet: Request[Any] | Command, *, first: bool) -> None:
-        await self.scheduler.acquire(packet, first=first)
+        await self.scheduler.acquire(Call(packet, 1.0, 0.0), first=first)
         self.granted.append(name)
         self._packets[name] = packet
         if isinstance(packet, Request):

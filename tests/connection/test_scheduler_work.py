@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from servolink.connection.call import Slot
+from servolink.connection.call import Call, Slot
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Obstacle, Slots
 from servolink.protocol.codec import PACKETS
@@ -109,7 +109,7 @@ async def test_in_any_mixture_with_cancels_the_rules_hold_and_nobody_is_forgotte
     done: list[int] = []
 
     async def use(number: int, packet: Request[Any] | Command, *, first: bool) -> None:
-        await scheduler.acquire(packet, first=first)
+        await scheduler.acquire(Call(packet, 1.0, 0.0), first=first)
         slot = None
         active.append(packet)
         try:
@@ -161,7 +161,7 @@ async def test_one_that_gets_its_permit_at_once_does_not_overtake_one_that_wakes
     line, order = Line(depth=2), list[str]()
 
     async def send(name: str, packet: Request[Any]) -> None:
-        await line.scheduler.acquire(packet)
+        await line.scheduler.acquire(Call(packet, 1.0, 0.0))
         order.append(name)
         line.scheduler.sent(packet)
 
