@@ -203,20 +203,37 @@ def _hub_for(name: str, alias: Alias | None) -> DeviceInfo | None:
     return None
 
 
+def name_at(url: str) -> str | None:
+    """Return the name given to the board at `url`, with or without a profile; None for any other number of names.
+
+    Blocks, as a serial port may have to be found by its number.
+    """
+    from servolink.discovery.hubs import is_new_board
+
+    found = [] if is_new_board(url) else _names_at(url, load_aliases(), None)
+    return found[0] if len(found) == 1 else None
+
+
 def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
     """Return `url` with the name of the profile for the board at this address."""
     with_profile = set(profile_names())
     aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
-    found = [name for name, alias in aliases.items() if not alias.serial_number and is_same_place(alias.url, url)]
-    by_number = {name: alias for name, alias in aliases.items() if alias.serial_number}
-    if by_number and Address.parse(url).serial_device:
-        present = identity_at(url, search() if devices is None else devices)
-        found += [name for name, alias in by_number.items() if present and alias.identity.fits(present)]
+    found = _names_at(url, aliases, devices)
     if len(found) > 1:
         raise OpenError(
             f"{url} has the names {' and '.join(sorted(found))}, each with a profile; use a name instead of the address"
         )
     return Resolved(url, found[0] if found else None)
+
+
+def _names_at(url: str, aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo] | None) -> list[str]:
+    """Return the names in `aliases` of the board at `url`; `devices` are those present, None to search."""
+    found = [name for name, alias in aliases.items() if not alias.serial_number and is_same_place(alias.url, url)]
+    by_number = {name: alias for name, alias in aliases.items() if alias.serial_number}
+    if by_number and Address.parse(url).serial_device:
+        present = identity_at(url, search() if devices is None else devices)
+        found += [name for name, alias in by_number.items() if present and alias.identity.fits(present)]
+    return found
 
 
 @contextmanager

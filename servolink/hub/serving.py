@@ -11,7 +11,7 @@ from typing import Any
 from servolink.client.connect import connect
 from servolink.control.roles import Role
 from servolink.discovery.hubs import claim_hub, hub_of
-from servolink.discovery.names import resolve_board
+from servolink.discovery.names import name_at, resolve_board
 from servolink.errors import OpenError, Reason
 from servolink.files import is_name
 from servolink.hub.doors.frame_doors import pty_door, tcp_door
@@ -61,7 +61,7 @@ async def serve_board(
         raise OpenError(
             f"{address} is {other.product} already: use {other.url}, or end that hub first", reason=Reason.IN_USE
         )
-    chosen = name or known_as or default_name(address)
+    chosen = name or known_as or await asyncio.to_thread(name_at, address) or default_name(address)
     async with AsyncExitStack() as stack:
         claim = stack.enter_context(await claim_hub(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))

@@ -34,8 +34,11 @@ from servolink.discovery.names import (
 )
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import is_name
+from servolink.hub.serving import serve_board
 from servolink.platforms.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
+from servolink.virtual.board import VirtualBoard
+from servolink.virtual.transport import BOARDS
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
 
@@ -246,6 +249,29 @@ def test_nothing_at_all_is_the_only_board(here: Callable[..., None]) -> None:
     here(BOARD, DeviceInfo("tcp://127.0.0.1:1"))
     with pytest.raises(OpenError, match="2 boards are here"):
         asyncio.run(resolve_url(None))
+
+
+def test_the_hub_of_the_only_board_has_its_name(here: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(BOARDS, "here", VirtualBoard(2))
+    monkeypatch.setattr("servolink.discovery.hubs.is_new_board", lambda url: False)
+    here(DeviceInfo("virtual://here"))
+
+    async def name() -> str:
+        async with serve_board() as (hub, _):
+            return hub.name
+
+    assert asyncio.run(name()) == "here"
+    save_alias("left", Alias("virtual://here"))
+    assert asyncio.run(name()) == "left"
+    save_alias("arm", Alias("virtual://here"))
+    assert names.name_at("virtual://here") is None, "two names"
+
+
+def test_a_board_with_a_number_is_known_by_it_on_any_port(here: Callable[..., None]) -> None:
+    save_alias("left", alias_for(BOARD.url, [BOARD]))
+    here(MOVED, DeviceInfo("serial:///dev/ttyACM0"))
+    assert names.name_at(MOVED.url) == "left"
+    assert names.name_at("serial:///dev/ttyACM0") is None
 
 
 def test_programs_connect_to_the_only_board_and_by_name(here: Callable[..., None]) -> None:
