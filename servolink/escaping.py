@@ -13,6 +13,7 @@ _BLANKS = "\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0"
 _JOINERS = "\u200c\u200d"
 
 _LONGEST_QUOTE = 80
+_SURROGATE = r"\udc"  # the beginning of an undecodable byte in the result of `repr`
 
 
 def escape(text: str) -> str:
@@ -28,10 +29,19 @@ def escape(text: str) -> str:
 def quote(value: object) -> str:
     """Return `repr(value)`, escaped and at most 80 characters long."""
     try:
-        text = escape(repr(value)[: _LONGEST_QUOTE + 1])  # a megabyte would take a second to escape
+        text = escape(repr(value)[: 2 * _LONGEST_QUOTE])  # a megabyte would take a second to escape
     except (ValueError, RecursionError):  # an integer of thousands of digits; lists nested too deeply
         return f"this {type(value).__name__}"
+    if _SURROGATE in text:
+        text = _with_bytes(text)
     return text if len(text) <= _LONGEST_QUOTE else text[: _LONGEST_QUOTE - 3] + "..."
+
+
+def _with_bytes(text: str) -> str:
+    """Return the result of `repr` with undecodable bytes as `escape` writes them."""
+    import re  # late: few texts have such bytes
+
+    return re.sub(r"(?<!\\)((?:\\\\)*)\\udc([89a-f][0-9a-f])", r"\1\\x\2", text)
 
 
 def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:

@@ -85,6 +85,20 @@ def test_escaping_twice_changes_nothing() -> None:
     assert str(ProjectError(quote(HOSTILE))) == quote(HOSTILE)
 
 
+@pytest.mark.parametrize(
+    ("text", "quoted"),
+    [
+        ("b\udcff", r"'b\xff'"),
+        ("\\\udc80", r"'\\\x80'"),
+        (r"\udcff", r"'\\udcff'"),
+        ("\ud800", r"'\ud800'"),
+        ("\udc8f" * 99, "'" + r"\x8f" * 19 + "..."),
+    ],
+)
+def test_an_undecodable_byte_is_quoted_as_it_is_escaped(text: str, quoted: str) -> None:
+    assert quote(text) == quoted
+
+
 def test_an_encode_error_names_the_place_inside_the_packet() -> None:
     with pytest.raises(EncodeError) as refused:
         Codec().encode(AddActionRequest(1, "", (Step(1, 2, 3), Step(1, 40_000, 3))))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from servolink.cli.command import Option, option
 from servolink.errors import TransportUnavailable
+from servolink.escaping import quote
 from servolink.files import ALL, is_name
 
 if TYPE_CHECKING:
@@ -54,9 +55,9 @@ def caption_encoding(text: str) -> str:
 def board_name(text: str) -> str:
     """Return `text` if it can be the name of a board."""
     if not is_name(text):
-        raise argparse.ArgumentTypeError(f"{text!r} cannot be a name: use up to 64 letters, digits, - and _")
+        raise argparse.ArgumentTypeError(f"{quote(text)} cannot be a name: use up to 64 letters, digits, - and _")
     if text == ALL:
-        raise argparse.ArgumentTypeError(f"{text!r} means every board of a fleet: choose another name")
+        raise argparse.ArgumentTypeError(f"{quote(text)} means every board of a fleet: choose another name")
     return text
 
 
@@ -76,7 +77,7 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
 
     def read(text: str) -> int:
         if not _WHOLE.fullmatch(text) or not low <= int(text) <= high:
-            raise argparse.ArgumentTypeError(f"must be an integer from {low} to {high}, not {text!r}")
+            raise argparse.ArgumentTypeError(f"must be an integer from {low} to {high}, not {quote(text)}")
         return int(text)
 
     return read
@@ -91,7 +92,7 @@ def number(low: float, high: float, unit: str) -> Callable[[str], float]:
         except ValueError:
             value = math.nan
         if not low <= value <= high:  # false for nan
-            raise argparse.ArgumentTypeError(f"must be from {low:g} to {high:g} {unit}, not {text!r}")
+            raise argparse.ArgumentTypeError(f"must be from {low:g} to {high:g} {unit}, not {quote(text)}")
         return value
 
     return read

@@ -14,6 +14,7 @@ from servolink.cli.arguments import caption_encoding, not_empty, timeout
 from servolink.cli.command import TOPICS, Command, Group, flag, group, option
 from servolink.cli.index import IndexEntry, below, load
 from servolink.cli.usage import WrongUsage, usage_error
+from servolink.escaping import quote
 
 EXIT_CODES = "exit codes: 0 ok, 1 failed, 2 wrong usage, 3 no board, 130 interrupted"
 
@@ -121,7 +122,7 @@ class Parser(argparse.ArgumentParser):
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
-            raise argparse.ArgumentError(action, f"must be {' or '.join(map(str, action.choices))}, not {value!r}")
+            raise argparse.ArgumentError(action, f"must be {' or '.join(map(str, action.choices))}, not {quote(value)}")
 
     def parse_subcommand(self, words: Sequence[str], namespace: argparse.Namespace) -> None:
         """Parse the words from the name of a subcommand on."""
@@ -130,7 +131,7 @@ class Parser(argparse.ArgumentParser):
             meant = _closest(word, [*self.subcommands, *_ELSEWHERE])
             hint = _ELSEWHERE.get(meant, meant)
             hint = f"did you mean {hint}?" if hint else f"`{self.prog} --help` lists the commands"
-            self.error(f"there is no command {word!r}; {hint}")
+            self.error(f"there is no command {quote(word)}; {hint}")
         parser_of(load(f"{self.declaration.name} {word}".lstrip())).parse_known_args(rest, namespace)
 
     def error(self, message: str) -> NoReturn:

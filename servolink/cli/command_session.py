@@ -23,6 +23,7 @@ from servolink.errors import (
     RequestTimeout,
     ServolinkError,
 )
+from servolink.escaping import quote
 from servolink.pauses import Pauses, Reconnecting
 from servolink.platforms.signals import handled
 from servolink.script import INTERRUPTED, NO_BOARD, OK
@@ -319,5 +320,5 @@ def _pick(args: argparse.Namespace, found: Sequence[DeviceInfo]) -> str:
     terminal.print(f"Which one? 1 to {len(found)}:", end=" ")
     answer = sys.stdin.readline().strip()
     if not (answer.isascii() and answer.isdecimal() and 1 <= int(answer) <= len(found)):
-        usage_error(args, f"{answer!r} must be a number from 1 to {len(found)}; or give --board")
+        usage_error(args, f"{quote(answer)} must be a number from 1 to {len(found)}; or give --board")
     return found[int(answer) - 1].url

@@ -13,6 +13,7 @@ from msgspec.structs import asdict
 
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportUnavailable
+from servolink.escaping import quote
 from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
 from servolink.platforms.locks import lock
 from servolink.profiles.store import profile_names
@@ -262,7 +263,7 @@ def _parse(text: str) -> dict[str, Alias]:
     aliases = msgspec.convert(tomllib.loads(text), _NamesFile).boards
     for name in aliases:
         if not is_name(name):
-            raise ValueError(f"{name!r} cannot be a name: names have only letters, digits, - and _")
+            raise ValueError(f"{quote(name)} cannot be a name: names have only letters, digits, - and _")
     return aliases
 
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 from servolink.errors import InvalidAddress
+from servolink.escaping import quote
 
 # Compiled on first use: compiling takes time, and no address needs all patterns.
 _BARE_DEVICE = r"(?ai)/|\\\\\.\\|com\d+(\?|$)"
@@ -164,7 +165,7 @@ class Address:
         return self.options.get(name)
 
     def _bad(self, name: str, text: str, expected: str) -> InvalidAddress:
-        return self.refusal(f"option {name} must be {expected}, not {shorten(text)!r}")
+        return self.refusal(f"option {name} must be {expected}, not {quote(shorten(text))}")
 
 
 def refusal(url: str, reason: str) -> InvalidAddress:
@@ -195,7 +196,7 @@ def _options(url: str, query: str) -> dict[str, str]:
         name, separator, value = item.partition("=")
         name = _unescaped(url, name)
         if not separator or not name:
-            raise refusal(url, f"option {shorten(item)!r} must be written name=value")
+            raise refusal(url, f"option {quote(shorten(item))} must be written name=value")
         if name in options:
             raise refusal(url, f"option {shorten(name)} is given twice; keep one value")
         options[name] = _unescaped(url, value)
@@ -204,7 +205,7 @@ def _options(url: str, query: str) -> dict[str, str]:
 
 def _unescaped(url: str, text: str) -> str:
     if bad := re.search(_BAD_ESCAPE, text):
-        raise refusal(url, f"bad escape {text[bad.start() :][:3]!r}; write a percent sign as %25")
+        raise refusal(url, f"bad escape {quote(text[bad.start() :][:3])}; write a percent sign as %25")
     plain = text
     if "%" in text:
         from urllib.parse import unquote  # most programs start without it

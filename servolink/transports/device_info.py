@@ -11,6 +11,7 @@ from urllib.parse import quote
 from msgspec import Struct
 from msgspec.structs import replace
 
+from servolink import escaping
 from servolink.errors import OpenError, Reason
 from servolink.transports.address import Address
 
@@ -70,7 +71,9 @@ class PortIdentity(Struct, frozen=True):
         """Return the identity as text for people, such as `0403:6001`."""
         if self.is_any:
             return "with a vendor-defined interface"
-        return self._ids + (f" with the serial number {self.serial_number!r}" if self.serial_number else "")
+        return self._ids + (
+            f" with the serial number {escaping.quote(self.serial_number)}" if self.serial_number else ""
+        )
 
     @property
     def _ids(self) -> str:

@@ -39,6 +39,7 @@ from servolink.discovery.names import (
 from servolink.discovery.search import NO_BOARD_FOUND, discover, is_same_place, search
 from servolink.doctor.contact import PATIENCE, ProbeResult, probe
 from servolink.errors import InvalidAddress, OpenError, Reason, RequestTimeout, ServolinkError, TransportError
+from servolink.escaping import quote
 from servolink.files import ALL, is_name
 from servolink.profiles.store import profile_names
 from servolink.protocol.servos import ALL_SERVOS
@@ -147,7 +148,7 @@ def run_use(args: argparse.Namespace) -> int:
 def _keep_name(args: argparse.Namespace) -> int:
     """Save a name for an address, after asking about a changed meaning."""
     if not is_name(args.name):
-        usage_error(args, f"{args.name!r} cannot be a name: use up to 64 letters, digits, - and _, and no port")
+        usage_error(args, f"{quote(args.name)} cannot be a name: use up to 64 letters, digits, - and _, and no port")
     if args.name == ALL:
         usage_error(args, f"{ALL!r} means every board of a fleet: choose another name")
     url = with_options(args.address, _options(args))
@@ -217,7 +218,7 @@ def _forget_name(args: argparse.Namespace) -> int:
     aliases = load_aliases()
     if args.remove not in aliases:
         known = ", ".join(sorted(aliases)) or "none"
-        raise ServolinkError(f"no board is named {args.remove!r} (names: {known}); nothing was changed")
+        raise ServolinkError(f"no board is named {quote(args.remove)} (names: {known}); nothing was changed")
     remove_alias(args.remove)
     if args.json:
         print_json({"removed": args.remove})

@@ -11,6 +11,7 @@ from servolink.cli.command import STORED, Command, flag, option
 from servolink.cli.command_session import Interruption, agreed, refuse_unasked, run_interruptible
 from servolink.cli.screen.output import Table, print_error, print_json, print_result, print_table, print_text
 from servolink.errors import ServolinkError
+from servolink.escaping import quote
 from servolink.script import FAILED, OK
 
 if TYPE_CHECKING:
@@ -186,7 +187,7 @@ def run_forget(args: argparse.Namespace) -> int:
     name = args.name
     if name not in profile_names():
         known = ", ".join(profile_names()) or "none"
-        raise ServolinkError(f"nothing is known of a board {name!r} (profiles: {known}); nothing was changed")
+        raise ServolinkError(f"nothing is known of a board {quote(name)} (profiles: {known}); nothing was changed")
     path = profile_path(name)
     question = f"this removes {path} with all limits of {name}"
     refuse_unasked(args, f"{question}; --yes does so without asking")
@@ -213,7 +214,9 @@ def known_name(args: argparse.Namespace) -> tuple[str, str | None]:
     aliases = load_aliases()
     if args.name not in aliases and args.name not in profile_names():
         known = ", ".join(sorted(aliases)) or "none"
-        raise InvalidAddress(f"no board is named {args.name!r} (names: {known}); give it: servolink use NAME BOARD")
+        raise InvalidAddress(
+            f"no board is named {quote(args.name)} (names: {known}); give it: servolink use NAME BOARD"
+        )
     return args.name, aliases[args.name].url if args.name in aliases else None
 
 

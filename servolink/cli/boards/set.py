@@ -18,6 +18,7 @@ from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import Table, print_error, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import InvalidAddress, RequestTimeout, TransportError
+from servolink.escaping import quote
 from servolink.profiles.profile import BoardSettings, FieldHelp, fields_of
 from servolink.profiles.store import in_shell, setting_from_text
 from servolink.script import OK
@@ -38,10 +39,10 @@ def _angle(text: str) -> tuple[int | str, tuple[float, float] | None]:
     if value == _UNSET:
         return SERVO_NAME(servo), None
     if (pair := _PAIR.fullmatch(value)) is None:
-        raise argparse.ArgumentTypeError(f"must have the form 3=20..160, all=-90..90 or 3=unset, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must have the form 3=20..160, all=-90..90 or 3=unset, not {quote(text)}")
     low, high = _ANGLE(pair[1]), _ANGLE(pair[2])
     if low > high:
-        raise argparse.ArgumentTypeError(f"{text!r} has the highest angle first; write the lowest first")
+        raise argparse.ArgumentTypeError(f"{quote(text)} has the highest angle first; write the lowest first")
     return SERVO_NAME(servo), (low, high)
 
 
@@ -57,7 +58,7 @@ def _unsettable(text: str) -> str:
 
     name = text.replace("-", "_")
     if name not in (*BoardSettings.__struct_fields__, "soft_start"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a setting; `servolink board show` lists them")
+        raise argparse.ArgumentTypeError(f"{quote(text)} is not a setting; `servolink board show` lists them")
     return name
 
 
@@ -231,5 +232,5 @@ def _put(values: dict[int, Any], servo_id: int, value: Any) -> None:
 def _assigned(text: str) -> tuple[str, str]:
     servo, equals, value = text.rpartition("=")  # a caption may contain `=`
     if not equals:
-        raise argparse.ArgumentTypeError(f"must be SERVO=VALUE, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be SERVO=VALUE, not {quote(text)}")
     return servo, value

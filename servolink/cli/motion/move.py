@@ -15,6 +15,7 @@ from servolink.cli.screen.live import follow, live_bars
 from servolink.cli.screen.output import Table, is_terminal, print_error, print_json, print_table, print_text
 from servolink.cli.usage import usage_error
 from servolink.errors import MotionRefused, ProfileError, Reason, RequestRefused, ServolinkError
+from servolink.escaping import quote
 from servolink.motion.angles import Adc, Angle, Degrees
 from servolink.script import FAILED, OK
 
@@ -60,11 +61,11 @@ def servo_angle(text: str) -> tuple[int | str, int]:
     """Return servo (id or caption) and angle of a text such as `1=90` or `hip=90`, for argparse."""
     found = _TARGET.fullmatch(text)
     if found is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
+        raise argparse.ArgumentTypeError(f"{quote(text)} is not of the form SERVO=ANGLE, as in 1=90, hip=-45 or all=0")
     try:
         servo = SERVO_NAME(found[1])
     except argparse.ArgumentTypeError as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form SERVO=ANGLE; the servo {error}") from None
+        raise argparse.ArgumentTypeError(f"{quote(text)} is not of the form SERVO=ANGLE; the servo {error}") from None
     name = f"servo {servo}" if isinstance(servo, int) else repr(servo)
     if not _WHOLE.fullmatch(found[2]):
         raise argparse.ArgumentTypeError(f"the angle of {name} must be a whole number of degrees, not {found[2]}")

@@ -24,7 +24,7 @@ from servolink.cli.usage import usage_error
 from servolink.client.board import Board
 from servolink.client.servo_state import Servo
 from servolink.errors import EncodeError, NotFound, ProjectError, RequestRefused, ServolinkError
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.protocol.records import ServoParameter
 from servolink.script import OK
 
@@ -48,7 +48,8 @@ def nudge_argument(text: str) -> tuple[int | str, int]:
     found = _NUDGE.fullmatch(text)
     if found is None:
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be SERVO=+N or SERVO=-N, as in 3=+4; `servolink servo trim 3 4` stores 4 without moving"
+            f"{quote(text)} must be SERVO=+N or SERVO=-N, as in 3=+4; `servolink servo trim 3 4` stores 4 without "
+            "moving"
         )
     return SERVO_NAME(found[1]), whole_number(-2 * MOST_TRIM, 2 * MOST_TRIM)(found[2])
 

@@ -10,6 +10,7 @@ from servolink.cli.command import Command, flag, option
 from servolink.cli.projects.source import SOURCE, is_address, with_project
 from servolink.cli.screen.output import counted, print_json, print_text
 from servolink.cli.usage import usage_error
+from servolink.escaping import quote
 from servolink.motion.movement import INTERVAL_UNIT
 from servolink.profiles.profile import ProfileInUse
 from servolink.project.fix import fix_project
@@ -33,7 +34,9 @@ def _servo_ids(text: str) -> frozenset[int]:
         servo_id for part in parts if part for servo_id in range(int(part[1]), int(part[2] or part[1]) + 1)
     )
     if None in parts or not found or max(found) > 0xFE:
-        raise argparse.ArgumentTypeError(f"must be a number of servos, or a list of ids as in 1-8,11, not {text!r}")
+        raise argparse.ArgumentTypeError(
+            f"must be a number of servos, or a list of ids as in 1-8,11, not {quote(text)}"
+        )
     return frozenset(range(1, int(text) + 1)) if text.isascii() and text.isdecimal() else found
 
 
@@ -101,7 +104,7 @@ def _servo_limit(text: str) -> tuple[int | str, tuple[float, float]]:
     """Return servo and angle limits in degrees from SERVO=LOW:HIGH, for argparse."""
     found = _SERVO_LIMIT.fullmatch(text)
     if found is None or float(found[2]) > float(found[3]):
-        raise argparse.ArgumentTypeError(f"must have the form SERVO=LOW:HIGH, such as 3=-45:90, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must have the form SERVO=LOW:HIGH, such as 3=-45:90, not {quote(text)}")
     return SERVO_NAME(found[1]), (float(found[2]), float(found[3]))
 
 
@@ -168,5 +171,5 @@ def _profile(args: argparse.Namespace) -> ProfileInUse:
     from servolink.profiles.store import load_profile
 
     if (profile := load_profile(args.profile)) is None:
-        usage_error(args, f"{args.profile!r} has no profile; `servolink board` lists those that there are")
+        usage_error(args, f"{quote(args.profile)} has no profile; `servolink board` lists those that there are")
     return ProfileInUse(args.profile, profile)

@@ -9,6 +9,7 @@ from servolink.cli.command import Command, option
 from servolink.cli.projects.source import FORCE, OUTPUT, SOURCE, with_project, write_edited, write_new
 from servolink.cli.screen.output import counted, print_result
 from servolink.cli.usage import usage_error
+from servolink.escaping import quote
 from servolink.project.adjust import rename_record, rename_servo, scale_project
 from servolink.project.build import build_project
 from servolink.project.fix import fix_project
@@ -116,7 +117,7 @@ def _pairs(text: str) -> list[tuple[int | str, int | str]]:
     for part in text.split(","):
         one, separator, other = part.partition("=")
         if not separator:
-            raise argparse.ArgumentTypeError(f"must list pairs of servos, such as 1=2,hip=3, not {part!r}")
+            raise argparse.ArgumentTypeError(f"must list pairs of servos, such as 1=2,hip=3, not {quote(part)}")
         pairs.append((SERVO_NAME(one.strip()), SERVO_NAME(other.strip())))
     return pairs
 
@@ -189,7 +190,7 @@ _MOST_SERVOS = 254
 
 def _count(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and 1 <= int(text) <= _MOST_SERVOS):
-        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be a number of servos from 1 to {_MOST_SERVOS}, not {quote(text)}")
     return int(text)
 
 

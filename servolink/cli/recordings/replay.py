@@ -17,7 +17,7 @@ from servolink.cli.screen.output import Table, counted, print_error, print_json,
 from servolink.cli.screen.servo_picture import LEGEND, picture_of_servos, wrapped
 from servolink.cli.screen.virtual_view import servos_of
 from servolink.cli.usage import usage_error
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.listeners.forwarding import serve_network, serve_terminal
 from servolink.listeners.tcp import host_and_port
 from servolink.platforms.pseudo_terminals import AVAILABLE
@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
     if args.to.partition(":")[0] != _VIRTUAL:
         usage_error(
             args,
-            f"--to must be virtual, not {args.to!r}: nobody knows what stands around a real robot now, so a recording "
-            "is never played on one",
+            f"--to must be virtual, not {quote(args.to)}: nobody knows what stands around a real robot now, so a "
+            "recording is never played on one",
         )
     if args.to not in (_VIRTUAL, f"{_VIRTUAL}://") or args.pty or args.tcp:
         usage_error(args, "--to virtual plays on a private board, closed to other programs and without options")

@@ -27,7 +27,7 @@ from servolink.cli.screen.output import (
     text_width,
 )
 from servolink.cli.usage import usage_error
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.protocol.codec import PACKETS_BY_NAME
 from servolink.recorder.bug_report import RECORDING, is_zip, read_report
 from servolink.recorder.channels import CHANNELS, Recorded
@@ -48,7 +48,7 @@ def _packet(text: str) -> str:
     if base_name(text) not in known:
         alike = get_close_matches(base_name(text), known, 1)
         hint = f"; did you mean {known[alike[0]].removesuffix('Response')}?" if alike else ""
-        raise argparse.ArgumentTypeError(f"no packet is called {text!r}{hint}")
+        raise argparse.ArgumentTypeError(f"no packet is called {quote(text)}{hint}")
     return text
 
 

@@ -12,6 +12,7 @@ from servolink.cli.arguments import RECORD_ID, RECORD_NAME, file_path, number, o
 from servolink.cli.command import Command, Option, flag, late, option
 from servolink.cli.motion.move import servo_angle
 from servolink.cli.stored import NOUNS, a
+from servolink.escaping import quote
 
 DEFAULT_SECONDS = 1.0
 """Of an action, if none are given."""
@@ -41,8 +42,8 @@ def _part(text: str) -> Part:
     found = _PART.fullmatch(text)
     if found is None:
         raise argparse.ArgumentTypeError(
-            f"{text!r} must be CAPTION, action:NAME, macro:NAME or wait:SECONDS, with x3 to repeat it and @50 for half "
-            "the speed"
+            f"{quote(text)} must be CAPTION, action:NAME, macro:NAME or wait:SECONDS, with x3 to repeat it and @50 "
+            "for half the speed"
         )
     word, value = found[1] or "", found[2]
     loop = whole_number(0, 0x7FFF)(found[3] or "1")
@@ -51,14 +52,16 @@ def _part(text: str) -> Part:
         return Part(word, round(number(0, 2_147_483, "seconds")(value) * 1000), loop, ratio)
     name = RECORD_NAME(value)
     if not word and isinstance(name, int):
-        raise argparse.ArgumentTypeError(f"{text!r} must say of what it is the id, as in action:{name} or macro:{name}")
+        raise argparse.ArgumentTypeError(
+            f"{quote(text)} must say of what it is the id, as in action:{name} or macro:{name}"
+        )
     return Part(word, name, loop, ratio)
 
 
 def _assigned(text: str) -> tuple[int, int | str]:
     button, equals, macro = text.partition("=")
     if not equals:
-        raise argparse.ArgumentTypeError(f"{text!r} must be BUTTON=MACRO, such as 7=1")
+        raise argparse.ArgumentTypeError(f"{quote(text)} must be BUTTON=MACRO, such as 7=1")
     return _BUTTON(button), _MACRO_OR_NONE(macro)
 
 

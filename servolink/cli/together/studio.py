@@ -14,6 +14,7 @@ from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.fleet.broker_options import ACCESS, BROKER_VARIABLE, GROUPS_FILE, fleet_of
 from servolink.cli.screen.output import print_error, print_result
 from servolink.cli.usage import needing_extra, refuse_board, usage_error
+from servolink.escaping import quote
 from servolink.script import OK
 
 _MOST_PORT = 65535
@@ -27,7 +28,7 @@ _NOT_ENCRYPTED = (
 
 def _port(text: str) -> int:
     if not text.isascii() or not text.isdecimal() or int(text) > _MOST_PORT:
-        raise argparse.ArgumentTypeError(f"must be a port from 0 to {_MOST_PORT}, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to {_MOST_PORT}, not {quote(text)}")
     return int(text)
 
 
@@ -37,7 +38,7 @@ def _place(text: str) -> str:
             ip_address(text)
         except ValueError:
             raise argparse.ArgumentTypeError(
-                f"must be an IP address of this machine, or * for all of them, not {text!r}"
+                f"must be an IP address of this machine, or * for all of them, not {quote(text)}"
             ) from None
     return text
 
@@ -50,7 +51,8 @@ def _is_local(place: str) -> bool:
 def _host(text: str) -> str:
     if not _HOST.fullmatch(text):
         raise argparse.ArgumentTypeError(
-            f"must be a name or address, as in robot.local, or https://NAME of a proxy that speaks TLS, not {text!r}"
+            "must be a name or address, as in robot.local, or https://NAME of a proxy that speaks TLS, not "
+            f"{quote(text)}"
         )
     return text
 

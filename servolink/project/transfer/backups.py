@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import ProjectError
-from servolink.escaping import escape
+from servolink.escaping import escape, quote
 from servolink.files import read_file, reason, write_atomically
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import format_project, load_project
@@ -200,7 +200,7 @@ def _read(path: Path, marker: int) -> Journal:
         raise ValueError(f"the content belongs to {journal.marker:08x}")
     for name in filter(None, (journal.backup, journal.restores)):
         if Path(name).name != name or _backup(Path(name)) is None:
-            raise ValueError(f"{name!r} must be the name of a backup")
+            raise ValueError(f"{quote(name)} must be the name of a backup")
     return journal
 
 
