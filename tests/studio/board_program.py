@@ -22,8 +22,9 @@ class BoardProgram:
         """Take its power away."""
         finish(self._program, signal.SIGKILL)
 
-    def start(self) -> None:
-        """Start it again, with what it had stored."""
+    def start(self, *options: str) -> None:
+        """Start it again, with what it had stored, and with further options."""
+        self._options += options
         self._program = self._started(int(self.url.rpartition(":")[2]))
 
     def _started(self, port: int) -> subprocess.Popen[str]:
