@@ -1,4 +1,4 @@
-"""Files read and written whole, and the user's folders."""
+"""Files read and written whole."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import os
 import re
 import stat
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
@@ -110,25 +109,6 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 def reason(error: Exception) -> str:
     """Return the text of an error of this module; of an error of the system, without number and path."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
-
-
-def user_folder(kind: Literal["config", "data", "runtime"]) -> Path:
-    """Return the folder of the user for one kind of files. Raise OSError for a user without a home."""
-    import platformdirs  # imported late: most programs need no folder
-
-    find = {
-        "config": platformdirs.user_config_path,
-        "data": platformdirs.user_data_path,
-        "runtime": platformdirs.user_runtime_path,
-    }[kind]
-    with (
-        warnings.catch_warnings()
-    ):  # on a system without a runtime folder, platformdirs warns and takes a folder in /tmp
-        warnings.simplefilter("ignore")
-        try:
-            return find("servolink", appauthor=False)
-        except RuntimeError as error:
-            raise OSError(errno.ENOENT, f"{error}; set HOME") from error
 
 
 def open_without_waiting(path: str, flags: int) -> int:

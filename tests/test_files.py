@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from servolink.files import MIB, read_file, user_folder, write_atomically
+from servolink.files import MIB, read_file, write_atomically
 
 POSIX = pytest.mark.skipif(sys.platform == "win32", reason="permissions and links of POSIX")
 
@@ -228,18 +228,3 @@ def test_files_without_a_size_are_read_up_to_the_limit() -> None:
     assert read_file(Path("/proc/self/status"), MIB).startswith(b"Name:")
     with pytest.raises(OSError, match="is larger than 10 bytes"):
         read_file(Path("/proc/self/status"), 10)
-
-
-def test_folders_are_those_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folders = {kind: user_folder(kind) for kind in ("config", "data", "runtime")}
-    assert all(folder.is_absolute() and folder.name == "servolink" for folder in folders.values())
-
-
-@POSIX
-def test_a_user_without_a_home_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    def homeless(*_: object, **__: object) -> Path:
-        raise RuntimeError("Could not determine home directory.")
-
-    monkeypatch.setattr("platformdirs.user_data_path", homeless)
-    with pytest.raises(OSError, match=r"Could not determine home directory\.; set HOME"):
-        user_folder("data")

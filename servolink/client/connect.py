@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # loaded on use: most boards have no profile
     from servolink.client.identity_guard import IdentityGuard
     from servolink.connection.sharing import BoardSharing
     from servolink.control.share_address import ShareTransport
+    from servolink.discovery.resolving import Resolved
     from servolink.profiles.profile import BoardProfile, ProfileInUse
     from servolink.transports.base import Transport
 
@@ -162,7 +163,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
             self._log_text(transport.url, options)
             connection = await self._open_connection(transport, options, Stats(), profile)
             return self._board_on(Session(connection, None, profile))
-        address, name = await self._resolve()
+        found = await self._resolve()
+        address, name = found.url, found.name
         stats, device = Stats(), create(address)
         try:
             options, profile = await self._prepare(device, name, options_in(address) | self._options)
@@ -208,21 +210,22 @@ class connect:  # noqa: N801 - reads as the function it stands for
         interval_unit = session.profile.settings.interval_unit or INTERVAL_UNIT
         return Board(session, self._angle_unit, limits, interval_unit)
 
-    async def _resolve(self) -> tuple[str, str | None]:
+    async def _resolve(self) -> Resolved:
         """Return address and name of the board."""
         assert self._url is None or isinstance(self._url, str)  # noqa: S101 - narrows the type
-        from servolink.discovery.names import resolve_board, resolve_url  # late: most programs search for nothing
+        from servolink.discovery.resolving import Resolved, resolve_board, resolve_url
 
         if self._profile is not None:  # the board need not be recognised
-            return await resolve_url(self._url), None
+            return Resolved(await resolve_url(self._url), None)
         return await resolve_board(self._url)
 
     def _profile_of(self, name: str | None) -> ProfileInUse | None:
         """Return the profile given, or else that of the board `name`. Raise ProfileError if it cannot be used."""
         if (profile := self._profile or name) is None:
             return None
+        from servolink.profiles.listing import profile_names
         from servolink.profiles.profile import ProfileInUse  # late: most boards have no profile
-        from servolink.profiles.store import load_profile, profile_names
+        from servolink.profiles.store import load_profile
 
         if not isinstance(profile, str):
             return ProfileInUse(name, profile)

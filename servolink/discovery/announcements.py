@@ -13,9 +13,10 @@ from typing import BinaryIO
 
 import msgspec
 
-from servolink.files import open_file, user_folder
+from servolink.files import open_file
 from servolink.platforms.locks import lock, remove_locked
 from servolink.platforms.private_files import is_own, private_folder
+from servolink.platforms.user_folders import user_folder
 from servolink.transports.device_info import DeviceInfo
 
 _SUFFIX = ".board"

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 from msgspec.structs import asdict
@@ -14,9 +13,10 @@ from msgspec.structs import asdict
 from servolink.discovery.search import is_same_place, only, search
 from servolink.errors import InvalidAddress, OpenError, Reason, ServolinkError, TransportUnavailable
 from servolink.escaping import quote
-from servolink.files import MIB, is_name, read_file, reason, user_folder, write_atomically
+from servolink.files import MIB, is_name, read_file, reason, write_atomically
 from servolink.platforms.locks import lock
-from servolink.profiles.store import profile_names
+from servolink.platforms.user_folders import user_folder
+from servolink.profiles.listing import profile_names
 from servolink.profiles.toml_text import changed_toml
 from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity
@@ -123,50 +123,19 @@ def names_by_url(aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo]) ->
     return {url: names[place] for url, place in bare.items() if place in names}
 
 
-class Resolved(NamedTuple):
-    """Address of a board, with its name if known."""
-
-    url: str
-    name: str | None
-    """Given name, or name of the profile of the board; None without a name."""
-
-
-async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resolved:
-    """Return address and name of `board`: an address, a name given by `servolink use`, or None for the only board.
-
-    A board shared by a hub has the address of the hub, unless another address is given. With `through_hub` False,
-    exclusive use is required, and a board shared by a hub is refused. An address has a name if the name has a profile,
-    and stands for the same port or, without a serial number, for the same address.
-
-    Raises:
-        OpenError: No board or several boards were found, the named board is absent, or a hub shares the board.
-        InvalidAddress: The name is unknown.
-
-    """
-    if through_hub and board is not None and not is_name(board) and not profile_names():
-        return Resolved(board, None)
-    return await asyncio.to_thread(_resolve if through_hub else _resolve_exclusive, board)
-
-
-async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
-    """Return the address of `board`, resolved by `resolve_board`."""
-    if through_hub and board is not None and not is_name(board):
-        return board
-    return (await resolve_board(board, through_hub=through_hub)).url
-
-
-def _resolve_exclusive(board: str | None) -> Resolved:
+def resolve_exclusive(board: str | None) -> tuple[str, str | None]:
     """Resolve `board` without its hub. Raise OpenError if a hub shares the board."""
     from servolink.discovery import hubs  # imported late, as below: most programs give an address
 
-    found = _resolve(board)
-    if (hub := _at(found.url) or hubs.hub_of(found.url)) is not None:
+    url, name = resolve(board)
+    if (hub := _at(url) or hubs.hub_of(url)) is not None:
         text = f"{hub.shares} is {hub.product}: use {hub.url}, or end that hub for exclusive use of the board"
         raise OpenError(text, reason=Reason.IN_USE)
-    return found
+    return url, name
 
 
-def _resolve(board: str | None) -> Resolved:
+def resolve(board: str | None) -> tuple[str, str | None]:
+    """Return address and name of `board`, as `resolve_board` does, and block meanwhile."""
     if board is None:
         devices = search()
         return _recognised(only(devices), devices)
@@ -175,13 +144,13 @@ def _resolve(board: str | None) -> Resolved:
     aliases = load_aliases()
     alias = aliases.get(board)
     if (hub := _hub_for(board, alias)) is not None:
-        return Resolved(hub.url, board)
+        return hub.url, board
     if alias is None:
         place = f"in {aliases_path()} (known: {', '.join(sorted(aliases))})" if aliases else "(none is known)"
         raise InvalidAddress(
             f"{board} is neither an address nor a name {place}; give the name with: servolink use {board} BOARD"
         )
-    return Resolved(current_url(board, alias, search() if alias.serial_number else ()), board)
+    return current_url(board, alias, search() if alias.serial_number else ()), board
 
 
 def _at(url: str) -> DeviceInfo | None:
@@ -215,7 +184,7 @@ def name_at(url: str) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
+def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> tuple[str, str | None]:
     """Return `url` with the name of the profile for the board at this address."""
     with_profile = set(profile_names())
     aliases = {name: alias for name, alias in load_aliases().items() if name in with_profile} if with_profile else {}
@@ -224,7 +193,7 @@ def _recognised(url: str, devices: Sequence[DeviceInfo] | None) -> Resolved:
         raise OpenError(
             f"{url} has the names {' and '.join(sorted(found))}, each with a profile; use a name instead of the address"
         )
-    return Resolved(url, found[0] if found else None)
+    return url, found[0] if found else None
 
 
 def _names_at(url: str, aliases: Mapping[str, Alias], devices: Sequence[DeviceInfo] | None) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 from servolink.connection.connection import Connection
 from servolink.connection.evidence import HandshakeFailed
 from servolink.connection.options import options_in
-from servolink.discovery.names import resolve_board
+from servolink.discovery.resolving import resolve_board
 from servolink.discovery.search import boards, find_devices
 from servolink.doctor import Finding
 from servolink.doctor.contact import ProbeResponse, reach, response_of
@@ -84,9 +84,9 @@ async def examine(
     found = await asyncio.to_thread(find_devices)
     report = Report(found.devices)
     if board is not None:
-        url, name = await resolve_board(board)
-        report.urls = [url]
-        _check_address(url)
+        resolved = await resolve_board(board)
+        name, report.urls = resolved.name, [resolved.url]
+        _check_address(resolved.url)
     else:
         report.urls = [candidate.url for candidate in boards(report.candidates)]
         name = (await resolve_board(report.urls[0])).name if len(report.urls) == 1 else None

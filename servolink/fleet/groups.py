@@ -8,7 +8,8 @@ from typing import Any
 
 from servolink.errors import NotFound, ServolinkError
 from servolink.escaping import quote
-from servolink.files import ALL, MIB, read_file, reason, user_folder
+from servolink.files import ALL, MIB, read_file, reason
+from servolink.platforms.user_folders import user_folder
 from servolink.profiles.toml_text import TextError, line_of, read_toml
 
 _MOST_BYTES = MIB

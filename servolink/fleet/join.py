@@ -11,7 +11,8 @@ from typing import Any, NamedTuple, NoReturn, TypeAlias
 
 import msgspec
 
-from servolink.discovery.names import load_aliases, names_by_url, resolve_board
+from servolink.discovery.names import load_aliases, names_by_url
+from servolink.discovery.resolving import resolve_board
 from servolink.discovery.search import NO_BOARD_FOUND, boards, search
 from servolink.errors import OpenError, ServolinkError
 from servolink.files import is_name

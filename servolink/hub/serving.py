@@ -11,7 +11,8 @@ from typing import Any
 from servolink.client.connect import connect
 from servolink.control.roles import Role
 from servolink.discovery.hubs import claim_hub, hub_of
-from servolink.discovery.names import name_at, resolve_board
+from servolink.discovery.names import name_at
+from servolink.discovery.resolving import resolve_board
 from servolink.errors import OpenError, Reason
 from servolink.files import is_name
 from servolink.hub.doors.frame_doors import pty_door, tcp_door
@@ -56,12 +57,13 @@ async def serve_board(
     Raises:
         OpenError: The board cannot be opened, or the name or the board is in use; the text names the other hub.
     """
-    address, known_as = await resolve_board(url, through_hub=False)
+    found = await resolve_board(url, through_hub=False)
+    address = found.url
     if (other := await asyncio.to_thread(hub_of, address)) is not None:
         raise OpenError(
             f"{address} is {other.product} already: use {other.url}, or end that hub first", reason=Reason.IN_USE
         )
-    chosen = name or known_as or await asyncio.to_thread(name_at, address) or default_name(address)
+    chosen = name or found.name or await asyncio.to_thread(name_at, address) or default_name(address)
     async with AsyncExitStack() as stack:
         claim = stack.enter_context(await claim_hub(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))

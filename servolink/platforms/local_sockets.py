@@ -22,8 +22,9 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from servolink.files import read_file, user_folder, write_atomically
+from servolink.files import read_file, write_atomically
 from servolink.platforms.private_files import refuse_foreign
+from servolink.platforms.user_folders import user_folder
 
 _BACKLOG = 1024
 _FULL_PAUSE = 0.01  # seconds between attempts while too many programs wait to be accepted

@@ -8,7 +8,7 @@ import stat
 import sys
 from pathlib import Path
 
-from servolink.files import user_folder
+from servolink.platforms.user_folders import user_folder
 
 _PRIVATE = 0o700
 

@@ -13,14 +13,14 @@ from msgspec import Struct
 
 from servolink.errors import ProfileError
 from servolink.escaping import escape, quote
-from servolink.files import is_name, read_file, reason, user_folder, write_atomically
+from servolink.files import is_name, read_file, reason, write_atomically
+from servolink.profiles.listing import ENDING, profiles_folder
 from servolink.profiles.profile import BoardProfile, BoardSettings, about, fields_of
 from servolink.profiles.toml_text import TextError, changed_toml, line_of, read_toml
 
 S = TypeVar("S", bound=Struct)
 
 _MOST_BYTES = 0x10000
-_ENDING = ".toml"
 _MARK = "\ufeff"  # put by some editors before a text
 
 
@@ -28,14 +28,7 @@ def profile_path(name: str) -> Path:
     """Return the path of the profile of the board `name`. Raise ProfileError for a user without a home."""
     if not is_name(name):
         raise ProfileError(f"{quote(name)} cannot be a board's name: names have only letters, digits, - and _")
-    return _folder() / f"{name}{_ENDING}"
-
-
-def profile_names() -> list[str]:
-    """Return the names of all boards with a profile; empty for a user without a home."""
-    with suppress(OSError):
-        return sorted(path.stem for path in _folder().iterdir() if path.suffix == _ENDING and is_name(path.stem))
-    return []
+    return _folder() / f"{name}{ENDING}"
 
 
 def load_profile(name: str) -> BoardProfile | None:
@@ -98,7 +91,7 @@ def remove_profile(name: str) -> bool:
 
 def _folder() -> Path:
     try:
-        return user_folder("config") / "profiles"
+        return Path(profiles_folder())
     except OSError as error:
         raise ProfileError(f"profiles of boards cannot be stored: {reason(error)}") from error
 

@@ -18,7 +18,7 @@ from servolink.client.board import Board
 from servolink.client.connect import connect
 from servolink.client.servo_readings import MOST_HZ
 from servolink.discovery.hubs import hub_of
-from servolink.discovery.names import resolve_board
+from servolink.discovery.resolving import resolve_board
 from servolink.errors import RecordingError
 from servolink.escaping import quote
 from servolink.numeric import as_number, is_number
@@ -186,7 +186,7 @@ async def record_at(
     """
     if wanted.ring is None and wanted.path.exists():  # or a board would be opened for nothing
         raise RecordingError(f"{wanted.path} exists already; remove it or record to another file")
-    address, _ = await resolve_board(url)
+    address = (await resolve_board(url)).url
     hub = None if address.startswith(_SHARED) else await asyncio.to_thread(hub_of, address)
     shared = address if hub is None else hub.url
     recorder = Recorder(wanted)

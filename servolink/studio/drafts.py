@@ -19,9 +19,10 @@ from msgspec import Meta, Struct
 
 from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import escape
-from servolink.files import is_name, read_file, reason, user_folder, write_atomically
+from servolink.files import is_name, read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE
 from servolink.platforms.locks import lock
+from servolink.platforms.user_folders import user_folder
 from servolink.protocol.json_errors import convert
 from servolink.protocol.json_form import json_type
 from servolink.protocol.record_types import STORED_TYPES

@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 from servolink.errors import EncodeError, ProjectError
 from servolink.escaping import escape
-from servolink.files import read_file, reason, user_folder, write_atomically
+from servolink.files import read_file, reason, write_atomically
 from servolink.json_text import MAX_SIZE, read_json
+from servolink.platforms.user_folders import user_folder
 from servolink.studio.drafts import file_name
 
 T = TypeVar("T")

@@ -11,8 +11,9 @@ from msgspec.structs import replace
 from servolink.control.error_codes import Code, RpcError
 from servolink.control.roles import Role
 from servolink.discovery.names import load_aliases
+from servolink.profiles.listing import profile_names
 from servolink.profiles.profile import BoardProfile
-from servolink.profiles.store import load_profile, profile_names, save_profile
+from servolink.profiles.store import load_profile, save_profile
 from servolink.studio.studio_methods import METHODS, PageCaller
 
 _turn = asyncio.Lock()

@@ -11,7 +11,8 @@ from msgspec import Meta, Struct
 
 from servolink.control.error_codes import Code, RpcError
 from servolink.control.roles import Role
-from servolink.files import open_file, reason, user_folder
+from servolink.files import open_file, reason
+from servolink.platforms.user_folders import user_folder
 from servolink.studio.studio_methods import METHODS, PageCaller
 
 _PIECE = 256 * 1024

@@ -14,9 +14,10 @@ from typing import Any
 from aiohttp import web
 
 from servolink.errors import OpenError
-from servolink.files import read_file, user_folder, write_atomically
+from servolink.files import read_file, write_atomically
 from servolink.listeners.accept import accepting
 from servolink.listeners.tcp import listening_sockets
+from servolink.platforms.user_folders import user_folder
 from servolink.studio.connections import HEADERS, Connections, PageConnection
 from servolink.studio.docs_pages import docs_page, page_names
 from servolink.studio.draft_methods import follow_drafts

@@ -6,8 +6,7 @@ import asyncio
 import logging
 from collections.abc import Callable
 from importlib import import_module
-from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 from servolink.errors import OpenError, ServolinkError, TransportUnavailable
 from servolink.protocol.codec import Codec
@@ -18,7 +17,11 @@ from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.hardware import MAX_SERVOS, Hardware
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind, kind_options
-from servolink.virtual.state_file import StateFile
+
+if TYPE_CHECKING:  # late: most virtual boards have no state file
+    from pathlib import Path
+
+    from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
 """Seconds from a change of the storage to the saving."""
@@ -171,7 +174,11 @@ def _virtual(address: Address, seed: int) -> VirtualTransport:
     else:
         board = VirtualBoard(servos, seed, codec, kind)
     state = address.text("state", "")
-    return VirtualTransport(board, address.url, Path(state) if state else None)
+    if not state:
+        return VirtualTransport(board, address.url)
+    from pathlib import Path
+
+    return VirtualTransport(board, address.url, Path(state))
 
 
 def _with_body(path: str, **options: Any) -> VirtualBoard:
@@ -261,6 +268,8 @@ class VirtualTransport(BoardTransport[VirtualBoard]):
     async def _open(self) -> None:
         """Attach to the board. Raise OpenError if the state file cannot be loaded, or is used by another board."""
         if self._state is not None:
+            from servolink.virtual.state_file import StateFile
+
             try:
                 self._file = StateFile(self.board, self._state)
             except ServolinkError as error:

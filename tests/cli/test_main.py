@@ -51,6 +51,15 @@ NOT_FOR_CONNECTING = {
 }
 """Modules for losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
 
+NOT_FOR_SERVOS = {
+    "copy",
+    "servolink.discovery.names",
+    "servolink.discovery.search",
+    "servolink.profiles.store",
+    "servolink.virtual.state_file",
+} | ({"pathlib", "platformdirs"} if sys.platform == "linux" else set())
+"""Modules that find boards and profiles, for an address where nothing has a profile."""
+
 LIST_MODULES = """
 import sys
 from servolink.__main__ import main
@@ -82,6 +91,7 @@ def loaded_by(*arguments: str) -> set[str]:
         (("request", "--help"), HEAVY - {"asyncio", "ssl"}),
         (("decode", "134c051d1a2700000000c5"), HEAVY),
         (("--url", "virtual://", "info"), {"rich", "serial", "hid", "hidraw", "usb"}),
+        (("--url", "virtual://", "servos"), NOT_FOR_SERVOS),
         (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
     ],
 )

@@ -10,7 +10,8 @@ import pytest
 from servolink import Step, connect
 from servolink.connection.options import ConnectionOptions
 from servolink.discovery import names
-from servolink.discovery.names import Alias, aliases_path, resolve_board, save_alias
+from servolink.discovery.names import Alias, aliases_path, save_alias
+from servolink.discovery.resolving import Resolved, resolve_board
 from servolink.errors import (
     MotionRefused,
     OpenError,
@@ -110,7 +111,8 @@ def test_a_port_is_recognised_by_its_serial_number(monkeypatch: pytest.MonkeyPat
     save_profile("rex", BoardProfile())
     save_profile("no-name", BoardProfile())
     for board in ("serial:///dev/ttyACM7", "/dev/ttyACM7", None):
-        url, name = run(resolve_board(board))
+        found = run(resolve_board(board))
+        url, name = found.url, found.name
         assert (url, name) == (board or SERIAL.url, "rex")
     monkeypatch.setattr(names, "search", lambda: pytest.fail("looked for ports"))
     assert run(resolve_board("tcp://pi:9000")).name is None
@@ -143,7 +145,7 @@ def test_damaged_names_hide_no_limits() -> None:
 def test_names_are_not_even_read_where_there_are_no_profiles() -> None:
     save_alias("rex", Alias("tcp://pi:9000"))
     aliases_path().write_text("damaged")
-    assert run(resolve_board("tcp://pi:9000")) == ("tcp://pi:9000", None)
+    assert run(resolve_board("tcp://pi:9000")) == Resolved("tcp://pi:9000", None)
 
 
 def test_a_damaged_profile_is_refused_by_name_and_by_address() -> None:

@@ -17,7 +17,8 @@ from msgspec.structs import replace
 from servolink.discovery import hubs, search
 from servolink.discovery.announcements import announced
 from servolink.discovery.hubs import claim_hub, hub_of
-from servolink.discovery.names import Alias, resolve_board, resolve_url, save_alias
+from servolink.discovery.names import Alias, save_alias
+from servolink.discovery.resolving import Resolved, resolve_board, resolve_url
 from servolink.discovery.search import boards, only
 from servolink.errors import OpenError
 from servolink.platforms import locks
@@ -182,15 +183,15 @@ def test_a_name_leads_to_the_hub_of_its_board(monkeypatch: pytest.MonkeyPatch) -
     save_alias("left", Alias(TCP))
     save_alias("toy", Alias("virtual://"))
     with hub("rex", TCP):
-        assert asyncio.run(resolve_board("left")) == ("share://rex", "left")
-        assert asyncio.run(resolve_board("rex")) == ("share://rex", "rex")
+        assert asyncio.run(resolve_board("left")) == Resolved("share://rex", "left")
+        assert asyncio.run(resolve_board("rex")) == Resolved("share://rex", "rex")
         assert asyncio.run(resolve_url(TCP)) == TCP
         for board in ("left", "rex", TCP, "share://rex"):
             with pytest.raises(
                 OpenError, match=f"{TCP} is shared by a hub .*end that hub for exclusive use of the board"
             ):
                 asyncio.run(resolve_url(board, through_hub=False))
-    assert asyncio.run(resolve_board("left", through_hub=False)) == (TCP, "left")
+    assert asyncio.run(resolve_board("left", through_hub=False)) == Resolved(TCP, "left")
     assert asyncio.run(resolve_url(TCP, through_hub=False)) == TCP
     with hub("left", "tcp://127.0.0.1:1"):  # the hub of another board
         assert asyncio.run(resolve_url("left")) == TCP

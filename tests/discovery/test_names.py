@@ -1,6 +1,7 @@
 """Names are kept safely, lead to their board on any port, and no name at all leads to the only board.
 
 Module: servolink.platforms.locks.
+Module: servolink.discovery.resolving.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-import platformdirs
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -29,9 +29,9 @@ from servolink.discovery.names import (
     aliases_path,
     current_url,
     load_aliases,
-    resolve_url,
     save_alias,
 )
+from servolink.discovery.resolving import resolve_url
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
 from servolink.files import is_name
 from servolink.hub.serving import serve_board
@@ -39,6 +39,7 @@ from servolink.platforms.locks import lock
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import BOARDS
+from tests.platforms.homeless import lose_home
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
 
@@ -108,10 +109,7 @@ def test_names_are_for_their_owner_and_are_not_waited_for(path: Path) -> None:
 
 
 def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
-    def homeless(*_: object, **__: object) -> None:
-        raise RuntimeError("could not determine the home directory")
-
-    monkeypatch.setattr(platformdirs, "user_config_path", homeless)
+    lose_home(monkeypatch)
     assert load_aliases() == {}
     with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
         asyncio.run(resolve_url("left"))

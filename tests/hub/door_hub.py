@@ -11,10 +11,10 @@ from typing import Any, Self
 
 from servolink.client.connect import connect
 from servolink.discovery.hubs import claim_hub
-from servolink.files import user_folder
 from servolink.hub.doors.socket_door import OpenChannel, socket_door
 from servolink.hub.hub import Hub, share
 from servolink.listeners.tcp import host_and_port
+from servolink.platforms.user_folders import user_folder
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import DEFAULT_KIND, BoardKind
 from servolink.virtual.transport import VirtualTransport

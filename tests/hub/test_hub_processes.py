@@ -20,7 +20,7 @@ import pytest
 from servolink.client.connect import connect
 from servolink.discovery.hubs import candidates
 from servolink.errors import ConnectionLost
-from servolink.files import user_folder
+from servolink.platforms.user_folders import user_folder
 from tests.cli.programs import finished, program, started
 from tests.transports.rights import not_root
 

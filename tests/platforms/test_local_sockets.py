@@ -17,9 +17,9 @@ from typing import Any
 
 import pytest
 
-from servolink.files import user_folder
 from servolink.platforms import local_sockets
 from servolink.platforms.private_files import private_folder
+from servolink.platforms.user_folders import user_folder
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Unix sockets")
 

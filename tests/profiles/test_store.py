@@ -1,6 +1,7 @@
 """A profile is kept whole, read back as it was, and refused by file and line when it is damaged.
 
 Module: servolink.profiles.profile.
+Module: servolink.profiles.listing.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 
 from servolink.errors import ProfileError
 from servolink.escaping import escape
+from servolink.profiles.listing import profile_names
 from servolink.profiles.profile import (
     BoardIdentityRecord,
     BoardProfile,
@@ -30,12 +32,12 @@ from servolink.profiles.store import (
     format_profile,
     load_profile,
     parse_profile,
-    profile_names,
     profile_path,
     remove_profile,
     save_profile,
 )
 from servolink.profiles.toml_text import TextError
+from tests.platforms.homeless import lose_home
 
 FULL = BoardProfile(
     identity=BoardIdentityRecord(
@@ -262,13 +264,10 @@ def test_a_profile_has_the_name_of_a_board(name: str) -> None:
 
 
 def test_a_user_without_a_home_has_no_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_home(*_: object, **__: object) -> Path:
-        raise RuntimeError("no home")
-
-    monkeypatch.setattr("platformdirs.user_config_path", no_home)
+    lose_home(monkeypatch)
     assert load_profile("rex") is None
     assert profile_names() == []
-    with pytest.raises(ProfileError, match="profiles of boards cannot be stored: no home; set HOME"):
+    with pytest.raises(ProfileError, match=r"profiles of boards cannot be stored: could not .* set HOME"):
         save_profile("rex", FULL)
 
 

@@ -27,10 +27,10 @@ def test_a_folder_of_data_that_is_unknown_is_an_error(tmp_path: Path, monkeypatc
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     assert not may_have_journals(None)
 
-    def unknown(kind: str) -> Path:
+    def unknown(kind: str) -> str:
         raise OSError(2, "no home")
 
-    monkeypatch.setattr(folders, "user_folder", unknown)
+    monkeypatch.setattr(folders, "user_folder_name", unknown)
     assert may_have_journals(None), "the reason is told when the journals are read"
     with pytest.raises(ProjectError, match="backups of boards cannot be kept: no home"):
         data_folder()

@@ -10,7 +10,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import msgspec
-import platformdirs
 import pytest
 
 from servolink.errors import ProjectError
@@ -18,6 +17,7 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal
+from tests.platforms.homeless import lose_home
 from tests.project.pulled import NEW, OLD
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
@@ -230,9 +230,6 @@ def test_backups_are_in_the_data_folder_of_the_user(tmp_path: Path, monkeypatch:
 
 
 def test_a_user_without_a_home_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def homeless(*_: object, **__: object) -> None:
-        raise RuntimeError("could not determine the home directory")
-
-    monkeypatch.setattr(platformdirs, "user_data_path", homeless)
+    lose_home(monkeypatch)
     with pytest.raises(ProjectError, match=r"backups of boards cannot be kept: could not .* directory; set HOME"):
         BackupStore()

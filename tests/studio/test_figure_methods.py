@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from servolink.files import user_folder
+from servolink.platforms.user_folders import user_folder
 from servolink.project.figure import figure_from_json
 from servolink.studio.figure_methods import read_figure, write_figure
 from tests.studio.serving import Place, call, run, welcomed

@@ -13,8 +13,8 @@ import pytest
 from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
 
 from servolink.errors import OpenError
-from servolink.files import user_folder
 from servolink.hub.serving import serve_board
+from servolink.platforms.user_folders import user_folder
 from servolink.studio import draft_methods
 from servolink.studio.connections import HEADERS
 from servolink.studio.robots import VIRTUAL

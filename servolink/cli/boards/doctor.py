@@ -14,7 +14,7 @@ from servolink.cli.command import FIRST_STEPS, Command, flag, group, option
 from servolink.cli.command_session import Interruption, run_interruptible
 from servolink.cli.screen.output import Table, print_json, print_table, print_text
 from servolink.cli.usage import usage_error
-from servolink.discovery.names import resolve_url
+from servolink.discovery.resolving import resolve_url
 from servolink.discovery.search import search
 from servolink.doctor.examine import Report, examine
 from servolink.doctor.permissions import rules

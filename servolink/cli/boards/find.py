@@ -41,7 +41,7 @@ from servolink.doctor.contact import PATIENCE, ProbeResult, probe
 from servolink.errors import InvalidAddress, OpenError, Reason, RequestTimeout, ServolinkError, TransportError
 from servolink.escaping import quote
 from servolink.files import ALL, is_name
-from servolink.profiles.store import profile_names
+from servolink.profiles.listing import profile_names
 from servolink.protocol.servos import ALL_SERVOS
 from servolink.script import FAILED, NO_BOARD, OK
 from servolink.transports.address import with_options

@@ -35,7 +35,8 @@ def run_list(args: argparse.Namespace) -> int:
     """Print every board that has a name or a profile."""
     from servolink.discovery.names import load_aliases
     from servolink.errors import ProfileError
-    from servolink.profiles.store import load_profile, profile_names
+    from servolink.profiles.listing import profile_names
+    from servolink.profiles.store import load_profile
 
     aliases = load_aliases()
     described: list[dict[str, Any]] = []
@@ -182,7 +183,8 @@ def _limits_text(pair: tuple[float, float] | None, cap: float | None) -> str:
 )
 def run_forget(args: argparse.Namespace) -> int:
     """Remove the profile, damaged or not, after asking. The name stays."""
-    from servolink.profiles.store import profile_names, profile_path, remove_profile
+    from servolink.profiles.listing import profile_names
+    from servolink.profiles.store import profile_path, remove_profile
 
     name = args.name
     if name not in profile_names():
@@ -209,7 +211,7 @@ def known_name(args: argparse.Namespace) -> tuple[str, str | None]:
     """Return name and address of the board in `args`. Raise InvalidAddress if there is no such name."""
     from servolink.discovery.names import load_aliases
     from servolink.errors import InvalidAddress
-    from servolink.profiles.store import profile_names
+    from servolink.profiles.listing import profile_names
 
     aliases = load_aliases()
     if args.name not in aliases and args.name not in profile_names():

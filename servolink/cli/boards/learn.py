@@ -19,7 +19,7 @@ from servolink.cli.screen.terminal import can_ask, confirm, wait_for_enter
 from servolink.cli.usage import usage_error
 from servolink.client.captions import ALL, servo_id
 from servolink.connection.options import options_in
-from servolink.discovery.names import resolve_url
+from servolink.discovery.resolving import resolve_url
 from servolink.discovery.search import identity_of
 from servolink.doctor.contact import AFTER_RESET
 from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing

@@ -129,7 +129,7 @@ async def _spy(args: argparse.Namespace) -> int:
 
 async def _board(args: argparse.Namespace) -> StreamTransport:
     """Return the transport to the board, not opened yet."""
-    from servolink.discovery.names import resolve_url
+    from servolink.discovery.resolving import resolve_url
     from servolink.transports.registry import create
     from servolink.transports.serial import SerialTransport
     from servolink.transports.stream import StreamTransport

@@ -23,7 +23,7 @@ from servolink.control.roles import RoleName
 from servolink.control.share_address import this_program
 from servolink.control.status import HubStatus
 from servolink.discovery.hubs import candidates, hub_of
-from servolink.discovery.names import resolve_url
+from servolink.discovery.resolving import resolve_url
 from servolink.errors import OpenError
 from servolink.script import OK
 

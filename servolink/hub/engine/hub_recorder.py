@@ -13,9 +13,10 @@ from servolink.client.board import Board
 from servolink.control.messages import RecordingEntry, RecordingNow
 from servolink.control.notifications import ProblemNotice, RecordingNotice
 from servolink.errors import RecordingError, ServolinkError
-from servolink.files import MIB, user_folder
+from servolink.files import MIB
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
+from servolink.platforms.user_folders import user_folder
 from servolink.recorder.board_source import follow_servos
 from servolink.recorder.channels import Event
 from servolink.recorder.readings import ReadingsFeed
