@@ -1,4 +1,7 @@
-"""The end of a connection, whoever brings it about, and cancellation while sending."""
+"""The end of a connection, whoever brings it about, and cancellation while sending.
+
+Module: servolink.connection.base_connection.
+"""
 
 from __future__ import annotations
 
