@@ -214,6 +214,7 @@ class BoardTransport(BaseTransport, Generic[B]):
         self.board = board
         self._session: AttachedSession | None = None
         self._driver: BoardDriver | None = None
+        self._on_line: list[tuple[bytes, float]] = []  # sent by the host, with times; not yet received by the board
         self._pending: list[bytes] = []
         self._unsent = 0  # bytes sent by the board and not yet delivered to the receiver
 
@@ -229,7 +230,8 @@ class BoardTransport(BaseTransport, Generic[B]):
 
     def _send(self, data: bytes) -> None:
         if self._session is not None:
-            self._session.receive(data, asyncio.get_running_loop().time())
+            self._exchange_soon()
+            self._on_line.append((data, asyncio.get_running_loop().time()))
 
     async def _close(self) -> None:
         """Detach from the board."""
@@ -239,20 +241,39 @@ class BoardTransport(BaseTransport, Generic[B]):
         if self._session is not None and self._driver is not None:
             session, driver, self._session, self._driver = self._session, self._driver, None, None
             driver.stop()
+            self._pass_on(session)  # such as a stop right before the end
             session.detach(asyncio.get_running_loop().time())
 
     def _receive(self, data: bytes) -> None:
-        # Delivered later, never from within send(): a real board cannot respond before the host has finished sending.
-        if not self._pending:
-            asyncio.get_running_loop().call_soon(self._deliver_pending)
+        self._exchange_soon()
         self._pending.append(data)
         self._unsent += len(data)
 
-    def _deliver_pending(self) -> None:
-        chunk = b"".join(self._pending)
-        self._pending.clear()
-        self._deliver(chunk)
-        self._unsent -= len(chunk)  # not before: a failed receiver has received nothing
+    def _exchange_soon(self) -> None:
+        # Later, never from within send(): a real board works beside the host, and cannot respond before the host has
+        # finished sending. Of many boards on one loop, the work of the first does not delay what is sent to the others.
+        if not self._on_line and not self._pending:
+            asyncio.get_running_loop().call_soon(self._exchange)
+
+    def _exchange(self) -> None:
+        try:
+            if self._session is not None:
+                self._pass_on(self._session)
+        except Exception as error:  # noqa: BLE001 - any bug of the board
+            self._lose(error)
+        if self._pending:
+            chunk = b"".join(self._pending)
+            self._pending.clear()
+            self._deliver(chunk)
+            self._unsent -= len(chunk)  # not before: a failed receiver has received nothing
+
+    def _pass_on(self, session: AttachedSession) -> None:
+        """Let the board receive everything that the host has sent, as of the time of sending."""
+        try:
+            for data, sent_at in self._on_line:
+                session.receive(data, sent_at)
+        finally:
+            self._on_line.clear()
 
 
 class VirtualTransport(BoardTransport[VirtualBoard]):

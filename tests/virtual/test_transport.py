@@ -36,6 +36,7 @@ from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
 
 LIST = Codec().encode(QueryServoListRequest())
+MOVE = Codec().encode(ExecuteActionRequest((Step(1, 90, 100),)))  # takes 1 s
 
 
 def made(url: str) -> BoardTransport[Any] | FaultyVirtualTransport:
@@ -49,6 +50,31 @@ async def test_it_answers_in_a_later_turn_of_the_loop() -> None:
     assert heard.packets == []
     assert await heard.until(2) == [QueryServoListResponse((1, 2))] * 2
     await transport.close()
+
+
+async def test_the_board_receives_what_was_sent_in_a_later_turn_of_the_loop_as_of_the_sending() -> None:
+    board, moment = VirtualBoard(servos=1), asyncio.get_running_loop().time()
+    transport = VirtualTransport(board)
+    await transport.open(Heard())
+    await transport.send(MOVE)
+    sent_by = asyncio.get_running_loop().time()
+    moving = [board.servos[1].moving]
+    await asyncio.sleep(0)
+    moving.append(board.servos[1].moving)
+    for time in (moment + 0.9, sent_by + 1.0):
+        board.advance(time)
+        moving.append(board.servos[1].moving)
+    assert moving == [False, True, True, False]
+    await transport.close()
+
+
+async def test_what_was_sent_right_before_the_end_reaches_the_board() -> None:
+    board = VirtualBoard(servos=1)
+    transport = VirtualTransport(board)
+    await transport.open(Heard())
+    await transport.send(MOVE)
+    await transport.close()
+    assert board.servos[1].moving
 
 
 def test_the_address_makes_the_board() -> None:
