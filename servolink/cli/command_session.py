@@ -218,7 +218,7 @@ async def mode_restored(board: Board, *, keeps_mode: bool, woke: bool = False) -
 
 def _has_woken(board: Board) -> bool:
     """Return whether the present connection has set mode 1 on a board in mode 0."""
-    return getattr(board.connection, "woke", False)
+    return board.connection.opener.woke
 
 
 @contextmanager
