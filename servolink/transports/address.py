@@ -22,6 +22,7 @@ _HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
 _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
 _FORMS = "write it as serial:///dev/ttyACM0, serial://COM3, tcp://host:port or virtual://"
 _LONGEST = 200  # characters of an address in an error text
+_MOST = 65_536  # characters of an address: resolving links in a path takes time with its square
 CONNECTION_OPTIONS = (
     "byte_order",
     "caption_encoding",
@@ -63,6 +64,8 @@ class Address:
     @classmethod
     def parse(cls, url: str) -> Address:
         """Return the address in `url`. Raise InvalidAddress, with the correct form, for any other text."""
+        if len(url) > _MOST:
+            raise refusal(url, f"is longer than {_MOST:,} characters")
         if re.search(_CONTROL, url):
             raise refusal(url, f"holds a control character; {_FORMS}")
         if re.match(_BARE_DEVICE, url):  # taken literally: file names need no escapes
