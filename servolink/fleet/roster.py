@@ -13,11 +13,14 @@ from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, UNREADABLE, Boar
 
 MOST_BOARDS = 5000
 """Most boards kept; any writer at the broker could invent boards without limit."""
+MOST_HELD = 64 * 1024 * 1024
+"""Bytes of the latest messages of all boards together; a message beyond them is refused."""
 
 LOW_BATTERY = 20.0
 """Percent below which a board needs help."""
 
 _LONGEST_PULSE = 64
+_KEPT = {"state", "servos", "log"}  # kinds of messages that are kept whole
 _STATE = msgspec.json.Decoder(BoardNow)
 _SERVOS = msgspec.json.Decoder(ServosNow)
 _LOG = msgspec.json.Decoder(LogLine)
@@ -42,6 +45,8 @@ class BoardSeen:
     """Latest word of the board's pulse, which shows the age of a command."""
     log: LogLine | None = None
     """Latest line of the board's log."""
+    held: dict[str, int] = field(default_factory=dict)
+    """Bytes of the latest message of each kind."""
     _servos: bytes = field(default=b"", repr=False)
 
     @property
@@ -105,8 +110,9 @@ class Roster:
     def __init__(self) -> None:
         self._boards: dict[str, BoardSeen] = {}
         self._names: list[str] = []  # kept in order: sorting thousands takes longer than all else for their list
+        self._held = 0  # bytes of all latest messages
         self.refused = 0
-        """Number of messages of boards beyond the first 5,000, and of messages beyond the size limit."""
+        """Number of messages of boards beyond the first 5,000, and of messages beyond the size limits."""
 
     def get(self, name: str) -> BoardSeen | None:
         """Return the state of a board; None for an unknown board."""
@@ -149,11 +155,16 @@ class Roster:
                 return None
             board = self._boards[name] = BoardSeen(name)
             insort(self._names, name)
-        if len(payload) > MOST_BYTES:
+        grown = len(payload) - board.held.get(kind, 0) if kind in _KEPT else 0
+        if len(payload) > MOST_BYTES or (grown > 0 and self._held + grown > MOST_HELD):
             self.refused += 1
             return None
         if kind == "available" and not payload:  # somebody has removed the board from the broker
+            self._held -= sum(board.held.values())
             del self._boards[name]
             self._names.remove(name)
             return board
+        if kind in _KEPT:
+            board.held[kind] = len(payload)
+            self._held += grown
         return board if board.take(kind, payload, now) else None
