@@ -105,7 +105,9 @@ class PageConnection(web.RequestHandler):
         message: str | None = None,
     ) -> web.StreamResponse:
         """Return the response to a request that is malformed, too long, or failed in the studio."""
-        if status >= _SERVER_ERROR:
+        if isinstance(exc, ConnectionResetError):  # gone, or dropped to make room, before the response began
+            _logger.debug("a request for %r was not answered: the connection has ended", request.path)
+        elif status >= _SERVER_ERROR:
             _logger.error("a request for %r failed", request.path, exc_info=exc)
         text = "the studio cannot handle this request\n"
         response = web.Response(status=status, text=text, headers=HEADERS)

@@ -17,7 +17,7 @@ import pytest
 from aiohttp import WSMsgType
 
 from servolink.studio import connections
-from servolink.studio.connections import HEADERS
+from servolink.studio.connections import HEADERS, PageConnection
 from servolink.studio.gate import Gate
 from servolink.studio.page import MOST_MESSAGE, MOST_UNREAD
 from tests.studio.serving import Place, call, run, welcomed
@@ -173,6 +173,23 @@ def test_a_request_that_fails_in_the_studio_is_logged_and_has_our_headers(
     run(test)
     assert "a request for '/' failed" in caplog.text
     assert "ZeroDivisionError" in caplog.text
+
+
+@pytest.mark.parametrize("first", ["a request", "a WebSocket without a token"])
+def test_a_connection_that_ends_before_its_response_leaves_no_trace(
+    first: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.handler.filters.clear()  # as above
+    monkeypatch.setattr(PageConnection, "heard", lambda connection: connection.transport.abort())
+
+    async def test(place: Place) -> None:
+        host = place.address.removeprefix("http://")
+        async with silent(place, FIRST[first].replace("{host}", host).encode()) as reader:
+            with suppress(ConnectionResetError):
+                assert await reader.read() == b""
+
+    run(test)
+    assert [record for record in caplog.records if record.name.startswith(("aiohttp", "servolink"))] == []
 
 
 @pytest.mark.parametrize("is_let_in", [False, True])
