@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
+from threading import BoundedSemaphore
 from typing import Any, Final, TypeAlias
 
 import foxglove  # pyright: ignore[reportMissingImports]
@@ -27,6 +28,8 @@ HZ: Final = 25.0
 """Readings of the servos per second."""
 
 _MOST_BYTES = 65_536  # of a published target
+_MOST_CHANNELS = 256  # on which programs publish targets
+_MOST_WAITING = 64  # messages that the event loop has not taken yet; further messages are dropped
 _LONGEST_PAUSE = 1.0  # seconds between two messages of a recording; longer silences are cut short
 
 Ask: TypeAlias = Callable[[str], Awaitable[bool]]
@@ -50,7 +53,8 @@ class PublishedTargets(ServerListener):  # type: ignore[misc,unused-ignore]  # w
         self._loop = asyncio.get_running_loop()
         self._tasks = Tasks()
         self._moving: tuple[int, asyncio.Task[None]] | None = None  # client, and the motion for it
-        self._topics: dict[tuple[int, int], str] = {}
+        self._to_move: set[tuple[int, int]] = set()  # client and channel
+        self._waiting = BoundedSemaphore(_MOST_WAITING)
 
     def on_subscribe(self, client: Any, channel: Any) -> None:
         """Draw the scene for a program that begins to listen; no scene is logged before."""
@@ -58,27 +62,37 @@ class PublishedTargets(ServerListener):  # type: ignore[misc,unused-ignore]  # w
             self._channels.draw_scene(time.time_ns())
 
     def on_client_advertise(self, client: Any, channel: Any) -> None:
-        """Keep the topic on which a program will publish."""
-        self._loop.call_soon_threadsafe(self._topics.__setitem__, (client.id, channel.id), channel.topic)
+        """Note a channel on which a program will publish targets."""
+        if channel.topic == MOVE:
+            self._loop.call_soon_threadsafe(self._note, client.id, channel.id)
 
     def on_client_unadvertise(self, client: Any, client_channel_id: int) -> None:
         """Stop the motion of a program that closes the channel or disconnects."""
         self._loop.call_soon_threadsafe(self._leave, client.id, client_channel_id)
 
     def on_message_data(self, client: Any, client_channel_id: int, data: bytes) -> None:
-        """Take a target published by a program, on any topic."""
-        self._loop.call_soon_threadsafe(self._take, client.id, client_channel_id, bytes(data[: _MOST_BYTES + 1]))
+        """Take a message published by a program, on any topic; a flood of messages waits in no queue."""
+        if self._waiting.acquire(blocking=False):
+            self._loop.call_soon_threadsafe(self._take, client.id, client_channel_id, bytes(data[: _MOST_BYTES + 1]))
 
     async def close(self) -> None:
         """Stop the motion under way."""
         await self._tasks.close()
 
+    def _note(self, client: int, channel: int) -> None:
+        if len(self._to_move) < _MOST_CHANNELS:
+            self._to_move.add((client, channel))
+
     def _leave(self, client: int, channel: int) -> None:
-        if self._topics.pop((client, channel), "") == MOVE and self._moving is not None and self._moving[0] == client:
+        if (client, channel) not in self._to_move:
+            return
+        self._to_move.discard((client, channel))
+        if self._moving is not None and self._moving[0] == client:
             self._moving[1].cancel()
 
     def _take(self, client: int, channel: int, data: bytes) -> None:
-        if self._topics.get((client, channel)) != MOVE or self._supervisor is None:
+        self._waiting.release()
+        if (client, channel) not in self._to_move or self._supervisor is None:
             return
         if self._moving is not None and not self._moving[1].done():
             self._tell("a target was ignored: a motion is asked for, or under way")

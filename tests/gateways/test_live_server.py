@@ -16,7 +16,8 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import aiohttp
 import pytest
@@ -36,6 +37,7 @@ pytest.importorskip("foxglove", reason="in the extra foxglove")
 
 import foxglove
 
+from servolink.gateways import live_server
 from servolink.gateways.live_channels import LiveChannels
 from servolink.gateways.live_server import MOVE, PublishedTargets, follow_hub, follow_recording, serving
 
@@ -170,6 +172,23 @@ def test_published_targets_move_after_a_yes_and_only_then() -> None:
             assert len(robot.motions) == 1
 
     asyncio.run(main())
+
+
+async def test_a_client_that_floods_fills_no_memory() -> None:
+    listener, calls = PublishedTargets(cast("Any", None), None, 60.0, always), list[tuple[Any, ...]]()
+    listener._loop = cast("Any", SimpleNamespace(call_soon_threadsafe=lambda *call: calls.append(call)))
+    client = SimpleNamespace(id=1)
+    for number in range(1000):
+        for topic in (MOVE, f"/{number}"):
+            listener.on_client_advertise(client, SimpleNamespace(id=number, topic=topic))
+        listener.on_message_data(client, number, bytes(100_000))
+    assert len(calls) == 1000 + live_server._MOST_WAITING
+    for act, *arguments in calls:
+        act(*arguments)
+    assert len(listener._to_move) == live_server._MOST_CHANNELS
+    calls.clear()
+    listener.on_message_data(client, 0, b"{}")
+    assert len(calls) == 1, "there is room again"
 
 
 def test_the_end_of_a_client_stops_what_it_moved() -> None:
