@@ -9,7 +9,7 @@ from random import Random
 from benchmarks.measuring import Result, table
 from benchmarks.reliability.line import LINES, Direction, Line
 from benchmarks.reliability.witness import Witness
-from servolink.connection.dispatcher import NestedFrameFilter
+from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.protocol.codec import Codec
 from servolink.protocol.editing import AddActionResponse, QueryActionListResponse, QueryProjectIDResponse
 from servolink.protocol.frame import HEADER, HEADER_SIZE, Frame

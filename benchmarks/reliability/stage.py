@@ -143,7 +143,7 @@ class Stage:
         cable.link = self.link = link
         parser = WitnessedParser(scene.codec.byte_order, self._believes)
         parser.skipped = link.stats.skipped
-        link.answers._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
+        link.answers._parser = link.answers.watchdog._parser = parser  # noqa: SLF001 - what it believes is to be compared with what was said
         await link.open()
         self.connected = Board(Session(link), None, MotionLimits())
 

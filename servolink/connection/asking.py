@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from servolink.connection.call import Call
 from servolink.connection.dispatcher import ResponseDispatcher
+from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, ServolinkError
 from servolink.protocol.packet import Query, Response
@@ -23,10 +24,11 @@ class QueryAsker:
     What is not answered at once goes on in a task, like any other call.
     """
 
-    def __init__(self, sender: RequestSender, answers: ResponseDispatcher) -> None:
-        """Ask through `sender`; `answers` receives the responses."""
+    def __init__(self, sender: RequestSender, answers: ResponseDispatcher, scheduler: RequestScheduler) -> None:
+        """Ask through `sender` with permits of `scheduler`; `answers` receives the responses."""
         self._sender = sender
         self._answers = answers
+        self._scheduler = scheduler
         self._tasks = Tasks()
 
     def ask(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
@@ -52,7 +54,7 @@ class QueryAsker:
         if call.response is None:
             self._tasks.begin(self._go_on(call, packet, frame, done))
         else:
-            self._answers.later.append(partial(self._finish, call, call.response, done))
+            self._scheduler.later.append(partial(self._finish, call, call.response, done))
 
     async def _go_on(self, call: Call, packet: Query[Any], frame: bytes, done: Done) -> None:
         outcome: Response | ServolinkError

@@ -124,7 +124,7 @@ class BaseConnection:
         self.gates = Gates(ticket=ticket_gate(self.stops, time_with_sleep), limits=limits_gate(lambda: self.units_sent))
         """Checks of each packet right before sending, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
-        self._asker = QueryAsker(self._sender, self.answers)
+        self._asker = QueryAsker(self._sender, self.answers, self._scheduler)
 
     @property
     def url(self) -> str:
@@ -248,7 +248,7 @@ class BaseConnection:
     def resume(self) -> None:
         """Send again, if the connection is suspended."""
         if self.is_suspended:
-            self.answers.count_from_now()
+            self.answers.watchdog.count_from_now()
             self.lifecycle.change(ConnectionEvent.RESUMED)
             self._scheduler.resume()
 

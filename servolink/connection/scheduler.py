@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
-from servolink.connection.call import Call, Lane
+from servolink.connection.call import Call, Lane, Slot
 from servolink.connection.climb import DepthClimb
 from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
 from servolink.errors import ConnectionLost
@@ -149,6 +149,8 @@ class RequestScheduler:
         """Called when a caller steps aside: another one may send."""
         self._granted: list[Request[Any] | Command] = []  # with a permit, but not in `slots` yet
         self._is_held = False
+        self.later: deque[Callable[[], None]] = deque()
+        """Functions to call when `hold` is over: sending needs slots in their final state."""
 
     def acquire_at_once(self, packet: Request[Any] | Command) -> bool:
         """Take a permit if nothing stands in the way of `packet`, to be sent at once. `release` must follow."""
@@ -220,6 +222,12 @@ class RequestScheduler:
         if self.waiting:
             self.grant()
 
+    def release_held(self, slot: Slot) -> None:
+        """Give the permit back that a slot holds of an ended call, if any."""
+        packet, slot.holds_permit_of = slot.holds_permit_of, None
+        if packet is not None:
+            self.release(packet)
+
     def step_aside(self, packet: Request[Any] | Command) -> None:
         """Give the permit of `packet` back until the caller acquires another. `step_back` must follow."""
         self.aside += 1
@@ -245,10 +253,12 @@ class RequestScheduler:
         self._is_held = True
 
     def go_on(self) -> None:
-        """Grant permits again after `hold`."""
+        """Grant permits again after `hold`, then call what waits for that."""
         self._is_held = False
         if self.waiting:
             self.grant()
+        while self.later:
+            self.later.popleft()()
 
     def pause(self) -> None:
         """Grant nothing until `resume`: the connection is being opened."""

@@ -69,6 +69,7 @@ class RequestSender:
         self._scheduler = scheduler
         scheduler.send = self._send_granted
         self._answers = answers
+        self._watchdog = answers.watchdog
         self._times = answers.times
         self._repeats = repeats
         self._window = scheduler.window
@@ -294,7 +295,7 @@ class RequestSender:
                 timeout = max(left, 0.001)
         self._wrote = not request.repeatable
         slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
-        self._answers.open(slot)
+        self._watchdog.open(slot)
         return slot
 
     def needs_mark(self, call: Call) -> bool:
@@ -311,7 +312,7 @@ class RequestSender:
         slots = self._slots.lanes[packet.packet_id + 1].slots
         if call.tries > 1 and slots and slots[0].overdue and slots[0].call is not call:
             return True
-        is_good = self._answers.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
+        is_good = self._watchdog.answered_in_a_row >= _MARK_GOOD_LINE_EVERY
         every = _MARK_GOOD_LINE_EVERY if is_good else _MARK_EVERY
         return not packet.exclusive and (unproved >= every or min(unmatched, unproved) * 2 >= depth)
 

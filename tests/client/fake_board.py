@@ -219,8 +219,9 @@ def forget(board: Board) -> None:
     """Set the counters of `board` back to 0."""
     fresh = Stats()
     for name, value in vars(fresh).items():
-        if name != "skipped":  # the parser has that one
+        if isinstance(value, int):
             setattr(board.stats, name, value)
+    board.stats.round_trips.clear()
 
 
 async def turns_of_the_loop(count: int) -> None:

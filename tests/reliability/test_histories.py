@@ -14,6 +14,7 @@ from benchmarks.reliability.stage import Scene
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.watchdog import ResponseWatchdog
 from servolink.motion.ticket import StopCounter
 from tests import processes
 from tests.reliability import test_model
@@ -64,7 +65,7 @@ def test_nothing_is_wrong_on_any_line_with_any_board(seed: int) -> None:
 
 def matching_with(rules: type[Slots]) -> Callable[[pytest.MonkeyPatch], None]:
     def replace(monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("servolink.connection.connection.Slots", rules)
+        monkeypatch.setattr("servolink.connection.base_connection.Slots", rules)
 
     return replace
 
@@ -86,10 +87,10 @@ def moving_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def giving_up_what_arrives(monkeypatch: pytest.MonkeyPatch) -> None:
-    def abandon(self: ResponseDispatcher, *_: object) -> None:
+    def abandon(self: ResponseWatchdog, *_: object) -> None:
         self._parser.abandon_frame()
 
-    monkeypatch.setattr(ResponseDispatcher, "_await_partial_frame", abandon)
+    monkeypatch.setattr(ResponseWatchdog, "_await_partial_frame", abandon)
 
 
 @pytest.mark.parametrize(
