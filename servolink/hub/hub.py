@@ -89,6 +89,8 @@ class Hub:
         self.ask, self.ask_stop, self.ask_waiting = self._upstream.ask, self._stopping.ask, self._upstream.send_waiting
         self.withdraw = self._upstream.withdraw
         """Take the requests and stops of a `Program`, and send held requests when the program reads again."""
+        self.quiet = self._upstream.quiet
+        """Context in which requests of programs wait, but for stops; a motion right after it finds a free line."""
         self._now = asyncio.get_running_loop().time
         self._began_at = self._now()
         self.questions = Questions(self.tell, self.name_of)

@@ -11,7 +11,6 @@ import json
 import socket
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -227,22 +226,22 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
 
 
 def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    leads: list[float] = []
-
     async def main() -> None:
         loop, moment = asyncio.get_running_loop(), asyncio.Event()
+        moments: list[float] = []
 
-        async def wait(lead: float) -> None:
-            leads.append(lead)
+        async def wait(at: float) -> None:
+            moments.append(at)
             await moment.wait()
 
-        monkeypatch.setattr(prepared, "asyncio", SimpleNamespace(get_running_loop=lambda: loop, sleep=wait))
+        monkeypatch.setattr(prepared, "_until", wait)
         async with bridged(broker, "run") as (far, hub):
             await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
             wave = {"type": "action", "id": "Wave"}
             await far.call("prepare", params={"start": "s1", "run": wave})
-            await far.publish("servolink/rex/start", {"id": "s1", "at": loop.time() + 0.9})
-            await far.until(lambda: bool(leads))
+            at = loop.time() + 0.9
+            await far.publish("servolink/rex/start", {"id": "s1", "at": at})
+            await far.until(lambda: bool(moments))
             await far.publish("servolink/rex/stop", {"id": "now"})
             assert (await far.result("now"))["ok"]
             moment.set()
@@ -252,9 +251,9 @@ def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch:
             await far.call("prepare", params={"start": "s2", "run": wave}, id="later")
             await far.publish("servolink/rex/start", {"id": "s2", "at": loop.time() + LIMIT})
             assert "at must be at most 1 s ahead" in (await far.result("s2"))["error"]["message"]
+            assert moments == [at - 0.05, at], "first the line is kept free"
 
     run(main())
-    assert leads[0] <= 0.9
 
 
 def test_the_servos_that_do_not_move_are_named_before_a_start(broker: Broker) -> None:

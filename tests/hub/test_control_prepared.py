@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.virtual.kind import BoardKind
 from tests.hub.control_program import RpcFailed, RpcProgram, Shared, shared
 
 BOW = Action(1, "Bow", (Step(1, 60, 50),))
@@ -70,10 +71,40 @@ async def test_a_prepared_run_begins_at_the_moment_that_was_said_unless_a_stop_c
         await here.hub.board.set_servo("all", start=True, hold=True)
         await studio.call("run.prepare", type="action", id=1)
         assert "at most 1 s ahead, not 2 s" in await refusal(studio, "run.start", at=clock() + 2)
-        late = asyncio.create_task(refusal(studio, "run.start", at=clock() + 0.25))
-        await asyncio.sleep(0.1)
+        at = clock() + 0.25
+        late = asyncio.create_task(refusal(studio, "run.start", at=at))
+        await asyncio.sleep(0.22)  # when other requests wait already
         await tablet.call("stop")
+        assert clock() < at
         assert "the board was stopped since this was prepared" in await late
+
+
+async def test_a_start_does_not_wait_for_responses_that_other_programs_have_asked_for() -> None:
+    async with (
+        shared(kind=BoardKind(turnaround=0.03)) as here,
+        here.program() as studio,
+        here.program("tablet") as tablet,
+    ):
+        await stored(here)
+
+        async def read() -> None:
+            while True:
+                await tablet.call("servos.list")
+
+        async with asyncio.TaskGroup() as group:
+            reading = group.create_task(read())
+            await studio.call("run.prepare", type="action", id=1)
+            at = asyncio.get_running_loop().time() + 0.25
+            assert await studio.call("run.start", at=at) == {"monotonic": at}
+            received = here.virtual.work.received
+            here.virtual.advance(at + 0.499)
+            moving = [here.virtual.servos[1].moving]
+            here.virtual.advance(at + 0.501)
+            moving.append(here.virtual.servos[1].moving)
+            assert moving == [True, False], "it began at the moment"
+            await asyncio.sleep(1)
+            assert here.virtual.work.received > received + 20, "and the others read again"
+            reading.cancel()
 
 
 @pytest.mark.parametrize("kind", ["action", "macro"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import gc
 from contextlib import AsyncExitStack
 from functools import partial
 from typing import Any
@@ -100,6 +101,7 @@ async def _share(args: argparse.Namespace, interruption: Interruption) -> int:
         else:
             show = stack.enter_context(in_the_log())
         stack.callback(hub.listen(lambda notice, session: show(notice, hub.name_of(session))))
+        gc.freeze()  # a search for garbage among all that is loaded would hold up motions and stops for 30 ms
         try:
             await asyncio.Event().wait()
         finally:

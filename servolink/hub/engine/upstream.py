@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Literal, TypeAlias
 
 from servolink.client.board import Board
@@ -44,6 +45,7 @@ class Upstream:
         self._tasks = Tasks()
         self._idle: deque[asyncio.Future[Exchange]] = deque()  # each of a task
         self._active = 0  # exchanges under way
+        self._quiet = 0  # blocks of `quiet`
         self.on_over: RequestFollower | None = None
         """Called when a request is over, but not for a query with a response; None if nobody wants to know."""
 
@@ -92,9 +94,21 @@ class Upstream:
         for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
             self._tasks.begin(self._finish_stopped(exchange, reason))
 
+    @contextmanager
+    def quiet(self) -> Iterator[None]:
+        """Send no waiting request in the block. A motion that is begun right after the block finds a free line."""
+        self._quiet += 1
+        try:
+            yield
+        finally:
+            self._quiet -= 1
+            self._loop.call_soon(self.send_waiting)  # after the motion
+
     def send_waiting(self) -> None:
         """Send waiting requests while the connection has room."""
         waiting = self.waiting
+        if self._quiet:
+            return
         while waiting.ring and self._idle and (not self._active or self._active < self._board.connection.callers):
             exchange = waiting.take()
             if exchange is None:

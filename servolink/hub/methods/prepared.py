@@ -14,6 +14,7 @@ from servolink.protocol.editing import ExecuteMacroRequest
 from servolink.protocol.servos import ExecuteActionExRequest
 
 _LONGEST_LEAD = 1.0
+_QUIET = 0.05  # seconds before a start in which the board is asked for nothing; a stop waits no longer for the line
 
 
 @METHODS.add("run.prepare", Role.RUN, in_order=True)
@@ -45,16 +46,20 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
 async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     """Begin the prepared run of `run.prepare` once, at the time `at`, ahead of all waiting requests.
 
-    Programs that begin at the same moment begin closer together than their messages come. With limits, the run is
-    compared again with the present pose, as by `run`, and takes as long. MotionRefused if nothing is prepared, if the
-    board was stopped or connected again since, or if another program has the lease.
+    Programs that begin at the same moment begin closer together than their messages come. Requests of all programs,
+    except stops, wait for 50 ms before it, so that no response is in the way. With limits, the run is compared again
+    with the present pose, as by `run`, and takes as long. MotionRefused if nothing is prepared, if the board was
+    stopped or connected again since, or if another program has the lease.
     """
     control, clock = caller.control, asyncio.get_running_loop().time
     if params.at is not None:
         lead = params.at - clock()
         if lead > _LONGEST_LEAD:
             raise ValueError(f"at must be at most {_LONGEST_LEAD:g} s ahead, not {lead:g} s")
-        await asyncio.sleep(lead)
+        await _until(params.at - _QUIET)
+        if control.prepared is not None:
+            with control.hub.quiet():
+                await _until(params.at)
     prepared, control.prepared = control.prepared, None
     if prepared is None:
         raise MotionRefused("nothing was moved: nothing is prepared; call run.prepare first")
@@ -75,3 +80,14 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     else:
         await board.run_action(packet.action_id)
     return RunStarted(clock())
+
+
+async def _until(at: float) -> None:
+    """Wait until a time of the event loop; at least one turn of the loop."""
+    loop = asyncio.get_running_loop()
+    moment = loop.create_future()
+    timer = loop.call_at(at, moment.set_result, None)
+    try:
+        await moment
+    finally:
+        timer.cancel()
