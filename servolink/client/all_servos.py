@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servolink.client.session import Session
 from servolink.connection.options import HUB_MARGIN
 from servolink.errors import RequestTimeout, ServolinkError
+from servolink.numeric import as_number
 from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest, QueryServoRequest, ServoState
+
+if TYPE_CHECKING:
+    from servolink.client.captions import Targets
 
 
 class AllServos:
@@ -37,6 +42,23 @@ class AllServos:
     async def ids(self, **options: Any) -> tuple[int, ...]:
         """Return the ids that address all servos: 255 (`ALL_SERVOS`), or the id of each on a separate board."""
         return await self._list(**options) if self.is_separate else (ALL_SERVOS,)
+
+    async def id_of(self, servo: int | str) -> int:
+        """Return the id of a servo, by id or caption, and 255 for `all`. See `captions` for the errors of a caption."""
+        if not isinstance(servo, str):
+            number: int = as_number(servo)
+            return number
+        from servolink.client.captions import servo_id  # late, as below: most programs give ids
+
+        return await servo_id(self._session, servo)
+
+    async def targets_by_id(self, targets: Targets) -> Mapping[int, float]:
+        """Return `targets` by id, `all` as each servo. Raise EncodeError for a repeated servo."""
+        if not isinstance(targets, Mapping) or not any(isinstance(servo, str) for servo in targets):
+            return targets  # type: ignore[return-value]  # by id, or refused later
+        from servolink.client.captions import servo_targets
+
+        return await servo_targets(self._session, targets)
 
     async def finds_separate(self) -> bool:
         """Return whether the board answers for single servos only, after a request for all was not answered.

@@ -6,7 +6,6 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from servolink.client.all_servos import AllServos
-from servolink.client.captions import servo_id as id_of_servo
 from servolink.client.session import Session
 from servolink.connection.explain import timed_out
 from servolink.errors import EncodeError, OutcomeUnknown, Rejected
@@ -55,7 +54,7 @@ class AngleUnits:
         """Set the unit of a servo (255: all). Raise Rejected if the board refuses."""
         if unit not in ("degree", "adc"):
             raise EncodeError(f"unit must be 'degree' or 'adc', not {quote(unit)}")
-        servo_id = await id_of_servo(self._session, servo)
+        servo_id = await self._all.id_of(servo)
         async with self._setting:
             if servo_id != ALL_SERVOS:
                 await self._set_first()  # or a later command would set all servos over this one

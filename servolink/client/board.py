@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from servolink.client.board_servos import ServoController
-from servolink.client.captions import Targets
 from servolink.client.servo_state import Servo
 from servolink.client.session import Session
 from servolink.connection.connection import Connection
@@ -45,6 +44,7 @@ if TYPE_CHECKING:  # imported at first use: few programs use most of these modul
     from servolink.client.alarms import Alarm
     from servolink.client.board_records import RecordStore
     from servolink.client.button_events import ButtonEvents, ButtonSubscription
+    from servolink.client.captions import Targets
     from servolink.client.playing import Playback, Playing
     from servolink.client.projects import ProjectTransfers
     from servolink.client.raw_packets import RawPackets

@@ -11,8 +11,6 @@ from msgspec.structs import replace
 
 from servolink.client.all_servos import AllServos
 from servolink.client.angle_units import AngleUnits
-from servolink.client.captions import ALL, Targets, servo_targets
-from servolink.client.captions import servo_id as id_of_servo
 from servolink.client.servo_state import Servo, Servos, angles_of, until_arrived
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
@@ -46,9 +44,11 @@ from servolink.protocol.servos import (
 )
 
 if TYPE_CHECKING:
+    from servolink.client.captions import Targets
     from servolink.motion.set_points import SetPoints
 
 _STOP_TRIES = 3
+_ALL = "all"  # as in `captions`, which is loaded for captions only
 
 
 class ServoController:
@@ -82,9 +82,9 @@ class ServoController:
 
     async def servo(self, which: int | str) -> Servo:
         """Return the state of a servo (3.2.2). Raise NotFound for a missing servo."""
-        if which == ALL:
+        if which == _ALL:
             raise NotFound("'all' stands for all servos, whose states `servos` returns; for a caption write 'name:all'")
-        servo_id = await id_of_servo(self._session, which)
+        servo_id = await self.all.id_of(which)
         for servo in await self._read(servo_id):
             if servo.servo_id == servo_id:
                 return servo
@@ -94,7 +94,7 @@ class ServoController:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
         is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
         ticket = ticket or self._session.ticket()
-        servo_id = await id_of_servo(self._session, which)
+        servo_id = await self.all.id_of(which)
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
         response = await self.answer_to(request, ticket=ticket)
         if response != SetServoParameterResponse(servo_id, is_start, is_hold):
@@ -153,7 +153,7 @@ class ServoController:
         connection = self._session.connection
         ticket = ticket or connection.stops.ticket()
         check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
-        angles = checked_targets(await servo_targets(self._session, targets))  # a copy: callers change theirs
+        angles = checked_targets(await self.all.targets_by_id(targets))  # a copy: callers change theirs
         # During a change, only `_planned` knows the units, and only a reading whether a servo is outside its limits.
         if not self.units.is_changing and not self._are_outside(angles):
             self._goals(angles, speed, {})
@@ -183,7 +183,7 @@ class ServoController:
         self, targets: Targets, seconds: float, *, settle: bool = False
     ) -> AsyncGenerator[tuple[Servo, ...], None]:
         """Yield readings until the servos have arrived (see `Board.follow`)."""
-        angles = checked_targets(await servo_targets(self._session, targets))
+        angles = checked_targets(await self.all.targets_by_id(targets))
         await self.units.ensure()
         goals = self._in_units(wire_angles(angles, self.units.of))
         async for servos in self.until_arrived(goals, seconds, settle=settle):

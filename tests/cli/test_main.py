@@ -41,15 +41,16 @@ NOT_FOR_CONNECTING = {
     "copy",
     "pathlib",
     "unicodedata",
+    "servolink.client.captions",
     "servolink.client.reconnect",
     "servolink.connection.evidence",
     "servolink.pauses",
-    "servolink.project.transfer",
+    "servolink.project",
     "servolink.protocol.lenient",
     "servolink.transports.base",
     "servolink.transports.foreign",
 }
-"""Modules for losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
+"""Modules for captions, losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
 
 NOT_FOR_SERVOS = {
     "copy",
