@@ -100,6 +100,26 @@ async def test_a_board_that_vanishes_as_a_waiting_query_is_sent_is_lost_with_the
             await second
 
 
+async def test_a_board_that_vanishes_between_permit_and_sending_is_lost_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    board = FakeBoard()
+    monkeypatch.setattr(board, "takes_at_once", False)  # so that the caller sends, in a later turn of the loop
+    async with connected(board) as connection:
+
+        async def ask_and_unplug() -> None:
+            await connection.request(PROJECT)  # then the permit is free
+            board.vanish()
+
+        asking = asyncio.create_task(ask_and_unplug())
+        await turns_of_the_loop(2)
+        with pytest.raises(ConnectionLost, match="device disconnected"):
+            await connection.request(QueryServoListRequest())
+        await asking
+        assert len(board.sent) == 1
+        assert not connection.has_waiting
+
+
 async def test_closing_fails_who_waits_and_may_be_repeated() -> None:
     board = FakeBoard(usual=LOST)
     async with connected(board) as connection:
