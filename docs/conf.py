@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import tomllib
+import typing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,25 +14,20 @@ sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed
 from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
+vars(typing).update(TYPE_CHECKING=True)  # Sphinx evaluates signatures, also with what is imported for types only
+
 import servolink  # noqa: E402
+import servolink.client.connect  # noqa: E402
+
+vars(typing).update(TYPE_CHECKING=False)
+
 from docs import command_pages  # noqa: E402
 from docs.accessible import accessible  # noqa: E402
-from servolink.client import board, connect  # noqa: E402
-from servolink.client.alarms import Alarm  # noqa: E402
-from servolink.control.status import ConnectionState  # noqa: E402
-from servolink.profiles.profile import BoardProfile, ProfileInUse  # noqa: E402
-from servolink.project.model import Project  # noqa: E402
-from servolink.project.transfer import results  # noqa: E402
 
 if TYPE_CHECKING:
     from sphinx.addnodes import pending_xref
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
-
-# Sphinx evaluates signatures, and these are imported for type checkers only.
-for module in (board, connect, results):
-    vars(module).update(Path=Path, BoardProfile=BoardProfile, ProfileInUse=ProfileInUse, Alarm=Alarm, Project=Project)
-    vars(module).update(ConnectionState=ConnectionState)
 
 project = "servolink"
 author = "The servolink authors"
