@@ -71,9 +71,10 @@ finally:
 """
 
 
-def loaded_by(*arguments: str) -> set[str]:
-    """Return the modules that a command loads."""
-    ran = processes.run([sys.executable, "-c", LIST_MODULES, *arguments], env=environment())
+def loaded_by(folder: Path, *arguments: str) -> set[str]:
+    """Return the modules that a command loads for a user whose `folder` has neither names nor profiles."""
+    homes = dict.fromkeys(("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "XDG_DATA_HOME"), str(folder))
+    ran = processes.run([sys.executable, "-c", LIST_MODULES, *arguments], env=environment(**homes))
     return set(ran.stderr.split())
 
 
@@ -96,8 +97,8 @@ def loaded_by(*arguments: str) -> set[str]:
         (("--url", "virtual://", "stop", "--json"), {"rich", "serial", "hid", "hidraw", "usb"}),
     ],
 )
-def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set[str]) -> None:
-    loaded = loaded_by(*arguments)
+def test_only_what_is_needed_is_loaded(arguments: tuple[str, ...], unwanted: set[str], tmp_path: Path) -> None:
+    loaded = loaded_by(tmp_path, *arguments)
     assert "servolink.cli.main" in loaded
     assert loaded & unwanted == set()
 
