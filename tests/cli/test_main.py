@@ -52,14 +52,18 @@ NOT_FOR_CONNECTING = {
 }
 """Modules for captions, losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
 
+MOST_FOR_CONNECTING = 64
+"""Modules of servolink, with packages."""
+
 NOT_FOR_SERVOS = {
     "copy",
+    "termios",
     "servolink.discovery.names",
     "servolink.discovery.search",
     "servolink.profiles.store",
     "servolink.virtual.state_file",
 } | ({"pathlib", "platformdirs"} if sys.platform == "linux" else set())
-"""Modules that find boards and profiles, for an address where nothing has a profile."""
+"""Modules that find boards and profiles, for an address where nothing has a profile, and that read keys."""
 
 LIST_MODULES = """
 import sys
@@ -113,6 +117,8 @@ def test_connecting_loads_neither_searches_nor_other_kinds_of_address() -> None:
         == set()
     )
     assert loaded & NOT_FOR_CONNECTING == set()
+    own = [name for name in loaded if name.partition(".")[0] == "servolink"]
+    assert len(own) <= MOST_FOR_CONNECTING, "each module takes 0.1 ms: import it where it is used"
 
 
 def test_the_public_names_are_loaded_when_they_are_used() -> None:

@@ -12,7 +12,6 @@ from typing import NoReturn
 
 from servolink.cli.screen.output import print_error
 from servolink.escaping import escape
-from servolink.platforms.keyboard import begin_keys, read_line
 
 _cleanups: list[Callable[[], object]] = []
 
@@ -59,6 +58,8 @@ async def wait_for_enter(request: str) -> bool:
 
 async def _answer_to(request: str) -> str:
     """Print `request` on standard error and return the typed line; the next message starts a line in any case."""
+    from servolink.platforms.keyboard import read_line  # late, as below: most commands ask nothing
+
     print(escape(request), end="", file=sys.stderr, flush=True)
     try:
         answer = await read_line()
@@ -73,6 +74,8 @@ async def _answer_to(request: str) -> str:
 @contextmanager
 def single_keys(typed: Callable[[str], None]) -> Iterator[bool]:
     """Call `typed` with each key, without echo. Yield False, and call nothing, if there is no keyboard to read."""
+    from servolink.platforms.keyboard import begin_keys
+
     end = begin_keys(typed)
     if end is None:
         yield False
