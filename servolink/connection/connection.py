@@ -100,7 +100,7 @@ class Connection(BaseConnection):
         ticket = ticket or (NO_TICKET if packet.is_query else self.stops.ticket())
         deadline = None if timeout is None else call.begun_at + timeout
         if self.preparations and passes_gates(packet):
-            await self._prepare(call, ticket, deadline)
+            await (self.prepare(packet, ticket) if deadline is None else self._prepare(call, ticket, deadline))
         if self.lifecycle.state is not _READY:
             self.opener.begin()
         if not self._scheduler.acquire_at_once(packet):
@@ -199,7 +199,7 @@ class Connection(BaseConnection):
             raise refusal
         self.motions += is_motion(packet)
 
-    async def _prepare(self, call: Call, ticket: Ticket, deadline: float | None) -> None:
+    async def _prepare(self, call: Call, ticket: Ticket, deadline: float) -> None:
         try:
             async with asyncio.timeout_at(deadline):
                 await self.prepare(call.packet, ticket)

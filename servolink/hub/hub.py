@@ -207,7 +207,8 @@ class Hub:
         `end` is its end, if that is known. Raise MotionRefused if that must not be: without the lease, or
         after a stop since `ticket` was issued. Raise Rejected if the board refuses.
         """
-        exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), end=end)
+        program = self._program(session_id)
+        exchange = Exchange(program, packet, ticket, asked_at=self._now(), end=end, may_wait=False)
         response = await self._begin(exchange)
         if response == ExecuteMacroResponse(0):
             raise Rejected(f"{self.url} refused to run what was prepared", packet)

@@ -62,9 +62,8 @@ class Motions:
         Whatever is sent has `ticket`, which the gates of the connection look at. Raise RequestTimeout or OutcomeUnknown
         if the board does not answer.
         """
-        board = self._board if ticket is None else with_ticket(self._board, ticket)
         try:
-            outcome = Outcome(await self._response_to(board, packet, ticket, unchecked=unchecked))
+            outcome = Outcome(await self._response_to(packet, ticket, unchecked=unchecked))
         except (RequestTimeout, OutcomeUnknown):
             raise
         except (EncodeError, RequestError, TargetNotReached) as error:  # the last one: at the end of a soft start
@@ -72,18 +71,23 @@ class Motions:
         self._sent(packet)
         return outcome
 
-    async def _response_to(
-        self, board: Board, packet: Packet, ticket: Ticket | None, *, unchecked: bool
-    ) -> Response | None:
+    async def _response_to(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool) -> Response | None:
         """Send a motion, and return the response of the board."""
+        board, connection = self._board, self._board.connection
         if isinstance(packet, SetServoParameterRequest):
             return await servos_of(board).answer_to(packet, ticket=ticket, unchecked=unchecked)
+        if board.limits and ticket is not None:
+            board = with_ticket(board, ticket)
+        # Without limits, the board decides about packets such as one that names a servo twice.
         if isinstance(packet, Request):
-            response: Response = await board.request(packet, unchecked=unchecked)
+            response: Response = await (
+                board.request(packet, unchecked=unchecked)
+                if board.limits
+                else connection.request(packet, unchecked=unchecked, ticket=ticket)
+            )
             return response
         assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-        # Without limits, the board decides about packets such as one that names a servo twice.
-        await (board.send(packet) if board.limits else board.connection.send(packet, ticket=ticket))
+        await (board.send(packet) if board.limits else connection.send(packet, ticket=ticket))
         return None
 
     async def stream(self, packet: Packet, points: SetPoints, ticket: Ticket) -> Outcome:

@@ -69,12 +69,12 @@ async def run_start(caller: Caller, params: RunStart) -> RunStarted:
         raise MotionRefused("nothing was moved: the board was stopped since this was prepared", reason=Reason.STOP)
     if control.holder is not None:
         raise MotionRefused("nothing was moved: another program has exclusive use", reason=Reason.EXCLUSIVE_USE)
-    board = with_ticket(await control.board(), caller.ticket)
     packet = prepared.packet
-    if not board.limits:
+    if not control.limits:
         sent = clock()
         await control.hub.run(control.session, packet, prepared.ticket, prepared.end)
         return RunStarted(sent)
+    board = with_ticket(await control.board(), caller.ticket)
     if isinstance(packet, ExecuteMacroRequest):
         await board.run_macro(packet.macro_id)
     else:
