@@ -17,7 +17,7 @@ from servolink.files import MIB, is_name, read_file, reason, write_atomically
 from servolink.platforms.locks import lock
 from servolink.platforms.user_folders import user_folder
 from servolink.profiles.listing import profile_names
-from servolink.profiles.toml_text import changed_toml
+from servolink.profiles.toml_text import changed_toml, parse_toml
 from servolink.transports.address import Address, refusal
 from servolink.transports.device_info import DeviceInfo, PortIdentity
 from servolink.transports.serial_ports import identity_at, move, ports_of
@@ -227,9 +227,7 @@ def _changing() -> Iterator[dict[str, Alias]]:
 
 
 def _parse(text: str) -> dict[str, Alias]:
-    import tomllib  # imported late: needed for a file with names only
-
-    aliases = msgspec.convert(tomllib.loads(text), _NamesFile).boards
+    aliases = msgspec.convert(parse_toml(text), _NamesFile).boards
     for name in aliases:
         if not is_name(name):
             raise ValueError(f"{quote(name)} cannot be a name: names have only letters, digits, - and _")

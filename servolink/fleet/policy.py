@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,6 +15,7 @@ from servolink.escaping import quote
 from servolink.files import is_name
 from servolink.fleet.groups import fleet_file, read_fleet_file
 from servolink.motion.limits import MotionLimits
+from servolink.profiles.toml_text import parse_toml
 
 FILE = "fleet.toml"
 
@@ -94,7 +94,7 @@ def load_fleet_file(path: Path | None = None) -> FleetFile:
     """
     text = read_fleet_file(path)
     try:
-        return _checked(msgspec.convert(tomllib.loads(text), _File))
+        return _checked(msgspec.convert(parse_toml(text), _File))
     except (ValueError, RecursionError, OverflowError) as error:  # errors of TOML and of types are ValueErrors
         raise ServolinkError(f"{path or fleet_file()} cannot be used: {error}; correct it") from error
 

@@ -22,6 +22,7 @@ _UNKNOWN = "servolink: unknown value"
 _UNKNOWN_VALUE = re.compile(rf'^(?P<indent>[ \t]*)(?P<name>[^\n=]*[^\n= ]) *= *"{_UNKNOWN}"', re.MULTILINE)
 _PLACEHOLDER = 0
 _HEXADECIMAL = {"vendor_id", "product_id"}
+_MOST_DOTS = 1000
 _PLACE = re.compile(r" \(at line (\d+), column \d+\)$| \(at end of document\)$")
 
 
@@ -39,7 +40,9 @@ def read_toml(text: str) -> dict[str, Any]:
     import tomllib  # imported late: needed for reading only
 
     try:
-        return tomllib.loads(text)
+        return parse_toml(text)
+    except TextError:
+        raise
     except tomllib.TOMLDecodeError as error:
         place = _PLACE.search(message := str(error))
         line = int(place[1]) if place and place[1] else _last_line(text)
@@ -48,6 +51,19 @@ def read_toml(text: str) -> dict[str, Any]:
         raise TextError("is nested too deeply", 1) from None
     except ValueError:  # such as an integer of thousands of digits, or the 31st of February
         raise TextError("is not TOML: a number or a date is impossible", _bad_line(text)) from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return the tables of a TOML text, as `tomllib.loads` does, within a few seconds.
+
+    Raise TextError for a line with 1,000 dots: a key of many parts takes time with their square.
+    """
+    import tomllib
+
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") >= _MOST_DOTS and not line.lstrip().startswith("#"):
+            raise TextError(f"has {_MOST_DOTS:,} dots or more in line {number}", number)
+    return tomllib.loads(text)
 
 
 def line_of(text: str, path: Sequence[str]) -> int:

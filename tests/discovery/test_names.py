@@ -154,6 +154,7 @@ def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
         (b"[boards.'a b']\nurl = 'x'", "'a b' cannot be a name"),
         (b"[colours]", "colours"),
         (b"x = " + b"[" * 5000, ""),
+        (b"x." * 100_000 + b"y = 1", "1,000 dots or more in line 1"),
     ],
 )
 def test_a_damaged_file_is_one_clear_error_and_is_left_alone(content: bytes, named: str, path: Path) -> None:

@@ -163,6 +163,7 @@ DAMAGES = [
     ("a = '\x07'", 1, "is not TOML: Found invalid character '\\x07'"),
     (f"a = 1\nb = {'9' * 5000}", 2, "is not TOML: a number or a date is impossible"),
     (f"a = {'[' * 3000}", 1, "is nested too deeply"),
+    (f"# {'.' * 2000}\n{'a.' * 30_000}b = 1", 2, "has 1,000 dots or more in line 2"),
 ]
 
 
