@@ -18,6 +18,7 @@ vars(typing).update(TYPE_CHECKING=True)  # Sphinx evaluates signatures, also wit
 
 import servolink  # noqa: E402
 import servolink.client.connect  # noqa: E402
+import servolink.virtual.transport  # noqa: E402
 
 vars(typing).update(TYPE_CHECKING=False)
 
