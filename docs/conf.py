@@ -14,13 +14,14 @@ sys.path.insert(0, str(ROOT))  # what is documented is what lies here, installed
 from sphinx.builders.html import StandaloneHTMLBuilder  # noqa: E402
 from sphinx.ext.napoleon.docstring import GoogleDocstring  # noqa: E402
 
-vars(typing).update(TYPE_CHECKING=True)  # Sphinx evaluates signatures, also with what is imported for types only
+typing_names: dict[str, Any] = typing.__dict__
+typing_names["TYPE_CHECKING"] = True  # Sphinx evaluates signatures, also with what is imported for types only
 
 import servolink  # noqa: E402
 import servolink.client.connect  # noqa: E402
 import servolink.virtual.transport  # noqa: E402
 
-vars(typing).update(TYPE_CHECKING=False)
+typing_names["TYPE_CHECKING"] = False
 
 from docs import command_pages  # noqa: E402
 from docs.accessible import accessible  # noqa: E402
