@@ -124,12 +124,13 @@ class Controller:
         patience: float | None = None,
         expires: int = DEFAULT_EXPIRY,
         on_step: OnStep | None = None,
+        pulse: str | None = None,
     ) -> Any:
         """Return the result of a method, carried out once at most by a board. Raise the reported error.
 
         A motion or transfer that has not reached the board after `expires` seconds is not carried out. If nothing comes
         for `patience` seconds (10), raise OutcomeUnknown for what changes or moves something, RequestTimeout for all
-        else.
+        else. `pulse` is the latest word of the board when a person asked for this; without it, that of now.
         """
         topic, message_id = self.topics.board(board, "cmd"), new_id()
         patience = self.patience if patience is None else patience
@@ -137,8 +138,8 @@ class Controller:
         needs_word = method in MOTION | TRANSFERS
         if needs_word and not self._may_move:
             raise ServolinkError(f"{board}: this program has connected without `may_move`, which {method} needs")
-        pulse = seen.pulse if seen is not None and needs_word else None
-        command = Command(message_id, method, _plain(params), self.who, pulse)
+        word = pulse or (seen.pulse if seen is not None and needs_word else None)
+        command = Command(message_id, method, _plain(params), self.who, word)
         payload = msgspec.json.encode(command)
         if len(payload) > MOST_BYTES:
             raise ServolinkError(f"{board}: {method} is longer than {MOST_BYTES >> 20} MiB, the most that is sent")

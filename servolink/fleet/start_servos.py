@@ -6,17 +6,21 @@ from typing import Any
 
 from servolink.client.collect import collect
 from servolink.control.messages import Runnable, ServoList
+from servolink.errors import ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.pending_command import result_as
 from servolink.protocol.json_form import record_from_json
 from servolink.protocol.record_types import ACTION, MACRO, RecordType
 
 
-async def start_servos(controller: Controller, board: str, run: Runnable) -> None:
+async def start_servos(controller: Controller, board: str, run: Runnable, pulse: str | None) -> None:
     """Start and hold the stopped and released servos that a run moves on a board.
 
-    Raise the error of the board, also if the board does not allow `move` from afar.
+    `pulse` is the word of the board when the run was asked for: after a stop since then, no servo is started. Raise the
+    error of the board, also if the board does not allow `move` from afar, and ServolinkError without a word.
     """
+    if pulse is None:
+        raise ServolinkError(f"{board}: no servo was started, as its pulse has not come; try again in a moment")
 
     async def get(kind: RecordType[Any], record_id: int | str) -> Any:
         found = await controller.call(board, "records.get", {"type": kind.label, "id": record_id})
@@ -29,4 +33,5 @@ async def start_servos(controller: Controller, board: str, run: Runnable) -> Non
     servos = result_as(board, await controller.call(board, "servos.list"), ServoList).servos
     for servo in servos:
         if servo.servo_id in moved and not (servo.is_start and servo.is_hold):
-            await controller.call(board, "servo.set", {"servo": servo.servo_id, "start": True, "hold": True})
+            params = {"servo": servo.servo_id, "start": True, "hold": True}
+            await controller.call(board, "servo.set", params, pulse=pulse)

@@ -118,6 +118,7 @@ async def run_together(
     prepare, or is in `failed` already, nobody starts, unless `anyway`: then the others do.
     """
     start_id = new_id()
+    words = {board: seen.pulse if (seen := controller.roster.get(board)) else None for board in runs}
     patience = controller.patience
     expires = min(60.0, patience * (2 if start else 1) + _seconds_to_compare(len(runs)))
 
@@ -126,7 +127,7 @@ async def run_together(
         return result_as(board, found, Prepared)
 
     async def start_idle(board: str) -> Prepared:
-        await start_servos(controller, board, runs[board])
+        await start_servos(controller, board, runs[board], words[board])
         return replace(prepared.done[board], idle_servos=())
 
     prepared = await for_each(runs, prepare, parallel=len(runs))

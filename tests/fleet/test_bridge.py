@@ -22,12 +22,14 @@ from servolink.control.messages import Runnable
 from servolink.discovery.names import Alias, save_alias
 from servolink.errors import OpenError
 from servolink.fleet import client as fleet_client
-from servolink.fleet import hub_session, join, telemetry
+from servolink.fleet import hub_session, join, telemetry, together
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.controller import Controller
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy, PolicyFile
-from servolink.fleet.together import run_together
+from servolink.fleet.start_servos import start_servos
+from servolink.fleet.stop_boards import stop_all
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
 from servolink.hub.methods import prepared
 from servolink.hub.serving import serve_board
@@ -275,6 +277,15 @@ def test_the_servos_that_do_not_move_are_named_before_a_start(broker: Broker) ->
     run(main())
 
 
+async def until_pulse(controller: Controller, *, but: str | None = None) -> str:
+    """Return the word of the board's pulse, when it is another than `but`."""
+    async with asyncio.timeout(LIMIT):
+        while (seen := controller.roster.get("rex")) is None or seen.pulse in {None, but}:
+            await asyncio.sleep(0.01)
+    assert seen.pulse is not None
+    return seen.pulse
+
+
 def test_a_run_starts_the_servos_that_it_moves_if_asked_to(broker: Broker) -> None:
     async def main() -> None:
         async with bridged(broker, "move") as (_, hub), fleet_client.connect(broker.url) as fleet:
@@ -283,15 +294,38 @@ def test_a_run_starts_the_servos_that_it_moves_if_asked_to(broker: Broker) -> No
             await controller.settle()
             await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10), Step(3, 60, 10))))
             await hub.board.add_macro(Macro(8, "Twice", (MacroCommand(7, 0, loop=2),)))
+            word = await until_pulse(controller)
             await hub.board.stop()
             await hub.board.set_servo(4, start=False, hold=False)
-            assert (await run_together(controller, runs)).started == ("rex",)
+            await until_pulse(controller, but=word)
+            assert (await together.run_together(controller, runs)).started == ("rex",)
             assert not any(servo.is_start for servo in await hub.board.servos()), "not asked to"
-            ran = await run_together(controller, runs, start=True)
+            ran = await together.run_together(controller, runs, start=True)
             assert (ran.started, ran.failed, ran.idle_servos) == (("rex",), {}, {})
             servos = await hub.board.servos()
             assert [servo.servo_id for servo in servos if servo.is_start and servo.is_hold] == [1, 3]
             assert not servos[3].is_hold
+
+    run(main())
+
+
+def test_no_servo_is_started_for_a_run_after_a_stop(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def stop_first(controller: Controller, board: str, *arguments: Any) -> None:
+        assert (await stop_all(controller, [board], patience=LIMIT)).is_complete
+        await start_servos(controller, board, *arguments)
+
+    monkeypatch.setattr(together, "start_servos", stop_first)
+
+    async def main() -> None:
+        async with bridged(broker, "move") as (_, hub), fleet_client.connect(broker.url) as fleet:
+            controller = fleet.controller
+            controller.patience = LIMIT
+            await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
+            await until_pulse(controller)
+            ran = await together.run_together(controller, {"rex": Runnable("action", 7)}, start=True)
+            assert ran.started == ()
+            assert "the board was stopped before this began" in ran.failed["rex"]
+            assert not any(servo.is_start for servo in await hub.board.servos())
 
     run(main())
 

@@ -197,14 +197,16 @@ def test_one_whose_servos_cannot_be_started_keeps_all_from_starting(broker: Brok
                     "servos.list": lambda params: {"servos": [IDLE]},
                     "servo.set": lambda params: {},
                 }
+                await board.publish(f"servolink/{board.name}/pulse", f"{board.name}-1")
             fido.answers["servo.set"] = refuse("Forbidden", "servo.set is not allowed from afar")
+            await fleet.controller.settle()
             ran = await fleet.run("Bow", anyway=anyway, start=True)
             assert ran.started == (("rex",) if anyway else ())
             assert ran.held_back == (() if anyway else ("rex",))
             assert ran.failed == {"fido": "fido: servo.set is not allowed from afar"}
             assert ("cancel" in methods(fido), "cancel" in methods(rex)) == (True, not anyway)
-            started = [command.params for command in rex.commands if command.method == "servo.set"]
-            assert started == [{"servo": 1, "start": True, "hold": True}]
+            started = [(command.params, command.pulse) for command in rex.commands if command.method == "servo.set"]
+            assert started == [({"servo": 1, "start": True, "hold": True}, "rex-1")]
 
     asyncio.run(main())
 
