@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 
 from servolink.connection.call import Call
 from servolink.connection.dispatcher import ResponseDispatcher
+from servolink.connection.frame_writer import FrameWriter
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, ServolinkError
@@ -24,9 +25,12 @@ class QueryAsker:
     What is not answered at once goes on in a task, like any other call.
     """
 
-    def __init__(self, sender: RequestSender, answers: ResponseDispatcher, scheduler: RequestScheduler) -> None:
+    def __init__(
+        self, sender: RequestSender, writer: FrameWriter, answers: ResponseDispatcher, scheduler: RequestScheduler
+    ) -> None:
         """Ask through `sender` with permits of `scheduler`; `answers` receives the responses."""
         self._sender = sender
+        self._writer = writer
         self._answers = answers
         self._scheduler = scheduler
         self._tasks = Tasks()
@@ -37,7 +41,7 @@ class QueryAsker:
         sender.open_request(call, packet, call.begun_at)
         call.on_wake = partial(self._woken, packet, frame, done)
         try:
-            taking = sender.take(frame)
+            taking = self._writer.take(frame)
         except ConnectionLost:
             return  # the end of the connection has woken the call
         if taking is not None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from servolink.connection.asking import QueryAsker
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost
+from servolink.connection.frame_writer import FrameWriter
 from servolink.connection.gates import Gates, Preparation, limits_gate, ticket_gate
 from servolink.connection.opener import Opener
 from servolink.connection.options import HUB_MARGIN, PATIENCE, TransmissionMode
@@ -104,8 +105,9 @@ class BaseConnection:
             self.taps,
             ignore_extra=ignore_extra,
         )
+        self._writer = FrameWriter(transport, self.lifecycle, self._scheduler, self.answers)
         self._sender = RequestSender(
-            transport, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
+            self._writer, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
         )
         self.opener = Opener(
             transport,
@@ -114,7 +116,8 @@ class BaseConnection:
             self._slots,
             self._scheduler,
             self.answers,
-            self._sender,
+            self._writer,
+            self._sender.fences,
             patience=patience,
             transmission_mode=transmission_mode,
             unsupported=unsupported,
@@ -124,7 +127,7 @@ class BaseConnection:
         self.gates = Gates(ticket=ticket_gate(self.stops, time_with_sleep), limits=limits_gate(lambda: self.units_sent))
         """Checks of each packet right before sending, stops and queries excepted."""
         self._margin = 0.0 if repeats else HUB_MARGIN
-        self._asker = QueryAsker(self._sender, self.answers, self._scheduler)
+        self._asker = QueryAsker(self._sender, self._writer, self.answers, self._scheduler)
 
     @property
     def url(self) -> str:
@@ -234,7 +237,7 @@ class BaseConnection:
             self.answers.end(error)
             await self._asker.close()
         await self.transport.close()
-        self._sender.end()
+        self._writer.end()
         if self.hub is not None:
             await self.hub.close()
 

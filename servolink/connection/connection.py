@@ -123,7 +123,7 @@ class Connection(BaseConnection):
         For who asks much for others: no task waits, and `done` is called as soon as the response is read. It must not
         raise.
         """
-        self._sender.raise_if_ended()
+        self._writer.raise_if_ended()
         is_ready = self._takes_at_once and self.lifecycle.state is _READY
         if not is_ready or not self._scheduler.acquire_at_once(packet):
             return False
@@ -154,7 +154,7 @@ class Connection(BaseConnection):
             await self._wait_in_queue(call)
         try:
             self._raise_refusal(packet, ticket)
-            await self._sender.write(frame)
+            await self._writer.write(frame)
             await self._sender.check_keeping_up(call)
         finally:
             self._leave(call)
@@ -167,17 +167,17 @@ class Connection(BaseConnection):
 
     async def _send_stop(self, packet: SetServoParameterRequest) -> bool:
         self._check_loop()
-        self._sender.raise_if_ended()
+        self._writer.raise_if_ended()
         self.stops.stop()
         lane = self._slots.lanes[packet.packet_id + 1]
         self._scheduler.hold()  # nothing goes before the stop
         try:
             self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
-            sending = self._sender.take(self.codec.encode(packet))
+            sending = self._writer.take(self.codec.encode(packet))
         finally:
             self._scheduler.go_on()
         if sending is not None:
-            await self._sender.accepted(sending)
+            await self._writer.accepted(sending)
         return True
 
     async def prepare(self, packet: Packet, ticket: Ticket) -> None:

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 from servolink.connection.call import Slot
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost
+from servolink.connection.fences import FenceChoice
+from servolink.connection.frame_writer import FrameWriter
 from servolink.connection.opening import Opening
 from servolink.connection.options import TransmissionMode
 from servolink.connection.scheduler import RequestScheduler
-from servolink.connection.sender import RequestSender
 from servolink.connection.slots import Slots
 from servolink.connection.state import ConnectionEvent, Lifecycle, State
 from servolink.errors import ServolinkError
@@ -39,14 +40,15 @@ class Opener:
         slots: Slots,
         scheduler: RequestScheduler,
         answers: ResponseDispatcher,
-        sender: RequestSender,
+        writer: FrameWriter,
+        fences: FenceChoice,
         *,
         patience: float,
         transmission_mode: TransmissionMode = "auto",
         unsupported: Collection[str] = (),
         random: Random | None = None,
     ) -> None:
-        """Open with `sender`, and give up after `patience` seconds of silence.
+        """Open through `writer`, and give up after `patience` seconds of silence.
 
         `transmission_mode`, `unsupported` and `random` are as for `Connection`.
         """
@@ -66,7 +68,8 @@ class Opener:
         self._slots = slots
         self._scheduler = scheduler
         self._answers = answers
-        self._sender = sender
+        self._writer = writer
+        self._fences = fences
         self._patience = patience
         self._mode: TransmissionMode = transmission_mode
         self._random = random
@@ -76,7 +79,7 @@ class Opener:
 
     def begin(self) -> None:
         """Begin the first opening, unless it has begun. Raise the error of an ended connection."""
-        self._sender.raise_if_ended()
+        self._writer.raise_if_ended()
         if self._lifecycle.state is State.UNPROVED:
             self._begin(ConnectionEvent.HANDSHAKE_BEGUN)
 
@@ -112,7 +115,7 @@ class Opener:
         opening = Opening(
             self._transport.url,
             self._codec,
-            self._sender.send_packet,
+            lambda packet: self._writer.write(self._codec.encode(packet)),
             lambda: self._answers.stats.bytes_received,
             self._patience,
             self._answers.times,
@@ -141,7 +144,7 @@ class Opener:
         self._scheduler.resume()
 
     def _learn(self, opening: Opening) -> None:
-        self._sender.use_fences(opening.fences)
+        self._fences.use(opening.fences)
         self._kinds = opening.kinds
         self.unsupported |= opening.unanswered
         self.answered = opening.answered

@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator
-from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 from msgspec import Struct
 
 from servolink.connection.call import Call, Lane, Slot
 from servolink.connection.climb import DepthClimb
 from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
-from servolink.errors import ConnectionLost
-from servolink.escaping import escape
 from servolink.protocol.packet import Command, Request
-
-if TYPE_CHECKING:
-    from servolink.transports.base import Transport
 
 MOST_ASIDE = 8
 """Callers that may have stepped aside at the same time."""
@@ -339,44 +333,3 @@ class RequestScheduler:
                 return Load(climb, not has_room, has_backlog=under_way >= climb.depth)
         climb = self.window.writes if self._changes else self.window.queries
         return Load(climb, under_way >= climb.depth, has_backlog=False)
-
-
-class PendingDrain:
-    """Holds a permit for each frame of a cancelled sender.
-
-    A cancelled send still goes out whole. If its permit were free at once, a program that gives up late requests would
-    fill the transport's buffer, and a stop would wait behind all of that.
-    """
-
-    def __init__(self, transport: Transport, scheduler: RequestScheduler) -> None:
-        """Hold permits of `scheduler` until `transport` has sent the remaining bytes."""
-        self._transport = transport
-        self._scheduler = scheduler
-        self._tasks: set[asyncio.Task[None]] = set()  # held here, as the loop does not hold its tasks
-
-    def hold(self, sending: Awaitable[None] | None = None) -> None:
-        """Hold a permit beyond the depth until `sending` is done, or until all bytes so far have left."""
-        self._scheduler.take_extra()
-        waiting = self._wait_for_drain(self._transport.send(b"") if sending is None else sending)
-        task = asyncio.get_running_loop().create_task(waiting)
-        # The program may well end first, without need of a warning; asyncio.gather does the same.
-        task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
-        self._tasks.add(task)
-        task.add_done_callback(self._give_back)
-
-    def end(self) -> None:
-        """Hold no permit any more: the connection is closed."""
-        for task in self._tasks:
-            task.cancel()
-
-    async def _wait_for_drain(self, sending: Awaitable[None]) -> None:
-        with suppress(ConnectionLost):  # the transport reports its end to the receiver
-            await sending
-
-    def _give_back(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        self._scheduler.give_back_extra()
-        if not task.cancelled() and (error := task.exception()) is not None:
-            logging.getLogger(__name__).error(
-                "%s cannot tell when all is sent: %s", escape(self._transport.url), escape(str(error))
-            )

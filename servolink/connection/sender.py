@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
-from logging import DEBUG
-from typing import TYPE_CHECKING, Any
+from collections.abc import Awaitable
+from typing import Any
 
 from servolink.connection.call import Call, Slot
 from servolink.connection.dispatcher import ResponseDispatcher
-from servolink.connection.explain import outcome_unknown, same, timed_out
-from servolink.connection.fences import FENCES, SERVO_LIST
-from servolink.connection.scheduler import MOST_ASIDE, PendingDrain, RequestScheduler
+from servolink.connection.explain import outcome_unknown, timed_out
+from servolink.connection.fences import FenceChoice
+from servolink.connection.frame_writer import FrameWriter
+from servolink.connection.scheduler import MOST_ASIDE, RequestScheduler
 from servolink.connection.slots import FENCES_ONLY, NO_OBSTACLE, Obstacle, Slots
 from servolink.connection.state import Lifecycle
-from servolink.connection.taps import is_logged
-from servolink.errors import ConnectionLost, ServolinkError
+from servolink.errors import ServolinkError
 from servolink.protocol.codec import Codec
 from servolink.protocol.packet import Packet, Query, Request, Response
 from servolink.protocol.servos import SetAngleUnitRequest
 
-if TYPE_CHECKING:
-    from servolink.transports.base import Transport
-
 _AT_ONCE = 3  # repeats of a lost query without a pause
 _FENCE_AFTER = 3  # sendings without a response
-_SAME_FENCE = 3  # sendings in a silence: perhaps the board does not support the query
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
 _MARK_GOOD_LINE_EVERY = 128  # slots, if as many were answered since the latest loss
 _ROUNDING = 1e-9  # seconds by which a timer fires early where the clock has no finer steps
@@ -37,7 +32,7 @@ class RequestSender:
 
     def __init__(
         self,
-        transport: Transport,
+        writer: FrameWriter,
         codec: Codec,
         lifecycle: Lifecycle,
         slots: Slots,
@@ -46,23 +41,12 @@ class RequestSender:
         *,
         repeats: bool = True,
     ) -> None:
-        """Send on `transport`; `answers` receives the responses. With `repeats`, repeat unanswered requests."""
+        """Send through `writer`; `answers` receives the responses. With `repeats`, repeat unanswered requests."""
         self.units_sent = 0
         """Number of angle units sent; an angle has another meaning after a new unit."""
-        self.fences = FENCES
-        """Queries known to be answered, used in turn as fences."""
-        self._latest_fence = FENCES[0]
-        self._fence_tries = 0  # sendings in a row
-        self._fenced_at = -1  # frames received when the latest fence was sent
-        self._transport = transport
-        # Without a coroutine, where the transport can (see `BaseTransport.take`).
-        takes_at_once = getattr(transport, "takes_at_once", False)
-        self._joined: list[bytes] | None = None  # frames of this turn of the loop, while they are joined
-        if takes_at_once and getattr(transport, "is_stream", False):
-            answers.on_several = self._join
-        self._take: Callable[[bytes], Awaitable[None] | None] = (
-            transport.take if takes_at_once else transport.send  # type: ignore[attr-defined]
-        )
+        self.fences = FenceChoice(slots.lanes, answers.stats)
+        """Fences in turn."""
+        self._writer = writer
         self._codec = codec
         self._lifecycle = lifecycle
         self._slots = slots
@@ -74,20 +58,8 @@ class RequestSender:
         self._repeats = repeats
         self._window = scheduler.window
         self._stats = answers.stats
-        self._taps = answers.taps
         self._loop = asyncio.get_running_loop()
-        self._drain = PendingDrain(transport, scheduler)
         self._wrote = False  # whether the latest request is sent only once
-
-    def end(self) -> None:
-        """Stop: the connection is closed."""
-        self._drain.end()
-
-    def use_fences(self, fences: tuple[Query[Any], ...]) -> None:
-        """Use `fences`, of which there is at least one, from now on."""
-        self.fences = fences
-        if self._latest_fence not in fences:
-            self._latest_fence = fences[0]
 
     # --- one call -----------------------------------------------------------------------------------------------
 
@@ -98,7 +70,7 @@ class RequestSender:
         """
         self.open_request(call, packet, now)
         call.woken = woken = self._loop.create_future()
-        sending = self.take(frame, may_join=packet.is_query)
+        sending = self._writer.take(frame, may_join=packet.is_query)
         if call.queued:
             self.leave_queue(call)  # not earlier: the next packet may be sent at once
         slots = self._slots
@@ -111,15 +83,15 @@ class RequestSender:
         packet: Any = call.packet
         call.woken = call.granted
         self.open_request(call, packet, self._loop.time())
-        self._pass_on(call.frame)
+        self._writer.pass_on(call.frame)
         slots = self._slots
         if (slots.unproved >= _MARK_EVERY or slots.unmatched) and self.needs_mark(call):
-            fence = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
-            self._pass_on(self._codec.encode(fence.request))
+            fence = self._open(self.fences.next(packet), None, 0, self._loop.time(), is_fence=True)
+            self._writer.pass_on(self._codec.encode(fence.request))
 
     async def _go_on_sending(self, call: Call, sending: Awaitable[None] | None, woken: asyncio.Future[None]) -> None:
         if sending is not None:
-            await self.accepted(sending)
+            await self._writer.accepted(sending)
         if self.needs_mark(call):
             await self.send_fence(call.packet)
         await woken
@@ -130,7 +102,7 @@ class RequestSender:
             await self.until_next(call, packet)
             if call.response is None:
                 woken, data = self._open_next(call, packet, frame)
-                sending = self.take(data)
+                sending = self._writer.take(data)
                 if call.queued:
                     self.leave_queue(call)
                 await self._go_on_sending(call, sending, woken)
@@ -238,7 +210,7 @@ class RequestSender:
                 self._give_up_if_late(call, begun)
                 data = self._open_fence(call)
                 call.woken = woken = self._loop.create_future()
-                await self.write(data)
+                await self._writer.write(data)
             await woken
             await self._check(call)
         if call.latest is not None and call.latest.is_expected:
@@ -278,7 +250,7 @@ class RequestSender:
 
     def _open_fence(self, call: Call) -> bytes:
         """Open a slot for a fence; return the frame to write now."""
-        fence = self._next_fence(call.packet)
+        fence = self.fences.next(call.packet)
         call.latest = self._open(fence, call, call.fences, self._loop.time(), is_fence=True)
         call.fences += 1
         return self._codec.encode(fence)
@@ -318,37 +290,9 @@ class RequestSender:
 
     async def send_fence(self, packet: Packet) -> Slot:
         """Send a fence for whose response nobody waits."""
-        slot = self._open(self._next_fence(packet), None, 0, self._loop.time(), is_fence=True)
-        await self.write(self._codec.encode(slot.request))
+        slot = self._open(self.fences.next(packet), None, 0, self._loop.time(), is_fence=True)
+        await self._writer.write(self._codec.encode(slot.request))
         return slot
-
-    def _next_fence(self, packet: Packet) -> Query[Any]:
-        """Return the next fence, on another lane than `packet`."""
-        self._stats.fences += 1
-        received, self._fenced_at = self._fenced_at, self._stats.frames_received
-        same = received == self._fenced_at and self._latest_fence.packet_id != packet.packet_id
-        if not same or self._fence_tries == _SAME_FENCE:
-            self._latest_fence = self._another_fence(packet)
-            self._fence_tries = 0
-        self._fence_tries += 1
-        # In a silence the same fence is sent again: the first response proves everything older than the first sending.
-        return self._latest_fence
-
-    def _another_fence(self, packet: Packet) -> Query[Any]:
-        """Return the fence whose response will settle the most; not the latest, if there are others.
-
-        On an idle lane it is exact and settles everything. Elsewhere it belongs to the oldest slot of the lane, and
-        settles what is older than that; where this slot is the youngest, other lanes become idle.
-        """
-        self.fences = (*self.fences[1:], self.fences[0])
-        others = {packet.packet_id, self._latest_fence.packet_id}
-        fences = [fence for fence in (*self.fences, SERVO_LIST) if fence.packet_id not in others]
-        return max(fences or [self._latest_fence], key=self._settled_until)
-
-    def _settled_until(self, fence: Query[Any]) -> float:
-        """Return the time up to which a response to `fence` will settle all sendings."""
-        slots = self._slots.lanes[fence.packet_id + 1].slots
-        return slots[0].sent_at if slots else float("inf")
 
     async def check_keeping_up(self, call: Call) -> None:
         """After some packets without response, send a fence; the next caller waits for the result."""
@@ -356,96 +300,16 @@ class RequestSender:
         if self._slots.unanswerable >= _MOST_UNANSWERABLE:
             call.latest = await self.send_fence(call.packet)
 
-    # --- writing -----------------------------------------------------------------------------------------------
-
-    async def write(self, frame: bytes) -> None:
-        """Send a whole frame. On failure, end the connection and raise ConnectionLost."""
-        if (sending := self.take(frame)) is not None:
-            await self.accepted(sending)
-
-    def take(self, frame: bytes, *, may_join: bool = False) -> Awaitable[None] | None:
-        """Count a whole frame and pass it to the transport. Return None if the system has accepted it at once.
-
-        Otherwise return an awaitable, to be awaited now. With `may_join`, the frame may leave together with those of
-        other callers, at the end of this turn of the loop. Raise ConnectionLost if the connection has ended.
-        """
-        if self._lifecycle.ended is not None:
-            raise same(self._lifecycle.ended)
-        stats = self._stats
-        stats.frames_sent += 1
-        stats.bytes_sent += len(frame)
-        if self._taps.members:
-            self._taps.sent(frame)
-        if is_logged(DEBUG):
-            self._answers.frame_log.sent(frame)
-        if self._joined is None:
-            data = frame
-        else:
-            self._joined.append(frame)
-            if may_join:
-                return None
-            data = self._end_joining()
-        try:
-            return self._take(data)
-        except ConnectionLost as error:
-            self._answers.lost(error)
-            raise
-
-    def _pass_on(self, frame: bytes) -> None:
-        """Take a frame for which nobody waits. The end of the connection wakes its call, and all others."""
-        try:
-            sending = self.take(frame, may_join=True)
-        except ConnectionLost:
-            return
-        if sending is not None:
-            self._drain.hold(sending)
-
-    def _join(self) -> None:
-        """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
-        if self._joined is None:
-            self._joined = []
-            self._loop.call_soon(self._send_joined)
-
-    def _send_joined(self) -> None:
-        if data := self._end_joining():
-            try:
-                sending = self._take(data)
-            except ConnectionLost as error:
-                self._answers.lost(error)
-            else:
-                if sending is not None:
-                    self._drain.hold(sending)
-
-    def _end_joining(self) -> bytes:
-        """Return the joined frames."""
-        joined, self._joined = self._joined, None
-        return b"".join(joined or ())
-
-    async def accepted(self, sending: Awaitable[None]) -> None:
-        """Wait until the system has accepted a frame. Raise ConnectionLost."""
-        try:
-            await sending
-        except ConnectionLost as error:
-            self._answers.lost(error)
-            raise
-        except asyncio.CancelledError:
-            self._drain.hold()  # a permit, for the rest of the frame
-            raise
-
-    async def send_packet(self, packet: Packet) -> None:
-        """Send a packet without a slot."""
-        await self.write(self._codec.encode(packet))
-
     # --- ends ---------------------------------------------------------------------------------------------------
 
     async def _check(self, call: Call) -> None:
         """Raise the error of a call or of the connection; wait for an opening under way."""
         if call.error is not None:
             raise call.error
-        self.raise_if_ended()
+        self._writer.raise_if_ended()
         if self._lifecycle.opening is not None and self._lifecycle.handshake is not None:
             await asyncio.wait((self._lifecycle.handshake,))
-            self.raise_if_ended()
+            self._writer.raise_if_ended()
 
     def _give_up_if_late(self, call: Call, since: float) -> None:
         now = self._loop.time()
@@ -456,13 +320,13 @@ class RequestSender:
         """Return the error for a call without a response; a change may have been done or not."""
         waited = now - call.begun_at
         if call.tries and not isinstance(call.packet, Query):
-            return outcome_unknown(call.packet, self._transport.url, waited)
+            return outcome_unknown(call.packet, self._writer.url, waited)
         if call.fault is not None:
             return call.fault
         answers_others = call.unanswered > 0
         return timed_out(
             call.packet,
-            self._transport.url,
+            self._writer.url,
             call.tries,
             waited,
             self._stats,
@@ -470,8 +334,3 @@ class RequestSender:
             through_hub=not self._repeats,
             excuse=self._lifecycle.excuse,
         )
-
-    def raise_if_ended(self) -> None:
-        """Raise the error of an ended connection."""
-        if self._lifecycle.ended is not None:
-            raise same(self._lifecycle.ended)

@@ -52,7 +52,7 @@ NOT_FOR_CONNECTING = {
 }
 """Modules for captions, losses, errors, rare boards and text outside ASCII, of the system and of servolink."""
 
-MOST_FOR_CONNECTING = 64
+MOST_FOR_CONNECTING = 65
 """Modules of servolink, with packages."""
 
 NOT_FOR_SERVOS = {

@@ -64,7 +64,7 @@ async def test_a_kind_that_is_never_answered_is_left_out_and_used_for_no_fence(
         begun = now()
         await connection.shake_hands()
         assert now() < begun + 4.5
-        used = {type(fence) for fence in connection._sender.fences}
+        used = {type(fence) for fence in connection._sender.fences.queries}
         assert not used & {kind for kind in missing if kinds(board).count(kind) >= 4}
         assert len(used) >= 2
 

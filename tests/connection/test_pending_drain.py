@@ -1,4 +1,7 @@
-"""PendingDrain: what a cancelled sender left behind keeps its permit until the system has taken it."""
+"""PendingDrain: what a cancelled sender left behind keeps its permit until the system has taken it.
+
+Module: servolink.connection.frame_writer.
+"""
 
 from __future__ import annotations
 
@@ -120,7 +123,7 @@ def test_the_end_of_a_program_with_something_left_behind_is_quiet(caplog: pytest
         await turns_of_the_loop(2)
 
     asyncio.run(main())
-    assert len(kept[0][0]._sender._drain._tasks) == 1
+    assert len(kept[0][0]._writer._drain._tasks) == 1
     kept.clear()
     gc.collect()
     assert caplog.messages == []

@@ -33,7 +33,7 @@ async def test_one_kind_of_fence_is_enough() -> None:
     """With an open slot on its lane its response is never exact; the list of servos then is."""
     board = FakeBoard()
     async with connected(board) as connection:
-        connection._sender.fences = (QueryProjectIDRequest(),)
+        connection._sender.fences.queries = (QueryProjectIDRequest(),)
         board.plan(QueryServoRequest, LOST)
         board.plan(QueryProjectIDRequest, LOST)
         for packet in (QueryServoRequest(1), QueryProjectIDRequest()):
