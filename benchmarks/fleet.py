@@ -16,17 +16,13 @@ from paho.mqtt.client import MQTTMessage
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from benchmarks.fleet_processes import PER_PROCESS, Worker, broker, echo, workers
+from benchmarks.fleet_processes import Worker, broker, echo, workers
 from benchmarks.fleet_worker import ECHO, MACRO, BareClient
 from benchmarks.goals import Goal, at_least, at_most
 from benchmarks.measuring import CORES, Result, Table, percentile, table
-from servolink.control.messages import Runnable
 from servolink.fleet.access import parse_broker
 from servolink.fleet.client import Fleet, connect
-from servolink.fleet.controller import new_id
 from servolink.fleet.publish_packets import Received
-from servolink.fleet.together import compare_clocks, start_each
-from servolink.fleet.topics import Prepare, Started
 
 COUNTS = (1, 10, 50, 200)
 HZ = 10.0
@@ -35,7 +31,6 @@ ROUND_TRIP = 2.0  # times that of bare paho-mqtt
 STOPPED = 0.3  # seconds until the last board has stopped, 99 times in 100
 SPREAD = 0.02  # seconds between the first and the last start, 99 times in 100
 _SETTLE = 1.0  # seconds until all boards send
-_LEAD, _APART = 0.3, 0.15  # seconds until the start of the first machine, and between two machines in turns
 _REPEATED, _PATIENCE = 0.9, 5.0  # seconds after which a stop is sent again, and until none is on its way
 
 
@@ -81,8 +76,6 @@ class Case:
     """Bytes of the processes with the boards."""
     stops: list[float] = field(default_factory=list)
     spreads: list[float] = field(default_factory=list)
-    spreads_in_turns: list[float] = field(default_factory=list)
-    """The same where each machine has the cores for itself at its moment; of the last case only."""
 
     @property
     def delivered(self) -> float:
@@ -100,7 +93,7 @@ def run(*, short: bool) -> Result:
     with broker() as url:
         ours, bare, changes = asyncio.run(_round_trips(url, 200 if short else 5000))
         seconds, rounds = (2.0, 3) if short else (30.0, 100)
-        cases = [asyncio.run(_measure(url, count, seconds, rounds, in_turns=count == counts[-1])) for count in counts]
+        cases = [asyncio.run(_measure(url, count, seconds, rounds)) for count in counts]
     wrong = [f"{case.boards} boards: no sample came" for case in cases if not case.samples.received]
     return {
         "tables": [_trip_table(ours, bare, changes), _sample_table(cases), _together_table(cases)],
@@ -116,7 +109,6 @@ def run(*, short: bool) -> Result:
                 "memory_per_board": case.memory / case.boards,
                 "stops": case.stops,
                 "spreads": case.spreads,
-                "spreads_in_turns": case.spreads_in_turns,
             }
             for case in cases
         ],
@@ -168,7 +160,7 @@ async def _round_trips(url: str, times: int) -> tuple[list[float], list[float], 
 # --- many boards ------------------------------------------------------------------------------------------------------
 
 
-async def _measure(url: str, count: int, seconds: float, rounds: int, *, in_turns: bool) -> Case:
+async def _measure(url: str, count: int, seconds: float, rounds: int) -> Case:
     case = Case(count)
     with workers(url, count, HZ) as processes:
         await _watch(url, processes, case, seconds)
@@ -176,8 +168,6 @@ async def _measure(url: str, count: int, seconds: float, rounds: int, *, in_turn
             await fleet.list()
             for _ in range(rounds):
                 await _start_and_stop(fleet, case)
-            for _ in range(rounds if in_turns else 0):
-                await _start_in_turns(fleet, case)
     return case
 
 
@@ -229,30 +219,6 @@ async def _stop(fleet: Fleet, case: Case) -> None:
         await asyncio.sleep(_PATIENCE)
 
 
-async def _start_in_turns(fleet: Fleet, case: Case) -> None:
-    """Start all boards as `Fleet.run` does, but the boards of each process at a moment of their own, and stop them.
-
-    Machines of a fleet have cores of their own. Here all share two, on which the boards that have started simulate
-    their servos while others should start.
-    """
-    controller, boards, start, loop = fleet.controller, fleet.boards(), new_id(), asyncio.get_running_loop()
-    prepare = Prepare(start, Runnable("macro", MACRO), 30.0)
-    await _hold_servos(fleet)
-    await asyncio.gather(*(fleet.call(board, "prepare", msgspec.to_builtins(prepare)) for board in boards))
-    clocks = await compare_clocks(controller, boards)
-    machines = {board: int(board.removeprefix("bench")) // PER_PROCESS for board in boards}
-    moments = {board: at + _APART * machines[board] for board, at in clocks.moments(loop.time() + _LEAD).items()}
-    with controller.pending_command(start) as pending:
-        await start_each(controller, start, boards, moments)
-        await pending.until(boards, loop.time() + _PATIENCE)
-    results = {board: result.result for board, result in pending.results.items() if result.ok}
-    if len(results) != case.boards:
-        raise SystemExit(f"{len(results)} of {case.boards} boards started in turns")
-    late = [msgspec.convert(result, Started).monotonic - moments[board] for board, result in results.items()]
-    case.spreads_in_turns.append(max(late) - min(late))
-    await _stop(fleet, case)
-
-
 # --- figures ----------------------------------------------------------------------------------------------------------
 
 
@@ -265,9 +231,8 @@ def _goals(ours: list[float], bare: list[float], cases: list[Case]) -> Iterator[
     yield at_least(f"samples at {HZ:g} Hz that arrive; {where}", most.delivered, DELIVERED, "{:.2f} %")
     name = f"from a stop until the last board has stopped, 99 times in 100; {where}"
     yield at_most(name, 1000 * percentile(most.stops, 99), 1000 * STOPPED, "{:.0f} ms")
-    machines = -(-most.boards // PER_PROCESS)
-    name = f"between the first and the last start, 99 times in 100; {where}, {machines} machines in turns"
-    yield at_most(name, 1000 * percentile(most.spreads_in_turns, 99), 1000 * SPREAD, "{:.1f} ms")
+    name = f"between the first and the last start, 99 times in 100; {where}"
+    yield at_most(name, 1000 * percentile(most.spreads, 99), 1000 * SPREAD, "{:.1f} ms")
 
 
 def _trip_table(ours: list[float], bare: list[float], changes: list[float]) -> Table:
@@ -323,22 +288,16 @@ def _together_table(cases: list[Case]) -> Table:
         (
             case.boards,
             *(f"{1000 * value:.1f}" for value in (median(case.spreads), percentile(case.spreads, 99))),
-            *(
-                f"{1000 * percentile(case.spreads_in_turns, percent):.1f}" if case.spreads_in_turns else "-"
-                for percent in (50, 99)
-            ),
             *(f"{1000 * value:.0f}" for value in (median(case.stops), percentile(case.stops, 99))),
         )
         for case in cases
     ]
     return table(
         "All boards start a macro together, and are stopped while they move",
-        ("boards", "starts within, p50, ms", "p99", "in turns, p50, ms", "p99", "all stopped after, p50, ms", "p99"),
+        ("boards", "starts within, p50, ms", "p99", "all stopped after, p50, ms", "p99"),
         rows,
         [
             f"{len(cases[-1].spreads)} rounds each. Starts are compared by the clock of the machine that boards name.",
-            f"In turns: each process of {PER_PROCESS} boards, as one machine, starts at a moment of its own, and its",
-            "starts are compared with that. Otherwise boards that started simulate servos on the cores of the others.",
             "A board has stopped when its servos say so. All boards, the broker and the program are on one machine,",
             "while all boards send their states.",
         ],
