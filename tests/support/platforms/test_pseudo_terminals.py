@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from servolink.errors import TransportUnavailable
-from servolink.platforms.pseudo_terminals import PseudoTerminal, open_pair
+from servolink.support.platforms.pseudo_terminals import PseudoTerminal
 
 if sys.platform == "win32":
     pytest.skip("pseudo-terminals are those of Unix", allow_module_level=True)
@@ -135,7 +135,8 @@ def test_macos_is_asked_through_a_kernel_queue(is_closed: bool, monkeypatch: pyt
     on_terminal(use)
 
 
-def test_windows_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "platform", "win32")
-    with pytest.raises(TransportUnavailable, match="pseudo-terminals do not exist on Windows; use TCP"):
-        open_pair()
+@pytest.mark.parametrize("system", ["win32", "emscripten"])
+def test_windows_and_pyodide_have_none(system: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", system)
+    with pytest.raises(TransportUnavailable, match="this system has no pseudo-terminals; use TCP"):
+        PseudoTerminal.open_pair()

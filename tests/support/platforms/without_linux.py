@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path[0] = str(Path(__file__).parents[2])
-from tests.platforms.other_system import run_as  # noqa: E402
+from tests.support.platforms.other_system import run_as  # noqa: E402
 
 FUNCTIONS = """
     eventfd memfd_create pidfd_open sched_getaffinity sched_setaffinity timerfd_create

@@ -35,7 +35,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path[0] = str(Path(__file__).parents[2])
-from tests.platforms.other_system import run_as  # noqa: E402
+from tests.support.platforms.other_system import run_as  # noqa: E402
 
 MODULES = "curses fcntl grp pty pwd readline resource termios tty"
 FUNCTIONS = """

@@ -11,7 +11,7 @@ from contextlib import suppress
 
 if sys.platform == "win32":
     import msvcrt
-else:
+elif sys.platform != "emscripten":
     import termios
     import tty
 
@@ -25,8 +25,13 @@ Ctrl with an arrow is reported as Shift with an arrow, which the console itself 
 _INTERRUPT = "\x03"
 
 
-async def read_line() -> str:
-    """Return the next line from standard input, a terminal; the last line may have no line end."""
+async def read_line(*, typed_from_now: bool = False) -> str:
+    """Return the next line from standard input, a terminal; the last line may have no line end.
+
+    With `typed_from_now`, what was typed before and not read yet is dropped.
+    """
+    if typed_from_now:
+        _forget_typed()
     if sys.platform == "win32":
         return await asyncio.to_thread(sys.stdin.readline)
     else:
@@ -44,6 +49,15 @@ async def read_line() -> str:
             return ""
 
 
+def _forget_typed() -> None:
+    """Drop what was typed and not read yet."""
+    if sys.platform == "win32":
+        _pressed()
+    elif sys.platform != "emscripten":  # no keyboard there
+        with suppress(termios.error):  # the terminal was closed
+            termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
+
+
 def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
     """Call `typed` with each pressed key, without echo, and with an empty text when the keyboard is disconnected.
 
@@ -53,6 +67,8 @@ def begin_keys(typed: Callable[[str], None]) -> Callable[[], None] | None:
         return None
     if sys.platform == "win32":
         return _poll_console(typed)
+    elif sys.platform == "emscripten":
+        return None
     else:
         return _read_terminal(typed)
 
@@ -94,7 +110,7 @@ if sys.platform == "win32":
             signal.raise_signal(signal.SIGINT)
         return keys.replace(_INTERRUPT, "")
 
-else:
+elif sys.platform != "emscripten":
 
     def _read_terminal(typed: Callable[[str], None]) -> Callable[[], None] | None:
         loop, terminal = asyncio.get_running_loop(), sys.stdin.fileno()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache, partial, wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
-
-if TYPE_CHECKING:
-    from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -31,8 +29,6 @@ def computed(work: Callable[P, T]) -> Callable[P, Coroutine[Any, Any, T]]:
 @cache
 def _thread() -> ThreadPoolExecutor:
     """Return the thread for all: each further one at work would delay an event loop by a time slice of Python."""
-    from concurrent.futures import ThreadPoolExecutor  # late: few programs need it
-
     return ThreadPoolExecutor(1, "servolink computing")
 
 

@@ -10,10 +10,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
-from typing import IO, TYPE_CHECKING, BinaryIO, Literal
-
-if TYPE_CHECKING:  # `servolink --help` uses no path, and loading the module takes 3 ms
-    from pathlib import Path
+from pathlib import Path
+from typing import IO, BinaryIO, Literal
 
 MIB = 1024 * 1024
 
@@ -47,6 +45,14 @@ def read_file(path: Path, limit: int) -> bytes:
     if max(status.st_size, len(content)) > limit:
         raise OSError(errno.EFBIG, f"is larger than {_size(limit)}, the limit", str(path))
     return content
+
+
+def read_text(path: Path, limit: int) -> str:
+    """Return the text of a file as `read_file` does, without the mark that some editors put in front.
+
+    Raise UnicodeDecodeError, which `reason` explains, for a file in another encoding than UTF-8.
+    """
+    return read_file(path, limit).decode("utf-8-sig")
 
 
 def open_file(path: Path, *, writable: bool = False) -> FileIO:
@@ -108,6 +114,8 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[BinaryIO]:
 
 def reason(error: Exception) -> str:
     """Return the text of an error of this module; of an error of the system, without number and path."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"is not text in UTF-8 (byte {error.start}); save the file as UTF-8"
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

@@ -14,5 +14,5 @@ def lose_home(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for variable in ("HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
         monkeypatch.delenv(variable, raising=False)
-    for find in ("user_config_dir", "user_data_dir"):
+    for find in ("user_config_path", "user_data_path"):
         monkeypatch.setattr(platformdirs, find, homeless)

@@ -7,7 +7,8 @@ import re
 from collections import Counter
 from typing import Any, NamedTuple, NoReturn
 
-from servolink.escaping import escape, quote
+from servolink.errors import escape, quote
+from servolink.support.files import reason
 
 MAX_SIZE = 16 * 1024 * 1024
 """Most bytes of a text: ten times a board's megabyte in JSON, still read in one or two seconds."""
@@ -26,7 +27,7 @@ def read_json(text: str | bytes) -> Any:
     try:
         plain = text if isinstance(text, str) else text.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ValueError(f"is not text in UTF-8 (byte {error.start}); save the file as UTF-8") from error
+        raise ValueError(reason(error)) from error
     repeated: list[_Repeated] = []
 
     def read_object(pairs: list[tuple[str, Any]]) -> Any:

@@ -6,16 +6,16 @@ import os
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import BinaryIO, Self
 
-from servolink.files import open_without_waiting
+from servolink.support.files import open_without_waiting
 
 _FLAGS = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 _PRIVATE = 0o600
 
 if sys.platform == "win32":
     import msvcrt
-else:
+elif sys.platform != "emscripten":
     import fcntl
 
 _BEYOND_CONTENT = (
@@ -29,7 +29,7 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
         if sys.platform == "win32":
             file.seek(_BEYOND_CONTENT)
             msvcrt.locking(file.fileno(), msvcrt.LK_LOCK if wait else msvcrt.LK_NBLCK, 1)
-        else:
+        elif sys.platform != "emscripten":  # no other program there
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except OSError:
         return False
@@ -39,37 +39,45 @@ def lock(file: BinaryIO, *, wait: bool) -> bool:
     return True
 
 
-def open_locked(path: Path) -> BinaryIO | None:
-    """Open or create the file at `path`, and lock the file. Return None if another lock exists.
+class LockedFile:
+    """File that this program has locked."""
 
-    A file must be removed while it is locked. Raise OSError if the file cannot be opened.
-    """
-    while True:
-        file = os.fdopen(os.open(path, _FLAGS, _PRIVATE), "r+b", buffering=0)
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        """Hold the locked `file` at `path`."""
+        self.path = path
+        self.file = file
+
+    @classmethod
+    def open(cls, path: Path) -> Self | None:
+        """Open or create the file at `path`, and lock the file. Return None if another lock exists.
+
+        A file must be removed while it is locked. Raise OSError if the file cannot be opened.
+        """
+        while True:
+            file = os.fdopen(os.open(path, _FLAGS, _PRIVATE), "r+b", buffering=0)
+            try:
+                is_locked = lock(file, wait=False)
+                if is_locked and _is_at(path, file):
+                    return cls(path, file)
+            except BaseException:
+                file.close()
+                raise
+            file.close()
+            if not is_locked:
+                return None
+
+    def remove(self) -> None:
+        """Remove and close the file. Raise OSError if the file cannot be removed.
+
+        The lock is held until the file is removed: another program could create a file of this name before. Windows,
+        which removes no open file, refuses to remove a file that another program has opened.
+        """
         try:
-            is_locked = lock(file, wait=False)
-            if is_locked and _is_at(path, file):
-                return file
-        except BaseException:
-            file.close()
-            raise
-        file.close()
-        if not is_locked:
-            return None
-
-
-def remove_locked(path: Path, file: IO[bytes]) -> None:
-    """Remove and close the locked file at `path`. Raise OSError if the file cannot be removed.
-
-    The lock is held until the file is removed: another program could create a file of this name before. Windows, which
-    removes no open file, refuses to remove a file that another program has opened.
-    """
-    try:
-        if sys.platform == "win32":
-            file.close()
-        path.unlink(missing_ok=True)
-    finally:
-        file.close()
+            if sys.platform == "win32":
+                self.file.close()
+            self.path.unlink(missing_ok=True)
+        finally:
+            self.file.close()
 
 
 def claim_device(path: str) -> AbstractContextManager[object]:

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+import asyncio
 import sys
 from collections.abc import Callable, Coroutine
+from enum import IntEnum
 from typing import Any, TypeVar, overload
 
-from servolink.errors import InvalidAddress, ProfileError, ServolinkError, SeveralBoards, TransportError
-from servolink.escaping import escape, quote
+from servolink.errors import InvalidAddress, ProfileError, ServolinkError, SeveralBoards, TransportError, escape, quote
 
 T = TypeVar("T")
 
-OK, FAILED, USAGE, NO_BOARD, INTERRUPTED = 0, 1, 2, 3, 130
-"""Exit codes."""
 
+class ExitCode(IntEnum):
+    """Exit code of a program."""
 
-def exit_code(error: ServolinkError) -> int:
-    """Return the exit code for a program ended by `error`."""
-    if isinstance(error, InvalidAddress | SeveralBoards):
-        return USAGE
-    is_absent = isinstance(error, TransportError) and not isinstance(error, ProfileError)
-    return NO_BOARD if is_absent else FAILED
+    OK = 0
+    FAILED = 1
+    USAGE = 2
+    NO_BOARD = 3
+    INTERRUPTED = 130
+
+    @classmethod
+    def of(cls, error: ServolinkError) -> ExitCode:
+        """Return the exit code of a program ended by `error`."""
+        if isinstance(error, InvalidAddress | SeveralBoards):
+            return cls.USAGE
+        is_absent = isinstance(error, TransportError) and not isinstance(error, ProfileError)
+        return cls.NO_BOARD if is_absent else cls.FAILED
 
 
 @overload
@@ -44,16 +52,14 @@ def run(main: Any) -> Any:
     sys.exit(code)
 
 
-def _ending(main: Any, error: ServolinkError | KeyboardInterrupt) -> tuple[str, int]:
+def _ending(main: Any, error: ServolinkError | KeyboardInterrupt) -> tuple[str, ExitCode]:
     """Return the last line of a script and its exit code."""
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted", INTERRUPTED
-    return f"{_place(main, error)}: {error}", exit_code(error)
+        return "interrupted", ExitCode.INTERRUPTED
+    return f"{_place(main, error)}: {error}", ExitCode.of(error)
 
 
 def _call(main: Any) -> Any:
-    import asyncio
-
     if not (callable(main) or asyncio.iscoroutine(main)):
         raise TypeError(f"main must be a function such as `async def main():`, not {quote(main)}")
     result = main() if callable(main) else main
@@ -66,8 +72,6 @@ def _call(main: Any) -> Any:
 
 
 def _has_loop() -> bool:
-    import asyncio
-
     try:
         asyncio.get_running_loop()
     except RuntimeError:

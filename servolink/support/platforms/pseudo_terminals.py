@@ -1,8 +1,8 @@
 """Pseudo-terminals: serial ports without hardware, with our end in the program and a named end for other programs.
 
 Other programs open and close the named end at any time. Systems report a closed terminal in different ways: reading
-our end fails on Linux and returns nothing on macOS, and both systems call our end readable. Windows has no
-pseudo-terminals.
+our end fails on Linux and returns nothing on macOS, and both systems call our end readable. Windows and Pyodide
+have no pseudo-terminals.
 """
 
 from __future__ import annotations
@@ -14,44 +14,45 @@ import sys
 from array import array
 from collections.abc import Callable
 from contextlib import suppress
+from typing import ClassVar
 
 from servolink.errors import TransportUnavailable
 
-if sys.platform != "win32":
+if sys.platform != "win32" and sys.platform != "emscripten":
     import fcntl
     import select
     import termios
     import tty
 
-AVAILABLE = sys.platform != "win32"
-"""Whether the system has pseudo-terminals."""
-
 _CHUNK = 4096
 _TCGETS2 = 0x802C542A
-
-
-def open_pair() -> tuple[int, int, str]:
-    """Return the descriptors of a new raw pseudo-terminal, our end first, and the name of the other end.
-
-    Our end does not block. Raise TransportUnavailable on Windows.
-    """
-    if sys.platform == "win32":
-        raise TransportUnavailable("pseudo-terminals do not exist on Windows; use TCP")
-    else:
-        controller, terminal = os.openpty()
-        os.set_blocking(controller, False)
-        tty.setraw(terminal)
-        return controller, terminal, os.ttyname(terminal)
 
 
 class PseudoTerminal:
     """Our end of a pseudo-terminal. Programs open and close the other end, one after another."""
 
+    AVAILABLE: ClassVar[bool] = sys.platform != "win32" and sys.platform != "emscripten"
+    """Whether the system has pseudo-terminals."""
+
     def __init__(self) -> None:
-        """Make the pseudo-terminal. Raise TransportUnavailable on Windows."""
+        """Make the pseudo-terminal. Raise TransportUnavailable without pseudo-terminals."""
         self._loop = asyncio.get_running_loop()
-        self._controller, terminal, self.name = open_pair()
+        self._controller, terminal, self.name = self.open_pair()
         os.close(terminal)  # the system reports a closed terminal only if no descriptor is left
+
+    @staticmethod
+    def open_pair() -> tuple[int, int, str]:
+        """Return the descriptors of a new raw pseudo-terminal, our end first, and the name of the other end.
+
+        Our end does not block. Raise TransportUnavailable without pseudo-terminals.
+        """
+        if sys.platform == "win32" or sys.platform == "emscripten":
+            raise TransportUnavailable("this system has no pseudo-terminals; use TCP")
+        else:
+            controller, terminal = os.openpty()
+            os.set_blocking(controller, False)
+            tty.setraw(terminal)
+            return controller, terminal, os.ttyname(terminal)
 
     def close(self) -> None:
         """Remove the terminal."""
@@ -95,7 +96,7 @@ class PseudoTerminal:
 
     def is_closed(self) -> bool:
         """Return whether no program has the terminal open, without reading."""
-        if sys.platform == "win32":
+        if sys.platform == "win32" or sys.platform == "emscripten":
             return True
         elif sys.platform == "darwin":  # poll on macOS supports no devices
             queue = select.kqueue()
@@ -111,7 +112,7 @@ class PseudoTerminal:
 
     def renew(self, baudrate: int = 0) -> None:
         """Drop unread bytes and reset the settings of the terminal; set `baudrate` unless 0."""
-        if sys.platform != "win32":
+        if sys.platform != "win32" and sys.platform != "emscripten":
             with suppress(OSError, termios.error):
                 terminal = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
                 try:
@@ -126,7 +127,7 @@ class PseudoTerminal:
 
     def baudrate(self) -> int:
         """Return the baud rate of the terminal; 0 if the system does not report the rate."""
-        if sys.platform == "win32":
+        if sys.platform == "win32" or sys.platform == "emscripten":
             return 0
         else:
             try:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
+from numbers import Real
 from operator import index
 from typing import Any, TypeGuard
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
+from servolink.errors import EncodeError, quote
 
-LEAST_SECONDS, MOST_SECONDS = 0.001, 3600.0
+SECONDS = (0.001, 3600.0)
 """Shortest and longest time to wait for a response, in seconds."""
 
 
@@ -22,8 +21,6 @@ def as_number(value: Any) -> Any:
     try:
         return index(value)
     except TypeError:
-        from numbers import Real  # late: most numbers are Python's
-
         return float(value) if isinstance(value, Real) else value
 
 
@@ -41,15 +38,9 @@ def check_seconds(name: str, value: object) -> None:
     """Raise TypeError or ValueError if `value`, of the argument `name`, is not a number of 0.001..3600 seconds."""
     if not is_number(value):
         raise TypeError(f"{name} must be a number of seconds, not {quote(value)}")
-    if not LEAST_SECONDS <= value <= MOST_SECONDS:
-        raise ValueError(f"{name} must be {LEAST_SECONDS:g}..{MOST_SECONDS:g} seconds, not {quote(value)}")
-
-
-def checked_flag(name: str, value: object) -> int:
-    """Return 0 or 1 for False or True. Raise EncodeError, with a text beginning with `name`, for other values."""
-    if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
-        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
-    return int(value == 1)
+    least, most = SECONDS
+    if not least <= value <= most:
+        raise ValueError(f"{name} must be {least:g}..{most:g} seconds, not {quote(value)}")
 
 
 def checked_servo_id(where: str, servo_id: object) -> int:

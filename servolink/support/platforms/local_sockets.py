@@ -14,7 +14,7 @@ import socket
 import stat
 import struct
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +22,9 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from servolink.files import read_file, write_atomically
-from servolink.platforms.private_files import refuse_foreign
-from servolink.platforms.user_folders import user_folder
+from servolink.support.files import read_file, write_atomically
+from servolink.support.platforms.memory_pipes import connect_in_memory
+from servolink.support.platforms.user_folders import refuse_foreign, user_folder
 
 _BACKLOG = 1024
 _FULL_PAUSE = 0.01  # seconds between attempts while too many programs wait to be accepted
@@ -56,7 +56,7 @@ class _Door(Struct):
 
 def has_unix_sockets() -> bool:
     """Return whether Unix sockets are available, and their files have owners."""
-    if sys.platform == "win32":
+    if sys.platform == "win32" or sys.platform == "emscripten":
         return False
     else:
         try:
@@ -66,7 +66,7 @@ def has_unix_sockets() -> bool:
         return True
 
 
-def listen(name: str) -> LocalSocket:
+def listen_locally(name: str) -> LocalSocket:
     """Listen under `name` in the runtime folder, which must exist. Raise OSError.
 
     Replace the file of a killed program; the caller must have made sure that no program uses the name.
@@ -90,11 +90,24 @@ def listen(name: str) -> LocalSocket:
     return LocalSocket(listening, path, token)
 
 
-async def connect(name: str) -> tuple[socket.socket, str]:
-    """Connect to the program listening under `name`; return the socket, and the token to send.
+async def connect_locally(name: str, make_protocol: Callable[[], asyncio.Protocol]) -> tuple[asyncio.Transport, str]:
+    """Connect to the program listening under `name`; return the connection, and the token to send.
 
     Raise OSError or ValueError; FileNotFoundError and ConnectionRefusedError if none is running.
     """
+    if sys.platform == "emscripten":
+        return connect_in_memory(name, make_protocol), ""
+    else:
+        connection, token = await _connected_to(name)
+        try:
+            pipe, _ = await asyncio.get_running_loop().create_connection(make_protocol, sock=connection)
+        except BaseException:
+            connection.close()
+            raise
+        return pipe, token
+
+
+async def _connected_to(name: str) -> tuple[socket.socket, str]:
     folder = user_folder("runtime")
     if sys.platform == "win32" or not has_unix_sockets():
         refuse_foreign(folder, folder.lstat())
@@ -107,16 +120,21 @@ async def connect(name: str) -> tuple[socket.socket, str]:
             if not stat.S_ISSOCK(status.st_mode) or status.st_uid != os.geteuid():
                 raise PermissionError(errno.EPERM, f"{name}.sock in {folder} must be a socket of this user")
             connection = await _connected(socket.AF_UNIX, path)
-        if not is_allowed(connection):
+        if not is_same_user(connection):
             connection.close()
             raise PermissionError(errno.EPERM, "the program listening there belongs to another user")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
         return connection, ""
 
 
-def is_allowed(connection: socket.socket) -> bool:
+def is_same_user(connection: socket.socket) -> bool:
     """Return whether the peer of a Unix socket is the same user or root; True if the system cannot tell."""
-    if sys.platform == "win32" or connection.family != socket.AF_UNIX or not hasattr(socket, "SO_PEERCRED"):
+    if (
+        sys.platform == "win32"
+        or not has_unix_sockets()
+        or connection.family != socket.AF_UNIX
+        or not hasattr(socket, "SO_PEERCRED")
+    ):
         return True
     else:
         _, user, _ = struct.unpack(
