@@ -6,8 +6,7 @@ import codecs
 import re
 from collections.abc import Sequence
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
+from servolink.errors import EncodeError, quote
 from servolink.protocol.frame import MAGIC
 
 CAPTION_SIZE = 32

@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
-import msgspec
+from collections.abc import Iterable
+from typing import Any, TypeVar, cast
 
-from servolink.errors import DecodeError
-from servolink.escaping import quote
+from servolink.errors import DecodeError, quote
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.caption import check_encoding
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum, encode_frame
-from servolink.protocol.layout import Decoder, layout
-from servolink.protocol.packet import Packet, Request, Response
+from servolink.protocol.layouts import Decoder, layout
+from servolink.protocol.packet import Packet, Request, Result
 
-PACKETS: dict[int, type[Packet]] = {
-    declared.packet_id: declared
+R = TypeVar("R", bound=Result)
+
+
+class PacketTable(dict[int, type[Packet]]):
+    """Packet classes by packet id."""
+
+    def __init__(self, declared: Iterable[type[Packet]]) -> None:
+        """List the classes `declared`."""
+        super().__init__({each.packet_id: each for each in declared})
+        self.by_name = {each.__name__: each for each in self.values()}
+        """Packet classes by name in the document."""
+
+    def response_of(self, request: Request[Any]) -> type[Packet]:
+        """Return the class of the response to `request`: the packet with the next higher id."""
+        return self[request.packet_id + 1]
+
+    def result_of(self, request: Request[R], *, done: bool) -> R:
+        """Return the response to `request` that reports whether the request was done."""
+        declared: Any = self.response_of(request)
+        return cast("R", declared(int(done)))
+
+
+PACKETS = PacketTable(
+    declared
     for chapter in (settings, servos, editing, joystick)
     for declared in vars(chapter).values()
     if isinstance(declared, type) and issubclass(declared, Packet) and hasattr(declared, "packet_id")
-}
-"""All packet classes of the document, by packet id."""
-
-PACKETS_BY_NAME: dict[str, type[Packet]] = {declared.__name__: declared for declared in PACKETS.values()}
-"""All packet classes of the document, by name in the document."""
+)
+"""All packet classes of the document."""
 
 _MOST_QUERIES = 1024  # remembered frames: enough for all servos and the records of most boards
-
-
-def response_class(request: Request[Response]) -> type[Packet]:
-    """Return the class of the response to `request`: the packet with the next higher id."""
-    return PACKETS[request.packet_id + 1]
 
 
 class Codec:
@@ -97,12 +111,3 @@ class Codec:
             return self.decode(packet_id, data[HEADER_SIZE:-1])
         except DecodeError as error:
             raise DecodeError(str(error), data) from None
-
-
-def in_range(packet: Packet) -> bool:
-    """Return whether all values of `packet` are in the declared range, unchecked by decoding."""
-    try:
-        msgspec.convert(msgspec.to_builtins(packet), type(packet))
-    except msgspec.ValidationError:
-        return False
-    return True

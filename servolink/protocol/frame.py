@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from struct import Struct
-from typing import Literal
+from typing import Literal, NamedTuple
 from zlib import adler32
 
 _MOST_BLOCKS = 4096  # running sums kept: enough for 1 MiB of stream
@@ -75,6 +75,45 @@ def checksum(data: bytes) -> int:
         return (adler32(data) - 1) & 0xFF
     pieces = piecewise(len(data)).unpack(data)
     return (sum(map(adler32, pieces)) - len(pieces)) & 0xFF
+
+
+class FrameAt(NamedTuple):
+    """Frame announced by a header in a stream."""
+
+    packet_id: int
+    size: int
+    """Bytes of the whole frame."""
+    data: bytes
+    """Bytes of the frame that are there: fewer than `size` at the end of the stream."""
+
+    @classmethod
+    def read(cls, stream: bytes, at: int, byte_order: ByteOrder) -> FrameAt | None:
+        """Return the frame that begins at `at`; None without a whole header there. The magic is not checked."""
+        if len(stream) - at < HEADER_SIZE:
+            return None
+        _, packet_id, length = HEADER[byte_order].unpack_from(stream, at)
+        size = length + OVERHEAD
+        return cls(packet_id, size, stream[at : at + size])
+
+    @property
+    def length(self) -> int:
+        """Announced bytes of the content."""
+        return self.size - OVERHEAD
+
+    @property
+    def content(self) -> bytes:
+        """Content of a whole frame."""
+        return self.data[HEADER_SIZE:-1]
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all bytes are there."""
+        return len(self.data) == self.size
+
+    @property
+    def is_intact(self) -> bool:
+        """Whether all bytes are there, and their sum is right."""
+        return self.is_whole and checksum(self.data[:-1]) == self.data[-1]
 
 
 def encode_frame(packet_id: int, content: bytes, byte_order: ByteOrder) -> bytes:

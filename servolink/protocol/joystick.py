@@ -123,22 +123,23 @@ class SubscribeButtonEventRequest(Request[SubscribeButtonEventResponse], frozen=
     subscribe: Annotated[Flag, Meta(description="0 end, 1 start")]
 
 
-PRESS, LONG_PRESS, UP = 1, 2, 4
-"""Values of `ButtonEventResponse.event`."""
-
-
 class ButtonEventResponse(Response, frozen=True, gc=False):
     """Button event, sent by the board without a request after a subscription."""
 
     packet_id: ClassVar[int] = 40081
     section: ClassVar[str] = "3.4.8.2"
+    PRESS: ClassVar[int] = 1
+    LONG_PRESS: ClassVar[int] = 2
+    UP: ClassVar[int] = 4
     button_id: U32
     event: Annotated[U8, Meta(description="1 press, 2 long press, 4 up")]
 
     @property
     def kind(self) -> str:
         """Event in words: `press`, `long_press`, `up`, or `event N` for a number undefined in the document."""
-        return {PRESS: "press", LONG_PRESS: "long_press", UP: "up"}.get(self.event, f"event {self.event}")
+        return {self.PRESS: "press", self.LONG_PRESS: "long_press", self.UP: "up"}.get(
+            self.event, f"event {self.event}"
+        )
 
     def __repr__(self) -> str:
         """Return the event under the public name of the class, `servolink.ButtonEvent`."""

@@ -11,8 +11,7 @@ from typing import Any
 import msgspec
 from msgspec import inspect
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
+from servolink.errors import EncodeError, quote
 
 _PART = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 _AT = " - at `$"

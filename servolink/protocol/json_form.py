@@ -11,6 +11,7 @@ Files, `--json` and all other outputs share this form.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import cache, reduce
 from operator import or_
 from types import GenericAlias
@@ -19,10 +20,9 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 from msgspec import NODEFAULT, Meta, Struct
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
+from servolink.errors import EncodeError, quote
 from servolink.protocol.caption import CAPTION_SIZE
-from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.json_errors import convert
 from servolink.protocol.packet import I32, FieldFormat, Natural32, Packet, wire_range
 from servolink.protocol.records import MacroCommand, MacroCommandType
@@ -67,7 +67,7 @@ def _declared(value: Any) -> type[Packet]:
     name, packet_id = value.get("packet"), value.get("id")
     if name is None and packet_id is None:
         raise EncodeError("the object has neither packet nor id")
-    by_name = PACKETS_BY_NAME.get(name) if isinstance(name, str) else None
+    by_name = PACKETS.by_name.get(name) if isinstance(name, str) else None
     by_id = PACKETS.get(packet_id) if isinstance(packet_id, int) else None
     if name is not None and by_name is None:
         raise EncodeError(f"there is no {quote(name)}{_suggestion(name)}", "packet")
@@ -82,9 +82,7 @@ def _declared(value: Any) -> type[Packet]:
 
 def _suggestion(name: Any) -> str:
     """Return a suggestion for the misspelt name of a packet, as the end of a sentence; empty without a similar name."""
-    from difflib import get_close_matches  # late: needed for errors only
-
-    close = get_close_matches(name[:_COMPARED], PACKETS_BY_NAME, n=1) if isinstance(name, str) else []
+    close = get_close_matches(name[:_COMPARED], PACKETS.by_name, n=1) if isinstance(name, str) else []
     return f"; did you mean {close[0]}?" if close else ""
 
 
@@ -129,15 +127,18 @@ def record_to_json(record: Any) -> Any:
 
 
 def record_from_json(record_class: type[T], value: Any, *, unchecked: bool = False) -> T:
-    """Return the record described by `value`. Raise EncodeError naming path, value and range.
+    """Return the record described by `value`, JSON or an instance of its `json_type`.
 
+    Raise EncodeError naming path, value and range.
     `unchecked` accepts all values that a board can have sent: numbers in the range of the wire but outside the
     document's, captions with control characters, macro commands of other types.
     """
-    return struct_from_json(record_class, convert(value, json_type(record_class, unchecked=unchecked)))
+    if isinstance(value, Struct):
+        return _from_given(record_class, value)
+    return _from_given(record_class, convert(value, json_type(record_class, unchecked=unchecked)))
 
 
-def struct_from_json(record_class: type[T], given: Any) -> T:
+def _from_given(record_class: type[T], given: Any) -> T:
     """Return the `record_class` for `given`, an instance of its `json_type`."""
     if record_class is MacroCommand:
         return record_class(*_command_values(given))
@@ -145,7 +146,7 @@ def struct_from_json(record_class: type[T], given: Any) -> T:
     for field in _fields(record_class):
         value: Any = getattr(given, field.key)
         if field.item is not None:
-            value = tuple(struct_from_json(field.item, one) for one in value)
+            value = tuple(_from_given(field.item, one) for one in value)
         values.append(value // field.unit if field.unit > 1 else value)
     return record_class(*values)
 
@@ -174,7 +175,7 @@ def _command_values(given: Any) -> tuple[Any, ...]:
     return getattr(given, key), number, given.ratio_percent, given.loop, given.total_interval_ms
 
 
-def _value_to_json(value: Any, field: _Field) -> Any:
+def _value_to_json(value: Any, field: _JsonField) -> Any:
     if isinstance(value, (tuple, list)):
         return [record_to_json(one) for one in value]
     if isinstance(value, int):
@@ -183,7 +184,7 @@ def _value_to_json(value: Any, field: _Field) -> Any:
 
 
 @dataclass(frozen=True, slots=True)
-class _Field:
+class _JsonField:
     """Field of a record with the corresponding JSON field."""
 
     name: str
@@ -196,10 +197,10 @@ class _Field:
 
 
 @cache
-def _fields(record_class: type[Struct]) -> tuple[_Field, ...]:
+def _fields(record_class: type[Struct]) -> tuple[_JsonField, ...]:
     hints = get_type_hints(record_class, include_extras=True)
     return tuple(
-        _Field(
+        _JsonField(
             info.name,
             *_UNITS.get(info.name, (info.name, 1)),
             _item(hints[info.name]),
@@ -216,7 +217,7 @@ def _item(hint: Any) -> type[Struct] | None:
     return get_args(bare)[0] if get_origin(bare) is tuple else None
 
 
-def _field_type(field: _Field, *, unchecked: bool) -> Any:
+def _field_type(field: _JsonField, *, unchecked: bool) -> Any:
     if field.item is not None:
         return GenericAlias(tuple, (json_type(field.item, unchecked=unchecked), ...))
     metadata = field.hint.__metadata__

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.frame import Frame
-from servolink.protocol.layout import layout
+from servolink.protocol.layouts import layout
 from servolink.protocol.packet import Response
 from servolink.protocol.parser import FrameParser
 

@@ -10,10 +10,13 @@ from operator import index
 from struct import Struct as Format
 from typing import Annotated, Any, ClassVar, Generic, Self, TypeVar, Union, get_args, get_origin
 
+import msgspec
 from msgspec import Meta, Struct
 from msgspec import Struct as Record
 
-from servolink.escaping import quote
+from servolink.errors import escape, quote
+
+_LONGEST = 120  # characters of a packet in an error
 
 
 class FieldFormat(Struct, frozen=True):
@@ -135,6 +138,12 @@ def bare(hint: Any) -> Any:
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
 
 
+def description(hint: Any) -> str:
+    """Return the description of a field; empty if missing."""
+    metas = (each for each in _all_metadata(hint) if isinstance(each, Meta))
+    return next((each.description for each in metas if each.description), "")
+
+
 def metadata(hint: Any, kind: type) -> Any:
     """Return the first metadata of type `kind`, None without any."""
     return next((entry for entry in _all_metadata(hint) if isinstance(entry, kind)), None)
@@ -184,6 +193,39 @@ class Packet(Struct, frozen=True, gc=False):
     effect: ClassVar[Effect] = Effect.NONE
     """Effect on the servos; declared by each packet from the host, except queries."""
 
+    @property
+    def described(self) -> str:
+        """Packet as short, safe text for an error."""
+        text = escape(repr(self))
+        return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+
+    @property
+    def short_name(self) -> str:
+        """Name without `Request`, as in profiles: `QueryMemorySize`."""
+        return type(self).__name__.removesuffix("Request")
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether the packet can make a servo turn or go limp as soon as it is sent.
+
+        Repeatable packets turn nothing by themselves: an active joystick table waits for a button.
+        """
+        match self.effect:
+            case Effect.MOVES | Effect.GOES_LIMP:
+                return True
+            case Effect.MAY_MOVE:
+                return not self.repeatable
+            case _:
+                return False
+
+    def is_in_range(self) -> bool:
+        """Return whether all values are in the declared range, unchecked by decoding."""
+        try:
+            msgspec.convert(msgspec.to_builtins(self), type(self))
+        except msgspec.ValidationError:
+            return False
+        return True
+
 
 class Response(Packet, frozen=True, gc=False):
     """A packet sent by the board."""
@@ -226,17 +268,3 @@ class Query(Request[R_co], frozen=True, gc=False):
 
     is_query: ClassVar[bool] = True
     repeatable: ClassVar[bool] = True
-
-
-def is_motion(packet: Packet) -> bool:
-    """Return whether `packet` can make a servo turn or go limp as soon as it is sent.
-
-    Repeatable packets turn nothing by themselves: an active joystick table waits for a button.
-    """
-    match packet.effect:
-        case Effect.MOVES | Effect.GOES_LIMP:
-            return True
-        case Effect.MAY_MOVE:
-            return not packet.repeatable
-        case _:
-            return False

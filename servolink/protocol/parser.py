@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache, partial
 from struct import Struct
-from typing import Any
+from typing import Any, ClassVar
 from zlib import adler32
 
 from servolink.protocol.codec import PACKETS
@@ -24,11 +24,11 @@ from servolink.protocol.frame import (
     Frame,
     checksum,
 )
-from servolink.protocol.layout import layout
+from servolink.protocol.layouts import layout
 from servolink.protocol.recovery import DEEPEST, Recovery, next_magic
 
-REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
-PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = REASONS
+_REASONS = ("padding", "noise", "unknown id", "length", "checksum", "incomplete")
+PADDING, NOISE, UNKNOWN_ID, LENGTH, CHECKSUM, INCOMPLETE = _REASONS
 """Reasons for skipped bytes: zeros after a frame; no start of a frame; a start with an unknown id, a wrong length or a
 wrong sum; a frame without an end."""
 
@@ -49,18 +49,23 @@ content, checksum and next header out of a buffer (None for a content longer tha
 class FrameParser:
     """Incremental parser for frames of every packet, requests and responses."""
 
+    REASONS: ClassVar[tuple[str, ...]] = _REASONS
+    """Reasons for skipped bytes."""
+    PADDING: ClassVar[str] = _REASONS[0]
+    """Reason for zeros after a frame, which some boards send."""
+
     def __init__(self, byte_order: ByteOrder = "little", *, keep_skipped: bool = False) -> None:
         """Start at the beginning of a stream; `keep_skipped` keeps skipped bytes for `take_skipped`."""
         self.byte_order: ByteOrder = byte_order
         self.frames = 0
         """Number of frames accepted so far."""
-        self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
+        self.skipped: dict[str, int] = dict.fromkeys(_REASONS, 0)
         """Bytes skipped so far, by reason."""
         self._entries: dict[bytes, _Entry] = {}
         self._partial: bytes | bytearray = b""  # incomplete rest; a bytearray if likely to grow long in small steps
         self._needed = HEADER_SIZE  # length needed before another look is worthwhile
         self._reason = PADDING
-        self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), DEEPEST)
+        self._recovery = Recovery(byte_order, partial(_SearchingParser, byte_order), DEEPEST)
         self._wary = 0  # number of further frames to search for whole frames inside
         self._blocks: BlockSums | None = None
         self._skipped: list[tuple[int, bytes, str]] | None = [] if keep_skipped else None
@@ -289,12 +294,12 @@ def _cutter(length: int) -> Callable[[bytes, int], tuple[Any, ...]]:
     return Struct(f"{HEADER_SIZE}x{length}sB{HEADER_SIZE}s").unpack_from
 
 
-class _InnerParser(FrameParser):
+class _SearchingParser(FrameParser):
     """A parser for the inside of a frame, as used by `recovery`."""
 
     def __init__(self, byte_order: ByteOrder, deepest: int, wary: int) -> None:
         super().__init__(byte_order)
-        self._recovery = Recovery(byte_order, partial(_InnerParser, byte_order), deepest)
+        self._recovery = Recovery(byte_order, partial(_SearchingParser, byte_order), deepest)
         self._wary = wary
 
     @property

@@ -11,11 +11,10 @@ from typing import Any, Generic, TypeAlias, TypeVar
 from msgspec import Struct
 from msgspec.structs import astuple, replace
 
-from servolink.errors import ProjectError
-from servolink.escaping import quote
+from servolink.errors import ProjectError, quote
 from servolink.protocol import editing, joystick
-from servolink.protocol.codec import response_class
-from servolink.protocol.layout import content_size, layout
+from servolink.protocol.codec import PACKETS
+from servolink.protocol.layouts import layout
 from servolink.protocol.packet import Packet, Query, Request, Response, Result
 from servolink.protocol.records import (
     Action,
@@ -74,6 +73,14 @@ class RecordType(StoredType[T], frozen=True, eq=False):
     links: Callable[[Any], Iterable[tuple[str, RecordType[Any]]]]
     """Fields of a part with the id of another record, each with the type of the other record."""
 
+    @staticmethod
+    def of(record: object) -> RecordType[Any]:
+        """Return the type of an action, a macro or a joystick table. Raise ProjectError for anything else."""
+        for record_type in RECORD_TYPES:
+            if isinstance(record, record_type.record_class):
+                return record_type
+        raise ProjectError(f"{quote(record)} is not an action, a macro or a joystick table")
+
     def parts_of(self, record: Struct) -> tuple[Any, ...]:
         """Return the steps, commands or buttons of a record."""
         return tuple(getattr(record, record.__struct_fields__[-1]))
@@ -124,11 +131,11 @@ class RecordType(StoredType[T], frozen=True, eq=False):
 
     def size(self, record: T) -> int:
         """Return the bytes of `record` on the wire, and by assumption on the board."""
-        return content_size(self.add_class, len(self.parts_of(record)))
+        return layout(self.add_class, "little").size(len(self.parts_of(record)))
 
     def list_size(self, count: int) -> int:
         """Return the bytes of a list response with `count` entries."""
-        return content_size(self._list_response, count)
+        return layout(self._list_response, "little").size(count)
 
     @property
     def list_limit(self) -> int:
@@ -137,7 +144,7 @@ class RecordType(StoredType[T], frozen=True, eq=False):
 
     @property
     def _list_response(self) -> type[Packet]:
-        return response_class(self.list_request)
+        return PACKETS.response_of(self.list_request)
 
 
 def _step_links(step: object) -> Iterable[tuple[str, RecordType[Any]]]:
@@ -194,18 +201,3 @@ RECORD_TYPES: tuple[RecordType[Any], ...] = (ACTION, MACRO, TABLE)
 """Record types in the order of writing: a record is stored after all records it refers to."""
 STORED_TYPES: tuple[StoredType[Any], ...] = (SERVO_PARAMETER, *RECORD_TYPES)
 """All types, in the order of a project file."""
-
-
-def type_of(record: object) -> RecordType[Any]:
-    """Return the type of an action, a macro or a joystick table. Raise ProjectError for anything else."""
-    for record_type in RECORD_TYPES:
-        if isinstance(record, record_type.record_class):
-            return record_type
-    raise ProjectError(f"{quote(record)} is not an action, a macro or a joystick table")
-
-
-def stored_size(record: Record | ServoParameter) -> int:
-    """Return the bytes of a record or of the parameters of a servo: 38 + 5n for an action of n steps."""
-    if isinstance(record, ServoParameter):
-        return SERVO_PARAMETER.size(record)
-    return type_of(record).size(record)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from enum import IntEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, Struct
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_number
+from servolink.errors import EncodeError, quote
 from servolink.protocol.packet import (
     I16,
     I32,
@@ -24,6 +22,7 @@ from servolink.protocol.packet import (
     Natural32,
     Percent,
 )
+from servolink.support import as_number, is_number
 
 
 class RecordRef(int):
@@ -125,6 +124,12 @@ class MacroCommand(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
 class Macro(Struct, frozen=True, gc=False, forbid_unknown_fields=True):
     """Stored sequence of commands, run in order."""
 
+    MAX_NESTING: ClassVar[int] = 32
+    """Maximum depth of macros run by macros, the outermost included, on virtual boards and in programs that follow one.
+
+    The document has no such limit.
+    """
+
     macro_id: Annotated[I32, Meta(description="0 in a response: no such macro")]
     macro_caption: Caption = ""
     commands: Annotated[tuple[MacroCommand, ...], U16_COUNT] = ()
@@ -223,13 +228,6 @@ def _reference(macro: object, name: str) -> int:
     if not isinstance(macro, Macro):
         raise EncodeError(f"must be a Macro, as made by Macro.of(caption, ...), not {quote(macro)}", name)
     return RecordRef.of(macro)
-
-
-MAX_NESTING = 32
-"""Maximum depth of macros run by macros, the outermost included, on virtual boards and in programs that follow a macro.
-
-The document has no such limit.
-"""
 
 
 class MacroPlaying(Struct, frozen=True):

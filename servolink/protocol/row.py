@@ -39,6 +39,9 @@ class Row:
         self._prefix = prefix
         self.format = Format(prefix + "".join(value.code for value in values) + suffix)
         self.captions = tuple(at for at, value in enumerate(values) if value.is_caption)
+        self.caption_starts = tuple(
+            Format(prefix + "".join(each.code for each in values[:at])).size for at in self.captions
+        )
         # Only numbers with a range narrower than on the wire: struct itself checks the others.
         self._narrow = tuple((at, value.low, value.high) for at, value in enumerate(values) if value.narrow)
         self.free = not self.captions and not self._narrow  # struct checks everything

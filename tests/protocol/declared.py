@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +17,7 @@ from servolink.protocol.frame import MAGIC, ByteOrder
 from servolink.protocol.packet import Packet, Response
 
 DATA = Path(__file__).parent.parent / "data"
-DOCUMENT: dict[str, Any] = json.loads(files("servolink.virtual.odd").joinpath("protocol.json").read_text("utf-8"))
+DOCUMENT: dict[str, Any] = json.loads((DATA.parent / "lab/odd/protocol.json").read_text("utf-8"))
 
 
 def snake_case(name: str) -> str:

@@ -6,8 +6,8 @@ import pytest
 
 from servolink.protocol.codec import PACKETS
 from servolink.protocol.editing import AddServoParameterRequest, QueryActionRequest, QueryActionResponse
-from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse, SetActiveJoystickTableRequest
-from servolink.protocol.packet import Effect, Query, Request, Response, is_motion
+from servolink.protocol.joystick import ButtonEventResponse, SetActiveJoystickTableRequest
+from servolink.protocol.packet import Effect, Query, Request, Response
 from servolink.protocol.servos import (
     ALL_SERVOS,
     QueryServoRequest,
@@ -54,7 +54,14 @@ def test_every_echoed_field_is_in_request_and_answer() -> None:
 
 
 @pytest.mark.parametrize(
-    ("event", "kind"), [(PRESS, "press"), (LONG_PRESS, "long_press"), (UP, "up"), (3, "event 3"), (0, "event 0")]
+    ("event", "kind"),
+    [
+        (ButtonEventResponse.PRESS, "press"),
+        (ButtonEventResponse.LONG_PRESS, "long_press"),
+        (ButtonEventResponse.UP, "up"),
+        (3, "event 3"),
+        (0, "event 0"),
+    ],
 )
 def test_a_button_event_has_a_word(event: int, kind: str) -> None:
     assert ButtonEventResponse(7, event).kind == kind
@@ -80,11 +87,11 @@ def test_each_packet_that_the_host_sends_declares_its_effect_on_the_servos() -> 
 def test_start_and_hold_decide_between_stop_release_and_start(is_start: int, is_hold: int, effect: Effect) -> None:
     packet = SetServoParameterRequest(1, is_start, is_hold)
     assert packet.effect is effect
-    assert is_motion(packet) == (effect is not Effect.STOPS)
+    assert packet.is_motion == (effect is not Effect.STOPS)
 
 
 def test_what_may_move_is_a_motion_unless_it_only_makes_buttons_move_servos() -> None:
     correction, table = AddServoParameterRequest(()), SetActiveJoystickTableRequest(1)
     assert (correction.effect, table.effect) == (Effect.MAY_MOVE, Effect.MAY_MOVE)
-    assert is_motion(correction)
-    assert not is_motion(table)
+    assert correction.is_motion
+    assert not table.is_motion

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from benchmarks.streams import any_frame, damaged_line, hostile
 from servolink.protocol.codec import Codec
 from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, Frame, encode_frame
-from servolink.protocol.parser import CHECKSUM, INCOMPLETE, LENGTH, NOISE, PADDING, REASONS, UNKNOWN_ID, FrameParser
+from servolink.protocol.parser import CHECKSUM, INCOMPLETE, LENGTH, NOISE, UNKNOWN_ID, FrameParser
 from servolink.protocol.servos import QueryServoRequest, QueryServoResponse
 from tests.protocol.declared import VECTORS
 from tests.tables import over
@@ -79,9 +79,9 @@ def test_any_buffer_is_taken_and_not_kept(kind: type[bytes]) -> None:
     ("before", "reasons"),
     [
         (b"", {}),
-        (bytes(50), {PADDING: 50}),
+        (bytes(50), {FrameParser.PADDING: 50}),
         (b"\x01" * 50, {NOISE: 50}),
-        (b"\0\0\1\0", {PADDING: 2, NOISE: 2}),
+        (b"\0\0\1\0", {FrameParser.PADDING: 2, NOISE: 2}),
         (MAGIC[:3], {NOISE: 3}),
         (MAGIC, {UNKNOWN_ID: 4}),
         (HEADER["little"].pack(MAGIC, 12345, 0) + b"\xea", {UNKNOWN_ID: 9}),
@@ -97,7 +97,7 @@ def test_what_is_no_frame_is_skipped_and_counted_by_reason(before: bytes, reason
 def test_padding_after_a_frame_is_no_noise() -> None:
     frames, spans, _ = parsed(GOOD + bytes(54) + GOOD)
     assert frames == [FOUND, FOUND]
-    assert spans == [(1, bytes(54), PADDING)]
+    assert spans == [(1, bytes(54), FrameParser.PADDING)]
 
 
 def test_a_frame_inside_a_damaged_one_is_found() -> None:
@@ -162,7 +162,7 @@ def test_what_looking_back_finds_is_looked_into_up_to_four_times(step: int) -> N
     found = [frame for at in range(0, len(twice), step) for frame in parser.feed(twice[at : at + step])]
     assert found == frames[:5] * 2
     last = encode_frame(*frames[4], "little")
-    assert parser.skipped == dict.fromkeys(REASONS, 0) | {NOISE: 2 * len(stream.partition(last)[2])}
+    assert parser.skipped == dict.fromkeys(FrameParser.REASONS, 0) | {NOISE: 2 * len(stream.partition(last)[2])}
 
 
 def test_a_long_frame_is_looked_into_when_it_has_left_the_buffer() -> None:
@@ -199,7 +199,7 @@ def test_padding_behind_a_frame_with_a_whole_one_inside_decides_nothing_and_nois
         parser = FrameParser()
         frames = [frame for at in range(0, len(stream), step) for frame in parser.feed(stream[at : at + step])]
         assert [packet_id for packet_id, _ in frames] == [10050, 10040]
-        assert (parser.skipped[PADDING], parser.skipped[NOISE]) == (5, noise)
+        assert (parser.skipped[FrameParser.PADDING], parser.skipped[NOISE]) == (5, noise)
 
 
 def test_whole_frames_swallowed_by_chance_are_found_on_a_noisy_line() -> None:

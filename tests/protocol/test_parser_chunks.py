@@ -18,7 +18,7 @@ import pytest
 
 from benchmarks.streams import any_frame, chunks, damaged_line
 from servolink.protocol.frame import HEADER, MAGIC, BlockSums, ByteOrder, Frame, encode_frame
-from servolink.protocol.parser import CHECKSUM, NOISE, PADDING, FrameParser, _InnerParser
+from servolink.protocol.parser import CHECKSUM, NOISE, FrameParser, _SearchingParser
 from servolink.protocol.recovery import Recovery
 from servolink.protocol.servos import QueryServoRequest
 from servolink.protocol.settings import SendDummyDataRequest
@@ -39,7 +39,7 @@ def acquainted(parser: FrameParser, frames: list[bytes]) -> FrameParser:
 
 @pytest.mark.parametrize(
     ("between", "reasons"),
-    [(b"", {}), (WRONG_SUM, {CHECKSUM: len(WRONG_SUM)}), (b"noise", {NOISE: 5}), (bytes(9), {PADDING: 9})],
+    [(b"", {}), (WRONG_SUM, {CHECKSUM: len(WRONG_SUM)}), (b"noise", {NOISE: 5}), (bytes(9), {FrameParser.PADDING: 9})],
 )
 @pytest.mark.parametrize("end", [b"", GOOD[:3], GOOD[:-1]])
 def test_frames_in_a_row_end_at_anything_else_and_before_an_incomplete_frame(
@@ -155,7 +155,7 @@ def test_a_whole_frame_is_not_scanned_where_nothing_else_is_under_way(
 
 
 def test_a_frame_too_deep_to_be_searched_is_not_kept_by_the_short_cut_either() -> None:
-    parser = _InnerParser("little", deepest=0, wary=0)
+    parser = _SearchingParser("little", deepest=0, wary=0)
     for _ in range(3):
         assert parser.feed(GOOD) == [FOUND]
         assert parser.recovery.last is None

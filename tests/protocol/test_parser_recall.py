@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.recall import Recall, measure
 from benchmarks.streams import lucky_line
 from benchmarks.textbook import TextbookParser
 from servolink.protocol.frame import encode_frame
 from servolink.protocol.parser import FrameParser
+from tests.proofs.recall import Recall, measure
 
 
 @pytest.mark.parametrize("seed", [434, 1000, 3000, 4002])

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import ProjectError
 from servolink.protocol import editing, joystick
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, STORED_TYPES, TABLE, RecordType, type_of
+from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, STORED_TYPES, TABLE, RecordType
 from servolink.protocol.records import (
     Action,
     ActionEntry,
@@ -32,7 +32,7 @@ PAD = JoystickTable(5, "Pad", (Button(1, "A", 4, 0, 9),))
 
 @pytest.mark.parametrize(("record", "record_type"), [(WAVE, ACTION), (SHOW, MACRO), (PAD, TABLE)])
 def test_a_record_survives_the_request_that_adds_it(record: Any, record_type: RecordType[Any]) -> None:
-    assert type_of(record) is record_type
+    assert RecordType.of(record) is record_type
     request = record_type.add(record)
     assert isinstance(request, record_type.add_class)
     assert record_type.record_in(request) == record
@@ -90,7 +90,7 @@ def test_types_come_in_the_order_of_a_project_file() -> None:
 
 def test_whatever_is_not_a_record_has_no_type() -> None:
     with pytest.raises(ProjectError, match="'wave' is not an action, a macro or a joystick table"):
-        type_of("wave")
+        RecordType.of("wave")
 
 
 def test_times_are_in_seconds() -> None:

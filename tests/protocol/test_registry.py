@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME, response_class
+from servolink.protocol.codec import PACKETS
 from servolink.protocol.packet import Request
 from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
 
 
 def test_ids_and_names_lead_to_the_same_packets() -> None:
-    assert len(PACKETS) == len(PACKETS_BY_NAME) == 60
-    assert all(PACKETS_BY_NAME[kind.__name__] is kind and kind.packet_id == id_ for id_, kind in PACKETS.items())
+    assert len(PACKETS) == len(PACKETS.by_name) == 60
+    assert all(PACKETS.by_name[kind.__name__] is kind and kind.packet_id == id_ for id_, kind in PACKETS.items())
 
 
 def test_the_answer_to_a_request_is_the_next_id() -> None:
-    assert response_class(QueryServoListRequest()) is QueryServoListResponse
+    assert PACKETS.response_of(QueryServoListRequest()) is QueryServoListResponse
     answered = [kind for kind in PACKETS.values() if issubclass(kind, Request)]
     assert len(answered) == 28
     for kind in answered:

@@ -14,7 +14,7 @@ import pytest
 
 from servolink.protocol import editing, joystick, servos, settings
 from servolink.protocol.codec import PACKETS
-from servolink.protocol.layout import layout
+from servolink.protocol.layouts import layout
 from servolink.protocol.packet import Caption, Command, Counted, FieldFormat, Packet, Query, Request, Response
 from tests.protocol.declared import DOCUMENT, snake_case
 from tests.syntax import tree_of

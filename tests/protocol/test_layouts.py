@@ -24,7 +24,7 @@ from servolink.protocol.editing import (
     WriteProjectIDRequest,
 )
 from servolink.protocol.joystick import AddJoystickTableRequest, ButtonEventResponse
-from servolink.protocol.layout import LengthRule, layout
+from servolink.protocol.layouts import LengthRule, layout
 from servolink.protocol.packet import Caption, Command, Packet
 from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
 from servolink.protocol.servos import (

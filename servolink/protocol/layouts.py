@@ -15,8 +15,20 @@ from msgspec import Struct as Record
 from msgspec.structs import astuple
 
 from servolink.errors import DecodeError, EncodeError
+from servolink.protocol.caption import CAPTION_SIZE
 from servolink.protocol.frame import MAX_CONTENT, ByteOrder
-from servolink.protocol.packet import Counted, Packet, Response, bare, counted, field_hints, group, value, wire_range
+from servolink.protocol.packet import (
+    Counted,
+    Packet,
+    Response,
+    bare,
+    counted,
+    description,
+    field_hints,
+    group,
+    value,
+    wire_range,
+)
 from servolink.protocol.row import Row, Writing
 
 Decoder = Callable[[bytes, str], Packet]
@@ -38,12 +50,41 @@ class LengthRule(Record, frozen=True):
         return rest == 0 and count <= self.limit
 
 
+class Field(Record, frozen=True):
+    """Declared field of a packet or a record."""
+
+    name: str
+    code: str
+    """`struct` code, without byte order, of the value, or of the count of a group; empty for the rest of the bytes."""
+    meaning: str
+    """Description, such as "0 failed, 1 done"; empty if missing."""
+    items: tuple[Field, ...] = ()
+    """Fields of each item of a group; the only field of a plain number has the name of the group."""
+
+    @classmethod
+    def of(cls, name: str, hint: Any) -> Field:
+        """Return the field declared by `hint`."""
+        if bare(hint) is bytes:
+            return cls(name, "", description(hint))
+        if (count := counted(hint)) is None:
+            return cls(name, value(name, hint).code, description(hint))
+        record, values = group(hint)
+        items = (cls(name, values[0].code, ""),) if record is None else cls.all_of(record)
+        return cls(name, count.count, description(hint), items)
+
+    @classmethod
+    def all_of(cls, declared: type[Record]) -> tuple[Field, ...]:
+        """Return the fields of a packet or a record."""
+        return tuple(cls.of(name, hint) for name, hint in field_hints(declared).items())
+
+
 class Layout:
     """Content of a packet class in a byte order."""
 
     def __init__(self, declared: type[Packet], byte_order: ByteOrder) -> None:
         """Compile the declaration of `declared`."""
         self._packet: Callable[..., Packet] = declared
+        self._declared = declared
         self._name = declared.__name__
         self._from_us = not issubclass(declared, Response)  # captions of requests are composed here, so checked
         prefix = "<" if byte_order == "little" else ">"
@@ -78,6 +119,24 @@ class Layout:
         if self._whole is not None:
             return LengthRule(base, self._whole.format.size - base, 1)
         return LengthRule(base)
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Fields of the packet, in the order of the wire."""
+        return Field.all_of(self._declared)
+
+    def size(self, count: int = 0) -> int:
+        """Return the bytes of a content with `count` items in the group; frames add `frame.OVERHEAD`."""
+        return self.rule.base + count * self.rule.unit
+
+    def captions_in(self, content: bytes) -> list[bytes]:
+        """Return the 32 bytes of each caption in `content`, padding included."""
+        starts = list(self._head.caption_starts)
+        if self._item is not None:
+            base, unit = self._head.format.size, self._item.format.size
+            ends = range(base, len(content) - unit + 1, unit)
+            starts += [at + start for at in ends for start in self._item.caption_starts]
+        return [content[at : at + CAPTION_SIZE] for at in starts]
 
     def encode(self, packet: Packet, encoding: str, *, unchecked: bool = False) -> bytes:
         """Return the content of `packet`. Raise EncodeError naming the unsuitable field.
@@ -211,9 +270,3 @@ def _writing(encoding: str, plain: bool, narrow: bool) -> Writing:  # noqa: FBT0
 def layout(declared: type[Packet], byte_order: ByteOrder) -> Layout:
     """Return the compiled layout of `declared`."""
     return Layout(declared, byte_order)
-
-
-def content_size(declared: type[Packet], count: int = 0) -> int:
-    """Return the bytes of a content with `count` items in the group; frames add `frame.OVERHEAD`."""
-    rule = layout(declared, "little").rule
-    return rule.base + count * rule.unit
