@@ -6,9 +6,10 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
+from urllib.parse import quote as percent_encoded
+from urllib.parse import unquote
 
-from servolink.errors import InvalidAddress
-from servolink.escaping import quote
+from servolink.errors import InvalidAddress, quote
 
 # Compiled on first use: compiling takes time, and no address needs all patterns.
 _BARE_DEVICE = r"(?ai)/|\\\\\.\\|com\d+(\?|$)"
@@ -17,6 +18,7 @@ _SCHEME = r"(?a)[a-z][a-z0-9+.-]*"
 _AUTHORITY = r"(?:\[(?P<v6>[^\[\]]*)\]|(?P<host>[^\[\]:]*))(?::(?P<port>[^:\[\]]*))?"
 _BAD_ESCAPE = r"(?i)%(?![0-9a-f]{2})"
 _CONTROL = r"[\x00-\x1f\x7f]"
+_HOST_AND_PORT = r"(?a)(\[[0-9a-fA-F:.%]+\]|[\w.-]+):[0-9]+"
 _INTEGER = r"[+-]?[0-9]{1,18}"
 _HEXADECIMAL = r"(?ai)0x[0-9a-f]{1,15}"
 _NUMBER = r"(?ai)[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,3})?"
@@ -31,6 +33,7 @@ CONNECTION_OPTIONS = (
     "depth",
     "write_depth",
     "answers_twice",
+    "late_copies",
     "ignore_extra",
 )
 """Options of every address, for the connection and not for the transport (see `servolink.connection.options`)."""
@@ -63,7 +66,8 @@ class Address:
 
     @classmethod
     def parse(cls, url: str) -> Address:
-        """Return the address in `url`. Raise InvalidAddress, with the correct form, for any other text."""
+        """Return the address in `url`, without blanks around it. Raise InvalidAddress, with the form, for others."""
+        url = url.strip()
         if len(url) > _MOST:
             raise refusal(url, f"is longer than {_MOST:,} characters")
         if re.search(_CONTROL, url):
@@ -73,7 +77,8 @@ class Address:
             return cls(url, "serial", path=path, options=_options(url, query))
         scheme, separator, rest = url.partition("://")
         if not separator or not re.fullmatch(_SCHEME, scheme.lower()):
-            raise refusal(url, f"is not an address; {_FORMS}")
+            is_tcp = re.fullmatch(_HOST_AND_PORT, url)
+            raise refusal(url, f"is not an address; {f'write tcp://{url}' if is_tcp else _FORMS}")
         place, _, query = rest.partition("?")
         authority, slash, path = place.partition("/")
         parts = re.fullmatch(_AUTHORITY, authority)
@@ -161,6 +166,15 @@ class Address:
         """Return an error with this address and `reason`."""
         return refusal(self.url, reason)
 
+    def with_options(self, options: Mapping[str, str]) -> str:
+        """Return this address with `options` added; options of the same name are replaced."""
+        if not options:
+            return self.url
+        place, _, query = self.url.partition("?")
+        kept = [option for option in query.split("&") if option and option.partition("=")[0] not in options]
+        added = (f"{name}={percent_encoded(value, safe='')}" for name, value in options.items())
+        return f"{place}?{'&'.join([*kept, *added])}"
+
     def _option(self, name: str) -> str | None:
         if name in CONNECTION_OPTIONS:
             return self.connection_options.get(name)
@@ -174,18 +188,6 @@ class Address:
 def refusal(url: str, reason: str) -> InvalidAddress:
     """Return an error with the address `url` and the reason why the address is unusable."""
     return InvalidAddress(f"{shorten(url)}: {reason}" if url else f"'' {reason}")
-
-
-def with_options(url: str, options: Mapping[str, str]) -> str:
-    """Return the address `url` with `options` added; options of the same name are replaced."""
-    if not options:
-        return url
-    from urllib.parse import quote  # most programs start without it
-
-    place, _, query = url.partition("?")
-    others = [option for option in query.split("&") if option and option.partition("=")[0] not in options]
-    together = "&".join([*others, *(f"{name}={quote(value, safe='')}" for name, value in options.items())])
-    return f"{place}?{together}"
 
 
 def shorten(text: str) -> str:
@@ -211,8 +213,6 @@ def _unescaped(url: str, text: str) -> str:
         raise refusal(url, f"bad escape {quote(text[bad.start() :][:3])}; write a percent sign as %25")
     plain = text
     if "%" in text:
-        from urllib.parse import unquote  # most programs start without it
-
         plain = unquote(text, errors="surrogateescape")
     if re.search(_CONTROL, plain):
         raise refusal(url, f"holds a control character; {_FORMS}")

@@ -6,13 +6,12 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from typing import Protocol, TypeVar
-from urllib.parse import quote
+from urllib.parse import quote as percent_encoded
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from servolink import escaping
-from servolink.errors import OpenError, Reason
+from servolink.errors import OpenError, Reason, quote
 from servolink.transports.address import Address
 
 UDEV_CURE = "`servolink doctor --print-udev` prints the udev rule for this permission, and where to put the rule"
@@ -43,6 +42,14 @@ class PortIdentity(Struct, frozen=True):
             )
         return cls(int(address.host, 16), int(address.port, 16), serial_number)
 
+    @classmethod
+    def at(cls, url: str, devices: Iterable[DeviceInfo]) -> PortIdentity | None:
+        """Return the identity of the serial port at `url`; None without a serial number."""
+        if not (port := Address.parse(url).serial_device):
+            return None
+        at_url = (device.identity for device in devices if Address.parse(device.url).serial_device == port)
+        return next((identity for identity in at_url if identity.serial_number), None)
+
     @property
     def device(self) -> PortIdentity:
         """Identity of the whole device, without the interface number."""
@@ -62,18 +69,20 @@ class PortIdentity(Struct, frozen=True):
             and self.interface in {None, found.interface}
         )
 
+    def ports_among(self, devices: Iterable[DeviceInfo]) -> list[DeviceInfo]:
+        """Return the serial ports with this identity."""
+        return [device for device in devices if device.url.startswith("serial://") and self.fits(device.identity)]
+
     def url(self, scheme: str, option: str = "") -> str:
         """Return the address of the device, with `option` as the only option."""
-        serial_number = "/" + quote(self.serial_number, safe="") if self.serial_number else ""
+        serial_number = "/" + percent_encoded(self.serial_number, safe="") if self.serial_number else ""
         return f"{scheme}://{self._ids}{serial_number}{'?' if option else ''}{option}"
 
     def __str__(self) -> str:
         """Return the identity as text for people, such as `0403:6001`."""
         if self.is_any:
             return "with a vendor-defined interface"
-        return self._ids + (
-            f" with the serial number {escaping.quote(self.serial_number)}" if self.serial_number else ""
-        )
+        return self._ids + (f" with the serial number {quote(self.serial_number)}" if self.serial_number else "")
 
     @property
     def _ids(self) -> str:
@@ -100,6 +109,11 @@ class DeviceInfo(Struct, frozen=True):
     def serial_number(self) -> str:
         """Serial number of the USB device; empty if missing."""
         return self.identity.serial_number
+
+    def with_options_of(self, url: str) -> str:
+        """Return the address of the device with the options of `url`."""
+        place, options = self.url.partition("?")[0], url.partition("?")[2]
+        return f"{place}?{options}" if options else self.url
 
 
 def is_accessible(path: str) -> bool:

@@ -7,8 +7,7 @@ import logging
 from collections.abc import Awaitable
 from contextlib import suppress
 
-from servolink.errors import ConnectionLost, OpenError, Reason, ServolinkError, TransportError
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, OpenError, Reason, ServolinkError, TransportError, escape
 from servolink.transports.base import STALL_LIMIT, Transport
 from servolink.transports.lifecycle import BaseTransport, StallWatch, WrappedTransport
 

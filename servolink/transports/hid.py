@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from servolink.errors import OpenError
-from servolink.platforms.locks import claim_device
+from servolink.support import claim_device
 from servolink.transports.address import Address
 from servolink.transports.device_info import UDEV_CURE, PortIdentity, choose_only
 from servolink.transports.hid_devices import (
@@ -20,7 +20,7 @@ from servolink.transports.hid_devices import (
     HidApi,
     HidInterface,
     boards,
-    load,
+    load_hidapi,
 )
 from servolink.transports.threaded import DeviceTransport
 
@@ -262,7 +262,7 @@ def from_address(address: Address) -> DeviceTransport:
     usage_page = address.integer("usage_page", -1, 0, 0xFFFF)
     address.refuse_unknown()
     device = HidDevice(
-        load(),
+        load_hidapi(),
         address.url,
         expected,
         usage_page=None if usage_page < 0 else usage_page,

@@ -12,8 +12,7 @@ from importlib.util import find_spec
 from threading import Lock
 from typing import Any, Protocol
 
-from servolink.errors import TransportUnavailable
-from servolink.escaping import escape
+from servolink.errors import TransportUnavailable, escape
 from servolink.transports.device_info import ANY_DEVICE, UDEV_CURE, DeviceInfo, PortIdentity, is_accessible
 
 VENDOR_PAGES = range(0xFF00, 0x10000)
@@ -66,7 +65,7 @@ class HidApi(Protocol):
         ...
 
 
-def load() -> HidApi:
+def load_hidapi() -> HidApi:
     """Import hidapi. Raise TransportUnavailable, with the package to install or to replace."""
     reason = "hidapi is not installed"
     # On Linux the module `hid` detaches the device from the kernel and knows no usage pages.
@@ -90,7 +89,7 @@ def _is_package(name: str) -> bool:
     """Return whether a module is a package, with a folder; the module of hidapi is a single file."""
     try:
         spec = find_spec(name)
-    except ValueError:  # the module is in sys.modules without an origin
+    except (ValueError, ImportError):  # in sys.modules without an origin, or kept from being imported
         return False
     return spec is not None and spec.submodule_search_locations is not None
 
@@ -166,4 +165,4 @@ def boards(api: HidApi, expected: PortIdentity = ANY_DEVICE, usage_page: int | N
 
 def candidates() -> list[DeviceInfo]:
     """Return the possible boards on HID. Raise TransportUnavailable, with the package to install."""
-    return [DeviceInfo(each.url, each.product, each.identity, each.problem) for each in boards(load())]
+    return [DeviceInfo(each.url, each.product, each.identity, each.problem) for each in boards(load_hidapi())]

@@ -9,8 +9,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Literal, TypeAlias
 
-from servolink.errors import ConnectionLost, OpenError, ServolinkError
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, OpenError, ServolinkError, escape
 from servolink.transports.base import STALL_LIMIT, Receiver, Transport
 
 _logger = logging.getLogger("servolink.transport")

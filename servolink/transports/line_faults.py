@@ -10,8 +10,8 @@ from random import Random
 
 from msgspec import Struct
 
-from servolink.errors import ConnectionLost, InvalidAddress
-from servolink.escaping import quote
+from servolink.errors import ConnectionLost, InvalidAddress, quote
+from servolink.support import call_at
 from servolink.transports.address import Address, shorten
 from servolink.transports.base import Transport
 from servolink.transports.foreign import contained
@@ -265,7 +265,7 @@ class FaultyTransport(WrappedTransport):
 
     def _arm(self) -> None:
         if self._late_up and self._timer is None:
-            self._timer = asyncio.get_running_loop().call_at(self._late_up.first[0], self._release)
+            self._timer = call_at(asyncio.get_running_loop(), self._late_up.first[0], self._release)
 
     def _release(self) -> None:
         self._timer = None

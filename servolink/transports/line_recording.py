@@ -11,9 +11,8 @@ from collections.abc import Awaitable
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import quote
-from servolink.files import MIB, read_file, reason
+from servolink.errors import ConnectionLost, OpenError, quote
+from servolink.support import MIB, call_at, read_file, reason
 from servolink.transports.address import Address
 from servolink.transports.base import Transport
 from servolink.transports.foreign import contained
@@ -48,7 +47,7 @@ class RecordingTransport(WrappedTransport):
         except FileExistsError as error:
             raise OpenError(f"{self._path} exists already; remove the file or record to another file") from error
         except (OSError, ValueError) as error:
-            raise OpenError(f"cannot record to {self._path}: {error}; choose another file") from error
+            raise OpenError(f"cannot record to {self._path}: {reason(error)}; choose another file") from error
         self._start = asyncio.get_running_loop().time()
         try:
             await super()._open()
@@ -78,7 +77,7 @@ class RecordingTransport(WrappedTransport):
             self._file.write(json.dumps({"t": seconds, what: text}) + "\n")
         except OSError as error:  # a recording with a gap would mislead its readers
             self._close_file()
-            self._break(f"{self._path} cannot be written: {error}")
+            self._break(f"{self._path} cannot be written: {reason(error)}")
 
     def _close_file(self) -> None:
         file, self._file = self._file, None
@@ -120,6 +119,13 @@ class ReplayTransport(BaseTransport):
         self._shift = 0.0  # seconds from the time of the recording to the time of the loop
         self._timer: asyncio.Handle | None = None
 
+    @classmethod
+    def from_address(cls, address: Address) -> ReplayTransport:
+        """Return the transport for `replay:///path/to/file.jsonl?timing=1`; the recorder has one for MCAP files."""
+        timing = address.flag("timing", default=True)
+        address.refuse_unknown()
+        return cls(address.host + address.path, timing=timing, url=address.url)
+
     async def _open(self) -> None:
         """Read the recording. Raise OpenError, with the number of an invalid line."""
         for line in _read(self._path):
@@ -157,7 +163,7 @@ class ReplayTransport(BaseTransport):
         if self._timer is None and self._coming and self._coming[0][0] <= self._done:
             loop = asyncio.get_running_loop()
             due = self._coming[0][1].seconds + self._shift if self._timing else loop.time()
-            self._timer = loop.call_at(due, self._play) if due > loop.time() else loop.call_soon(self._play)
+            self._timer = call_at(loop, due, self._play) if due > loop.time() else loop.call_soon(self._play)
 
     def _play(self) -> None:
         self._timer = None
@@ -215,10 +221,3 @@ def _parse(number: int, text: bytes, earliest: float) -> _RecordedLine:
     if what not in ("sent", "received", "lost") or not isinstance(entry[what], str):
         raise ValueError(f'expected "sent", "received" or "lost" with a text, not {quote(what)}')
     return _RecordedLine(number, seconds, what, entry[what], b"" if what == "lost" else bytes.fromhex(entry[what]))
-
-
-def from_address(address: Address) -> ReplayTransport:
-    """Return the transport for `replay:///path/to/file.jsonl?timing=1`; for MCAP see `servolink.recorder.replaying`."""
-    timing = address.flag("timing", default=True)
-    address.refuse_unknown()
-    return ReplayTransport(address.host + address.path, timing=timing, url=address.url)

@@ -5,65 +5,83 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, ClassVar, TypeAlias, cast
 
 from msgspec import Struct
 
 from servolink.errors import TransportError, TransportUnavailable
 from servolink.transports.address import Address, shorten
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
-
-    from servolink.transports.base import Transport
-
-TRANSPORTS = "servolink.transports"
-"""Entry-point group for schemes of other packages: name = scheme, value = function of an Address."""
-DISCOVERY = "servolink.discovery"
-"""Entry-point group for the search by other packages: value = function that returns DeviceInfos."""
+from servolink.transports.base import Transport
+from servolink.transports.foreign import ForeignTransport, contained
 
 Factory: TypeAlias = "Callable[[Address], Transport]"
 
 
-class _Kind(Struct, frozen=True):
+class _TransportKind(Struct, frozen=True):
     module: str
     function: str
     needs: str = ""  # packages to install if the library of the module is missing
 
 
 _KINDS = {
-    "serial": _Kind("servolink.transports.serial", "from_address", "pyserial-asyncio"),
-    "tcp": _Kind("servolink.transports.stream", "from_address"),
-    "hid": _Kind("servolink.transports.hid", "from_address", "hidapi"),
-    "usb": _Kind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
-    "share": _Kind("servolink.control.share_address", "from_address"),
-    "memory": _Kind("servolink.transports.memory", "from_address"),
-    "replay": _Kind("servolink.recorder.replaying", "from_address"),
-    "virtual": _Kind("servolink.virtual.transport", "from_address"),
+    "serial": _TransportKind("servolink.transports.serial", "from_address", "pyserial-asyncio"),
+    "tcp": _TransportKind("servolink.transports.stream", "from_address"),
+    "hid": _TransportKind("servolink.transports.hid", "from_address", "hidapi"),
+    "usb": _TransportKind("servolink.transports.usb", "from_address", "pyusb libusb-package"),
+    "share": _TransportKind("servolink.control", "from_address"),
+    "memory": _TransportKind("servolink.transports.memory", "from_address"),
+    "replay": _TransportKind("servolink.recorder", "from_address"),
+    "virtual": _TransportKind("servolink.virtual", "from_address"),
 }
 
 
-def create(url: str) -> Transport:
-    """Return an unopened transport for `url`.
+_ELSEWHERE = {
+    "socket": "write tcp://host:port",
+    "rfc2217": "set the serial server to raw TCP, and write tcp://host:port",
+    "telnet": "set the serial server to raw TCP, and write tcp://host:port",
+    "mqtt": "boards of a broker are reached by `servolink fleet`",
+    "mqtts": "boards of a broker are reached by `servolink fleet`",
+}
+"""Remedies for kinds of addresses that people bring from other programs."""
+
+
+def create(url: str | Transport) -> Transport:
+    """Return an unopened transport for `url`; a transport itself, with the errors of other packages contained.
 
     Raises:
         InvalidAddress: The address is written wrongly.
         TransportUnavailable: A library is missing, or a plug-in is broken.
 
     """
+    if not isinstance(url, str):
+        return contained(url)
     address = Address.parse(url)
     if kind := _KINDS.get(address.scheme):
         return _load(address, kind)(address)
-    others = plug_ins(TRANSPORTS)
+    others = PlugIn.all_in(PlugIn.TRANSPORTS)
     for plug_in in others:
         if plug_in.name == address.scheme:
             return _create_with(plug_in, address)
+    if remedy := _ELSEWHERE.get(address.scheme):
+        raise address.refusal(f"is an address of other programs; {remedy}")
     schemes = ", ".join(f"{scheme}://" for scheme in sorted({*_KINDS, *(plug_in.name for plug_in in others)}))
     raise address.refusal(f"unknown kind of address; known are {schemes} and a bare device path")
 
 
 class PlugIn:
     """Entry point of another package; failures become TransportUnavailable, with the name of the package."""
+
+    TRANSPORTS: ClassVar[str] = "servolink.transports"
+    """Entry-point group for schemes of other packages: name = scheme, value = function of an Address."""
+    DISCOVERY: ClassVar[str] = "servolink.discovery"
+    """Entry-point group for the search by other packages: value = function that returns DeviceInfos."""
+
+    @classmethod
+    def all_in(cls, group: str) -> list[PlugIn]:
+        """Return the entry points of other packages in `group`."""
+        points = entry_points(group=group)
+        return [cls(each, f"{each.name}://" if group == cls.TRANSPORTS else "discovery") for each in points]
 
     def __init__(self, entry_point: EntryPoint, purpose: str) -> None:
         """Store `entry_point`, not loaded yet; errors mention `purpose`."""
@@ -93,18 +111,7 @@ class PlugIn:
         )
 
 
-def plug_ins(group: str) -> list[PlugIn]:
-    """Return the entry points of other packages in `group`."""
-    from importlib.metadata import entry_points  # imported late: loads half of the email package
-
-    points = entry_points(group=group)
-    return [PlugIn(each, f"{each.name}://" if group == TRANSPORTS else "discovery") for each in points]
-
-
 def _create_with(plug_in: PlugIn, address: Address) -> Transport:
-    from servolink.transports.base import Transport  # late, as below: few boards need a plug-in
-    from servolink.transports.foreign import ForeignTransport
-
     with plug_in.blamed():
         transport = plug_in.load()(address)
     if not isinstance(transport, Transport):
@@ -112,7 +119,7 @@ def _create_with(plug_in: PlugIn, address: Address) -> Transport:
     return ForeignTransport(transport, f"the plug-in {plug_in.package}")
 
 
-def _load(address: Address, kind: _Kind) -> Factory:
+def _load(address: Address, kind: _TransportKind) -> Factory:
     try:
         return cast("Factory", getattr(import_module(kind.module), kind.function))
     except Exception as error:  # another package of the same name fails in any way, not only with ImportError

@@ -5,17 +5,20 @@ from __future__ import annotations
 import asyncio
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 from urllib.parse import quote
 
-from servolink.errors import TransportError
-from servolink.escaping import escape
+from servolink.errors import TransportError, escape
 from servolink.transports.address import Address
 from servolink.transports.device_info import DeviceInfo, PortIdentity, is_accessible
 
 _TRIES = 3
 _INTERFACE = re.compile(r":[^.]+\.(\d+)$", re.ASCII)  # interface number in a location such as 1-1.4:1.0
+
+
+_DRIVER = re.compile(r".*/(cu|tty)\.(usbmodem|wchusbserial|usbserial-?|SLAB_USBtoUART)")
+"""Beginning of a name on macOS, where two drivers may each name the same port; what follows is the same in both."""
 
 
 def list_ports() -> list[Any]:
@@ -40,8 +43,11 @@ def candidates() -> list[DeviceInfo]:
 
 
 def _candidates() -> Iterator[DeviceInfo]:
+    found = set[tuple[object, ...]]()
     for port in sorted(list_ports()):
-        if port.vid is not None:
+        same = port.vid, port.pid, port.serial_number, port.location, _DRIVER.sub("", port.device)
+        if port.vid is not None and same not in found:
+            found.add(same)
             interface = _INTERFACE.search(port.location or "")
             identity = PortIdentity(
                 port.vid, port.pid, port.serial_number or "", int(interface[1]) if interface else None
@@ -53,25 +59,6 @@ def _problem(device: str) -> str:
     if not os.path.exists(device) or is_accessible(device):  # noqa: PTH110 - on Windows it is only a name
         return ""
     return f"no permission for {escape(device)}; `servolink doctor` says how to get it"
-
-
-def identity_at(url: str, devices: Iterable[DeviceInfo]) -> PortIdentity | None:
-    """Return the identity of the serial port at `url`; None without a serial number."""
-    if not (port := Address.parse(url).serial_device):
-        return None
-    at_url = (device.identity for device in devices if Address.parse(device.url).serial_device == port)
-    return next((identity for identity in at_url if identity.serial_number), None)
-
-
-def ports_of(identity: PortIdentity, devices: Iterable[DeviceInfo]) -> list[DeviceInfo]:
-    """Return the serial ports with the USB identity `identity`."""
-    return [device for device in devices if device.url.startswith("serial://") and identity.fits(device.identity)]
-
-
-def move(url: str, port: DeviceInfo) -> str:
-    """Return the address of `port` with the options of `url`."""
-    place, options = port.url.partition("?")[0], url.partition("?")[2]
-    return f"{place}?{options}" if options else port.url
 
 
 class PortTracker:
@@ -88,16 +75,16 @@ class PortTracker:
         except TransportError:
             return  # opening the wrong address reports the error
         if is_serial:
-            self._identity = identity_at(self._url, await asyncio.to_thread(candidates))
+            self._identity = PortIdentity.at(self._url, await asyncio.to_thread(candidates))
 
     async def url(self) -> str:
         """Return the present address of the board; for an absent or ambiguous board, the first address."""
         if self._identity is None:
             return self._url
-        found = ports_of(self._identity, await asyncio.to_thread(candidates))
+        found = self._identity.ports_among(await asyncio.to_thread(candidates))
         if len(found) != 1 or self._is_at(found[0]):
             return self._url
-        return move(self._url, found[0])
+        return found[0].with_options_of(self._url)
 
     def _is_at(self, port: DeviceInfo) -> bool:
         return Address.parse(self._url).serial_device == Address.parse(port.url).serial_device

@@ -8,6 +8,7 @@ from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 
 from servolink.errors import OpenError
+from servolink.support import reason
 from servolink.transports.address import Address
 from servolink.transports.lifecycle import BaseTransport
 
@@ -178,7 +179,7 @@ class TcpTransport(StreamTransport):
             )
         if isinstance(error, socket.gaierror | UnicodeError):
             return f"there is no host '{self._host}'; check the name, or write its IP address"
-        return f"cannot connect: {error}; check address and network"
+        return f"cannot connect: {reason(error)}; check address and network"
 
 
 def keep_alive(connection: socket.socket, *, idle: int, interval: int, count: int) -> None:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.errors import InvalidAddress, TransportUnavailable
-from servolink.escaping import escape
+from servolink.errors import InvalidAddress, TransportUnavailable, escape
+from servolink.transports import create
 from servolink.transports.address import Address
 
 
@@ -124,7 +124,8 @@ def test_a_port_is_a_number_from_1_to_65535(port: str) -> None:
     [
         ("", "'' is not an address; write it as serial:///dev/ttyACM0"),
         ("ttyACM0", "write it as serial:///dev/ttyACM0"),
-        ("localhost:9000", "tcp://host:port"),
+        ("localhost:9000", "write tcp://localhost:9000"),
+        ("[::1]:9000", "write tcp://[::1]:9000"),
         ("1x://a", "is not an address"),
         ("tcp://::1:9000", "in brackets"),
         ("tcp://[::1:9000", "in brackets"),
@@ -139,6 +140,27 @@ def test_a_port_is_a_number_from_1_to_65535(port: str) -> None:
 )
 def test_what_is_no_address_is_refused_with_what_to_write(url: str, text: str) -> None:
     assert text in _refusal(url)
+
+
+@pytest.mark.parametrize(
+    ("url", "remedy"),
+    [
+        ("socket://h:9000", "write tcp://host:port"),
+        ("rfc2217://h:9000", "set the serial server to raw TCP"),
+        ("mqtt://h", "`servolink fleet`"),
+    ],
+)
+def test_an_address_of_another_program_is_refused_with_what_to_write(url: str, remedy: str) -> None:
+    with pytest.raises(InvalidAddress, match=remedy):
+        create(url)
+
+
+@pytest.mark.parametrize("url", ["tcp://127.0.0.1:7911", "/dev/ttyUSB0", "serial://COM3", "virtual://?servos=3"])
+@pytest.mark.parametrize("pasted", ["{} ", " {}", "{}\n", "\t{}\r\n", "{}\u00a0"])
+def test_blanks_around_an_address_are_no_part_of_it(url: str, pasted: str) -> None:
+    assert Address.parse(pasted.format(url)).url == url
+    assert create(pasted.format(url)).url == url
+    assert Address.parse(pasted.format(url)).with_options({"depth": "2"}).count(" ") == 0
 
 
 @pytest.mark.parametrize("url", ["x" * 10**6, "serial:///" + "/" * 10**6, "tcp://" + "a." * 10**6 + ":1"])

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.virtual.board import HostSession, VirtualBoard
+from servolink.virtual import HostSession, VirtualBoard
 from tests import processes
 from tests.transports.wires import on_loop
 

@@ -7,11 +7,10 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ConnectionLost, OpenError
-from servolink.protocol.servos import QueryServoRequest
+from servolink.protocol import QueryServoRequest
 from servolink.transports.base import Receiver, Transport
-from servolink.transports.foreign import contained
 from servolink.transports.lifecycle import BaseTransport
 from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.transports.memory import MemoryTransport
@@ -115,7 +114,7 @@ async def test_a_sending_that_hangs_loses_the_connection_for_all_who_wait() -> N
 
 async def test_a_send_that_waits_ends_with_the_connection() -> None:
     gadget, ear = Gadget(), Ear()
-    transport = contained(gadget)
+    transport = create(gadget)
     await transport.open(ear)
     gadget.sends = hang
     sending = asyncio.ensure_future(transport.send(b"x"))
@@ -128,7 +127,7 @@ async def test_a_send_that_waits_ends_with_the_connection() -> None:
 
 async def test_much_data_may_take_longer_and_one_send_behind_another_too() -> None:
     gadget, ear = Gadget(), Ear()
-    transport = contained(gadget)
+    transport = create(gadget)
     await transport.open(ear)
     line, times = asyncio.Lock(), iter((9, 1))
 
@@ -175,7 +174,7 @@ class Slow(BaseTransport):
 
 async def test_a_transport_that_reports_its_progress_is_lost_only_once_it_makes_none() -> None:
     slow, ear = Slow(), Ear()
-    transport = contained(slow)
+    transport = create(slow)
     await transport.open(ear)
     begun = now()
     with pytest.raises(ConnectionLost, match="the transport Slow did not return"):
@@ -185,7 +184,7 @@ async def test_a_transport_that_reports_its_progress_is_lost_only_once_it_makes_
 
 def test_our_own_transports_are_not_wrapped() -> None:
     ours: tuple[Transport, ...] = (MemoryTransport(), create("virtual://"), create("share://rex"))
-    assert all(contained(transport) is transport for transport in ours)
+    assert all(create(transport) is transport for transport in ours)
 
 
 async def test_a_foreign_transport_inside_one_of_ours_is_contained_too() -> None:

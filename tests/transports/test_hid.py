@@ -287,14 +287,14 @@ def test_the_other_package_of_the_modules_name_is_found_out(
 def test_a_hidapi_of_one_module_serves_too(hid: FakeHid, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hidraw", None)
     monkeypatch.setitem(sys.modules, "hid", hid)
-    assert hid_devices.load() is hid
+    assert hid_devices.load_hidapi() is hid
 
 
 def test_a_module_without_its_functions_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "hidraw", ModuleType("hidraw"))
     monkeypatch.setitem(sys.modules, "hid", ModuleType("hid"))
     with pytest.raises(TransportUnavailable, match="hidapi"):
-        hid_devices.load()
+        hid_devices.load_hidapi()
 
 
 def test_the_real_hidapi_can_be_asked() -> None:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ConnectionLost, OpenError
 from servolink.transports.line_faults import Faults, FaultyTransport
 from servolink.transports.line_recording import RecordingTransport, ReplayTransport

@@ -125,11 +125,23 @@ def test_what_cannot_be_used_is_refused_with_what_to_write(url: str, text: str) 
     assert text in str(caught.value)
 
 
-def test_a_missing_library_is_named_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "servolink.transports.serial")
-    monkeypatch.setitem(sys.modules, "serial_asyncio", None)
-    with pytest.raises(TransportUnavailable, match=r"pip install .*pyserial-asyncio") as caught:
-        create("/dev/ttyACM0")
+@pytest.mark.parametrize(
+    ("url", "missing", "package"),
+    [
+        ("/dev/ttyACM0", "serial_asyncio", "pyserial-asyncio"),
+        ("hid://", "hid hidraw", "hidapi"),
+        ("usb://", "usb", "pyusb libusb-package"),
+    ],
+)
+def test_a_missing_library_is_named_with_what_to_install(
+    url: str, missing: str, package: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in ("serial", "usb"):  # which import their libraries
+        monkeypatch.delitem(sys.modules, f"servolink.transports.{module}", raising=False)
+    for module in missing.split():
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(TransportUnavailable, match=rf"pip install .*{package}") as caught:
+        create(url)
     assert not isinstance(caught.value, InvalidAddress)
 
 

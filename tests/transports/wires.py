@@ -19,9 +19,8 @@ from typing import Any, ParamSpec, Self
 
 import msgspec
 
-from servolink.control.greeting import Greeting, Welcome
-from servolink.platforms.local_sockets import socket_folder, socket_path
-from servolink.platforms.user_folders import user_folder
+from servolink.control import Greeting, Welcome
+from servolink.support import socket_folder, socket_path, user_folder
 from servolink.transports.base import Transport
 from servolink.transports.device_info import PortIdentity
 from servolink.transports.hid import HidDevice

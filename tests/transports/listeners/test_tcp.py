@@ -11,11 +11,10 @@ from typing import Any
 import pytest
 
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.listeners.tcp import host_and_port, listening_sockets, reached_by
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol import QueryServoListRequest, QueryServoListResponse
+from servolink.transports.listeners.tcp import NetworkPlace
 from servolink.transports.registry import create
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.virtual import VirtualBoard, serve
 from tests.virtual.receiving import ANY_PORT, Heard, ask
 
 LIST = QueryServoListRequest()
@@ -75,7 +74,7 @@ def test_who_cannot_listen_is_told_what_helps(error: OSError, remedy: str, monke
     monkeypatch.setattr(socket, "create_server", fail)
     reason = str(error.strerror).removesuffix(" (while attempting to bind)")
     with pytest.raises(OpenError, match=re.escape(f"cannot listen at 127.0.0.1:5: {reason}; {remedy}")):
-        asyncio.run(listening_sockets("127.0.0.1", 5))
+        asyncio.run(NetworkPlace("127.0.0.1", 5).listen())
 
 
 @pytest.mark.skipif("not has_ipv6()")
@@ -123,15 +122,13 @@ def test_a_port_in_use_is_an_error_that_says_what_to_do() -> None:
 )
 def test_what_is_no_host_and_port_is_refused(text: str) -> None:
     with pytest.raises(TransportUnavailable):
-        host_and_port(text)
+        NetworkPlace.parse(text)
 
 
-@pytest.mark.parametrize("kind", ["tcp", "usbip"])
 @pytest.mark.parametrize("host", ["a..b", "%ff", "x" * 70])
-def test_a_name_that_no_host_can_have_is_told(host: str, kind: str) -> None:
+def test_a_name_that_no_host_can_have_is_told(host: str) -> None:
     async def main() -> None:
-        options: dict[str, Any] = {kind: f"{host}:0"}
-        async with serve(VirtualBoard(), **options):
+        async with serve(VirtualBoard(), tcp=f"{host}:0"):
             pass
 
     with pytest.raises(OpenError, match="no host can have such a name; write an IP address"):
@@ -139,8 +136,8 @@ def test_a_name_that_no_host_can_have_is_told(host: str, kind: str) -> None:
 
 
 def test_hosts_and_ports_are_split() -> None:
-    assert host_and_port("[::1]:0") == ("::1", 0)
-    assert host_and_port("localhost:65535") == ("localhost", 65535)
+    assert NetworkPlace.parse("[::1]:0") == ("::1", 0)
+    assert NetworkPlace.parse("localhost:65535") == ("localhost", 65535)
 
 
 @pytest.mark.parametrize(
@@ -154,4 +151,4 @@ def test_hosts_and_ports_are_split() -> None:
     ],
 )
 def test_only_loopback_addresses_are_for_this_machine(url: str, who: str) -> None:
-    assert reached_by(url) == who
+    assert NetworkPlace.parse(url.removeprefix("tcp://")).reached_by == who

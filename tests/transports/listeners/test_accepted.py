@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from servolink.listeners.accepted import LONGEST_PAUSE, MOST_UNREAD, AcceptedConnection
+from servolink.transports.listeners.accepted import LONGEST_PAUSE, MOST_UNREAD, AcceptedConnection
 
 
 class Pipe(asyncio.Transport):

@@ -11,22 +11,23 @@ from contextlib import ExitStack, asynccontextmanager, suppress
 from io import FileIO
 from typing import Any, TypeAlias
 
-from servolink.errors import TransportError
-from servolink.escaping import quote
-from servolink.listeners.accept import RareWarning, accepting
-from servolink.listeners.tcp import listening_sockets, place_of
-from servolink.platforms.pseudo_terminals import open_pair
+from servolink.errors import TransportError, quote
+from servolink.support import PseudoTerminal
 from servolink.transports.base import Transport
+from servolink.transports.listeners.accept import RareWarning, accepting
+from servolink.transports.listeners.strangers import Stranger, Strangers
+from servolink.transports.listeners.tcp import NetworkPlace
 
 MAX_WAITING = 1024 * 1024
 """Unread bytes above which a host is disconnected."""
 
 Connect: TypeAlias = Callable[[], Transport]
 """Function that returns a new transport to the served board."""
-Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Coroutine[Any, Any, None]]
-"""Coroutine function that serves one connection until its end."""
+Converse: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter, Stranger], Coroutine[Any, Any, None]]
+"""Coroutine function that serves a connection until the end and, like `Serve`, admits the stranger."""
 
 _CHUNK = 4096
+_COPIED = 64 * 1024
 _PIECE = 96  # enough for a move of 16 servos
 _LINGER = 1.0  # seconds for a host to read the rest
 _logger = logging.getLogger(__name__)
@@ -120,6 +121,35 @@ def _abort(pipe: asyncio.WriteTransport) -> None:
         pipe.abort()
 
 
+async def forward(
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, to: tuple[str, int], *, begin: bytes
+) -> None:
+    """Carry bytes both ways between a host and a server at `to`, until one side ends. `begin` was read before.
+
+    Neither side is read faster than the other one reads. Raise OSError if the server is not reached.
+    """
+    from_server, to_server = await asyncio.open_connection(*to)
+    try:
+        to_server.write(begin)
+        ways = [asyncio.ensure_future(_copy(reader, to_server)), asyncio.ensure_future(_copy(from_server, writer))]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.wait(ways)
+        await _flush(writer)
+    finally:
+        to_server.transport.abort()
+
+
+async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with suppress(OSError):
+        while chunk := await reader.read(_COPIED):
+            writer.write(chunk)
+            await writer.drain()
+
+
 @asynccontextmanager
 async def serve_network(connect: Connect, host: str, port: int, *, begins_with: bytes = b"") -> AsyncIterator[str]:
     """Serve each host that connects to `host` and `port` with its own transport; yield the URL.
@@ -129,10 +159,12 @@ async def serve_network(connect: Connect, host: str, port: int, *, begins_with: 
     """
     warning = RareWarning()
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, stranger: Stranger) -> None:
         begin = await _beginning(reader, begins_with)
-        if begin.startswith(begins_with):
+        if begin.startswith(begins_with) and stranger.admit("frames", Strangers.most_connections()):
             await bridge(reader, writer, connect, begin=begin)
+        elif begin.startswith(begins_with):
+            warning.log("a host was disconnected: %d hosts are connected already", Strangers.most_connections())
         elif begin:
             warning.log("a host was disconnected: its first bytes are %s, not of this protocol", quote(begin[:16]))
 
@@ -150,22 +182,23 @@ async def _beginning(reader: asyncio.StreamReader, expected: bytes) -> bytes:
 
 
 @asynccontextmanager
-async def listen(converse: Converse, host: str, port: int) -> AsyncIterator[str]:
+async def listen(converse: Converse, host: str, port: int, *, seconds: float | None = None) -> AsyncIterator[str]:
     """Run `converse` for each host that connects to `host` and `port`; yield the place as HOST:PORT.
 
-    `*` is every address of this machine, all with the same port. Raise OpenError if the place is not available.
+    `*` is every address of this machine, all with the same port. A host that is not admitted within `seconds` is
+    disconnected. Raise OpenError if the place is not available.
     """
 
-    async def serve(connection: socket.socket) -> None:
+    async def serve(connection: socket.socket, stranger: Stranger) -> None:
         reader, writer = await asyncio.open_connection(sock=connection)
         try:
-            await converse(reader, writer)
+            await converse(reader, writer, stranger)
         finally:
             writer.transport.abort()
 
-    listening = await listening_sockets(host, port)
-    async with accepting(listening, serve):
-        yield place_of(listening)
+    listening = await NetworkPlace(host, port).listen()
+    async with accepting(listening, serve, seconds=seconds):
+        yield str(NetworkPlace.of(listening))
 
 
 @asynccontextmanager
@@ -174,7 +207,7 @@ async def serve_terminal(connect: Connect) -> AsyncIterator[str]:
 
     Like a board on a serial line, the conversation outlives its hosts. Raise TransportUnavailable on Windows.
     """
-    controller, terminal, name = open_pair()
+    controller, terminal, name = PseudoTerminal.open_pair()
     with ExitStack() as line:
         # Our own descriptor of the other end keeps the line up, and raw, when a host closes the terminal.
         line.callback(os.close, terminal)

@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from servolink.listeners import accept
-from servolink.listeners.forwarding import listen
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol import QueryServoListRequest, QueryServoListResponse
+from servolink.transports.listeners import accept, strangers
+from servolink.transports.listeners.forwarding import listen
 from servolink.transports.registry import create
 from servolink.transports.stream import keep_alive
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.virtual import VirtualBoard, serve
 from tests.virtual.receiving import ANY_PORT, GUARD, Heard, ask, client
 from tests.virtual_time import run
 
@@ -31,7 +30,7 @@ def test_an_address_takes_a_quarter_of_the_files(files: int | None, most: int, m
 
     limit = resource.RLIM_INFINITY if files is None else files
     monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
-    assert accept.most_connections() == most
+    assert strangers.Strangers.most_connections() == most
 
 
 def test_a_host_that_is_gone_before_it_is_served_harms_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -61,7 +60,7 @@ def test_a_host_that_is_gone_before_it_is_served_harms_nobody(monkeypatch: pytes
 def test_the_system_holds_little_for_a_host_and_notices_when_it_vanishes(monkeypatch: pytest.MonkeyPatch) -> None:
     options: list[int] = []
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, _: object) -> None:
         line = writer.get_extra_info("socket")
         options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE))
         options.append(line.getsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF))
@@ -126,7 +125,7 @@ def test_accepting_is_tried_each_second_and_its_failure_is_told_each_minute(
 
         monkeypatch.setattr(loop, "sock_accept", sock_accept)
         with socket.socket() as listening, pytest.raises(asyncio.CancelledError):
-            await accept._accept(listening, lambda connection: None)
+            await accept._accept(listening, strangers.Strangers(), lambda connection: None)
 
     run(main())
     assert [two - one for one, two in pairwise(attempts)] == [1.0] * 149

@@ -8,18 +8,13 @@ from typing import Any
 
 import pytest
 
-from servolink.listeners import forwarding
-from servolink.listeners.forwarding import serve_network
-from servolink.listeners.tcp import host_and_port
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol import ACTION, AddActionRequest, Codec, QueryServoListRequest, QueryServoListResponse, Step
+from servolink.transports.listeners import forwarding
+from servolink.transports.listeners.forwarding import serve_network
+from servolink.transports.listeners.tcp import NetworkPlace
 from servolink.transports.memory import MemoryTransport
 from servolink.transports.registry import create
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual import VirtualBoard, VirtualTransport
 from tests.virtual.receiving import GUARD, Heard, client
 from tests.virtual_time import run
 
@@ -35,7 +30,7 @@ def test_a_host_that_does_not_read_keeps_nothing_open_at_the_end(monkeypatch: py
         async with serve_network(lambda: ours, "127.0.0.1", 0) as url:
             with socket.socket() as line:
                 line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-                line.connect(host_and_port(url.removeprefix("tcp://")))
+                line.connect(NetworkPlace.parse(url.removeprefix("tcp://")))
                 line.sendall(Codec().encode(LIST))
                 heard = Heard()
                 await theirs.open(heard)

@@ -10,10 +10,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from servolink.errors import OpenError
-from servolink.files import reason
-from servolink.listeners.accept import RareWarning
-from servolink.listeners.accepted import HIGH, LOW, MOST_UNREAD, ProgramHandler
-from servolink.platforms.pseudo_terminals import PseudoTerminal
+from servolink.support import PseudoTerminal, reason
+from servolink.transports.listeners.accept import RareWarning
+from servolink.transports.listeners.accepted import HIGH, LOW, MOST_UNREAD, ProgramHandler
 
 LOOK = 0.05
 """Seconds between looks for a program that opens the terminal, closes it unread, or sets another baud rate."""
@@ -58,6 +57,18 @@ class ServedTerminal:
         self.name = self._terminal.name
         """Path of the terminal, for programs."""
         self._hang_up()
+
+    @contextmanager
+    def address(self, link: str | Path | None) -> Iterator[str]:
+        """Yield the URL of the terminal: its name, or `link`, a symbolic link that is removed after the context.
+
+        A link that a killed program left is replaced. Raise OpenError if the link cannot be made.
+        """
+        if link is None:
+            yield f"serial://{self.name}"
+        else:
+            with _linked(Path.cwd() / link, self.name) as path:
+                yield f"serial://{quote(str(path))}"
 
     def close(self) -> None:
         """Tell the handler that the program is gone, and remove the terminal."""
@@ -169,19 +180,6 @@ class ServedTerminal:
         if self._is_paused and len(self._unread) <= self._low:
             self._is_paused = False
             handler.resume()
-
-
-@contextmanager
-def address_of(terminal: ServedTerminal, link: str | Path | None) -> Iterator[str]:
-    """Yield the URL of a terminal: its name, or `link`, a symbolic link that is removed after the context.
-
-    A link that a killed program left is replaced. Raise OpenError if the link cannot be made.
-    """
-    if link is None:
-        yield f"serial://{terminal.name}"
-    else:
-        with _linked(Path.cwd() / link, terminal.name) as path:
-            yield f"serial://{quote(str(path))}"
 
 
 @contextmanager

@@ -8,10 +8,11 @@ import socket
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from typing import Any, Protocol
+from typing import Protocol
 
-from servolink.escaping import escape
-from servolink.listeners.accept import RareWarning, accepting
+from servolink.errors import escape
+from servolink.transports.listeners.accept import RareWarning, accepting, converse
+from servolink.transports.listeners.strangers import Stranger, Strangers
 
 HIGH, LOW = 128 * 1024, 32 * 1024
 """Unread bytes above which a handler is paused, and down to which a program must read to resume it."""
@@ -64,6 +65,8 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         """Set when the connection has ended."""
         self.who = "a program"
         """Name of the program in warnings."""
+        self.admit: Callable[[], bool] = lambda: True
+        """Function that admits the connection with the first bytes of a program; returns False without room."""
         self._loop = asyncio.get_running_loop()
         self._limits = high, low
         self._buffer = bytearray(_CHUNK)
@@ -75,10 +78,43 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         self._written = 0
         self._timer: asyncio.TimerHandle | None = None  # while the program does not read
 
-    @property
-    def has_begun(self) -> bool:
-        """Whether the program has a handler."""
-        return self._handler is not None
+    @staticmethod
+    @asynccontextmanager
+    async def serving(
+        listening: Sequence[socket.socket],
+        make: Callable[[], AcceptedConnection],
+        *,
+        most: int | None = None,
+        strangers: Strangers | None = None,
+    ) -> AsyncIterator[None]:
+        """Accept connections to these sockets within the context; `make` returns the object for each.
+
+        At most `most` programs have a handler at a time, at all doors with such a limit. Connections without a handler
+        are strangers, see `accepting`.
+        """
+        connections = set[AcceptedConnection]()
+        warning = RareWarning()
+
+        async def serve(accepted: socket.socket, stranger: Stranger) -> None:
+            def admit() -> bool:
+                if not (is_admitted := stranger.admit("frames", most)):
+                    warning.log("%s was disconnected: %s programs are connected already", escape(connection.who), most)
+                return is_admitted
+
+            connection = make()
+            connection.admit = admit
+            connections.add(connection)
+            try:
+                await converse(connection, accepted)
+            finally:
+                connections.discard(connection)
+
+        async with accepting(listening, serve, linger=_LINGER, strangers=strangers):
+            try:
+                yield
+            finally:
+                for connection in connections:
+                    connection.end()
 
     def end(self) -> None:
         """Close the connection after the queued bytes."""
@@ -112,6 +148,7 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         If the program `must_read`, disconnect it after `LONGEST_PAUSE` without reading, and when `MOST_UNREAD` bytes
         wait, unless the handler `is_bounded`: limits unread messages itself, each of which may be longer.
         """
+        self.admit()
         self._handler = handler
         self._must_read = must_read
         self._is_bounded = is_bounded
@@ -195,47 +232,3 @@ class AcceptedConnection(asyncio.BufferedProtocol, ABC):
         self.closed.set()
         if self._handler is not None:
             self._handler.leave()
-
-
-@asynccontextmanager
-async def serve_connections(
-    listening: Sequence[socket.socket], make: Callable[[], AcceptedConnection], *, most: int | None = None
-) -> AsyncIterator[None]:
-    """Accept at most `most` connections to these sockets within the context; `make` returns the object for each.
-
-    One more replaces the oldest connection without a handler; if there is none, the new one is closed.
-    """
-    connections = dict[AcceptedConnection, asyncio.Task[Any] | None]()  # oldest first
-    warning = RareWarning()
-
-    async def serve(accepted: socket.socket) -> None:
-        if most is not None and len(connections) >= most:
-            warning.log("%d connections are open: there is no room for more", most)
-            if not _drop_silent(connections):
-                accepted.close()
-                return
-        connection = make()
-        connections[connection] = asyncio.current_task()
-        try:
-            await asyncio.get_running_loop().connect_accepted_socket(lambda: connection, accepted)
-            await connection.closed.wait()
-        finally:
-            connections.pop(connection, None)
-            connection.abort()
-
-    async with accepting(listening, serve, linger=_LINGER):
-        try:
-            yield
-        finally:
-            for connection in connections:
-                connection.end()
-
-
-def _drop_silent(connections: dict[AcceptedConnection, asyncio.Task[Any] | None]) -> bool:
-    """Disconnect the oldest connection that has not begun. Return whether such a connection existed."""
-    silent = next((connection for connection in connections if not connection.has_begun), None)
-    if silent is None:
-        return False
-    if (task := connections.pop(silent)) is not None:
-        task.cancel()
-    return True
