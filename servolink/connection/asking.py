@@ -12,8 +12,8 @@ from servolink.connection.frame_writer import FrameWriter
 from servolink.connection.scheduler import RequestScheduler
 from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, ServolinkError
-from servolink.protocol.packet import Query, Response
-from servolink.tasks import Tasks
+from servolink.protocol import Query, Response
+from servolink.support import Tasks
 
 Done: TypeAlias = Callable[["Response | ServolinkError", "bytes | None"], None]
 """Called with the response to a query, and its content as it came if that is known; or with an error."""

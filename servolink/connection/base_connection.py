@@ -3,75 +3,67 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
+from random import Random
 from threading import get_ident
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from servolink.connection.asking import QueryAsker
+from servolink.connection.core import ConnectionCore
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import lost
 from servolink.connection.frame_writer import FrameWriter
-from servolink.connection.gates import Gates, Preparation, limits_gate, ticket_gate
-from servolink.connection.opener import Opener
-from servolink.connection.options import HUB_MARGIN, PATIENCE, TransmissionMode
-from servolink.connection.scheduler import RequestScheduler, Window
+from servolink.connection.gates import Gates, Preparation, ticket_gate
+from servolink.connection.opening import Opener
+from servolink.connection.options import ConnectionOptions
+from servolink.connection.packet_connection import BoardSharing
+from servolink.connection.scheduler import MOST_ASIDE
 from servolink.connection.sender import RequestSender
-from servolink.connection.slots import Slots
-from servolink.connection.state import ConnectionEvent, Lifecycle, State
+from servolink.connection.state import ConnectionEvent, State
 from servolink.connection.stats import Stats
 from servolink.connection.taps import Taps
 from servolink.errors import ConnectionLost
-from servolink.motion.ticket import StopCounter
-from servolink.platforms.time_asleep import SleepCounter, time_with_sleep
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Query
-
-if TYPE_CHECKING:
-    from random import Random
-
-    from servolink.connection.sharing import BoardSharing
-    from servolink.transports.base import Transport
+from servolink.motion import StopCounter
+from servolink.protocol import Query
+from servolink.support import SleepCounter, time_with_sleep
+from servolink.transports import Transport
 
 
-class BaseConnection:
+class BaseConnection(ConnectionCore):
     """A connection without its requests."""
 
     def __init__(
         self,
         transport: Transport,
-        codec: Codec,
+        options: ConnectionOptions | None = None,
         *,
-        patience: float = PATIENCE,
-        depth: int = 1,
-        write_depth: int = 1,
-        learn: bool = True,
-        transmission_mode: TransmissionMode = "auto",
         unsupported: Collection[str] = (),
-        answers_twice: bool = False,
-        ignore_extra: bool = False,
-        repeats: bool = True,
+        learn: bool = True,
+        through_hub: bool = False,
         stats: Stats | None = None,
         taps: Taps | None = None,
         random: Random | None = None,
     ) -> None:
-        """Give a request up after `patience` seconds. Have at most `depth` under way, or `write_depth`.
+        """Speak through `transport` as `options` say.
 
-        `transmission_mode` says when the handshake sets mode 1, and `unsupported` names queries that are not used for
-        it, such as `QueryMemorySize`. `random` draws the handshake.
-        With `answers_twice` each sending may be answered twice, and one request is under way. `ignore_extra` ignores
-        what responses have behind the content of the document.
-        `write_depth` holds while one of them is a change. How many pay is learnt, unless `learn` is False: then as many
-        as allowed are sent from the beginning. Without `repeats` each request is sent once, and given up a second
+        `unsupported` names queries that are not used for the handshake, such as `QueryMemorySize`; `random` draws the
+        handshake. `learn` is as for `ConnectionCore`. `through_hub` sends each request once, and gives it up a second
         later: a hub repeats by itself.
         """
+        options = options or ConnectionOptions()
+        pace = getattr(transport, "bytes_per_second", 0.0)
+        super().__init__(
+            transport.url,
+            options,
+            bytes_per_second=pace,
+            learn=learn,
+            through_hub=through_hub,
+            stats=stats,
+            taps=taps,
+        )
         self.transport = transport
-        self.codec = codec
-        self.patience = patience
-        self.stats = stats or Stats()
-        """Counters of all frames and bytes seen."""
-        self.taps = taps or Taps()
-        """Listeners to bytes and requests."""
         self.stops = StopCounter(SleepCounter())
         """Stops of all servos; no motion requested before a stop is sent after the stop."""
         self.motions = 0
@@ -82,62 +74,34 @@ class BaseConnection:
         """Link to the hub of a shared board; None for a board without a hub."""
         self.on_another: Callable[[str], None] = lambda text: None
         """Called with a description if another board answers in place of a lost one; empty when that board is gone."""
-        self._loop = asyncio.get_running_loop()
         self._thread = get_ident()
-        self._slots = _repeating_slots() if answers_twice else Slots()
-        if answers_twice:
-            depth = write_depth = 1
-        pace = getattr(transport, "bytes_per_second", 0.0)
-        self._window = Window(depth, write_depth, learn=learn, bytes_per_second=pace)
-        self._scheduler = RequestScheduler(self._window, self._slots)
-        self.lifecycle = Lifecycle(outlasts_silence=not repeats)
-        """State in the life of the connection."""
+        self._proving = asyncio.Lock()
         self._takes_at_once: bool = getattr(transport, "takes_at_once", False)
-        self.answers = ResponseDispatcher(
-            transport.url,
-            codec,
-            self.lifecycle,
-            self._slots,
-            self._scheduler,
-            patience,
-            self._loop.time,
-            self.stats,
-            self.taps,
-            ignore_extra=ignore_extra,
-        )
-        self._writer = FrameWriter(transport, self.lifecycle, self._scheduler, self.answers)
-        self._sender = RequestSender(
-            self._writer, codec, self.lifecycle, self._slots, self._scheduler, self.answers, repeats=repeats
-        )
+        self.answers = ResponseDispatcher(self, ignore_extra=options.ignore_extra)
+        self._writer = FrameWriter(transport, self, self.answers)
+        self._sender = RequestSender(self, self._writer, self.answers)
         self.opener = Opener(
-            transport,
-            codec,
-            self.lifecycle,
-            self._slots,
-            self._scheduler,
+            self,
             self.answers,
             self._writer,
             self._sender.fences,
-            patience=patience,
-            transmission_mode=transmission_mode,
+            transmission_mode=options.transmission_mode,
             unsupported=unsupported,
-            random=random,
+            random=random or _chance_for(transport),
         )
         """Openings of the connection, with what they have shown of the board."""
-        self.gates = Gates(ticket=ticket_gate(self.stops, time_with_sleep), limits=limits_gate(lambda: self.units_sent))
+        self.gates = Gates(
+            line=self.repeats.refusal,
+            ticket=ticket_gate(self.stops, time_with_sleep),
+            limits=Gates.of_units(lambda: self.units_sent),
+        )
         """Checks of each packet right before sending, stops and queries excepted."""
-        self._margin = 0.0 if repeats else HUB_MARGIN
-        self._asker = QueryAsker(self._sender, self._writer, self.answers, self._scheduler)
-
-    @property
-    def url(self) -> str:
-        """The address."""
-        return self.transport.url
+        self._asker = QueryAsker(self._sender, self._writer, self.answers, self.scheduler)
 
     @property
     def board_url(self) -> str:
         """Address of the board itself; through a hub, not the address of the transport."""
-        return getattr(self.transport, "board_url", self.transport.url)
+        return getattr(self.transport, "board_url", self.url)
 
     @property
     def ended(self) -> ConnectionLost | None:
@@ -172,27 +136,32 @@ class BaseConnection:
     @property
     def depth(self) -> int:
         """Number of queries allowed under way now, found by trial."""
-        return self._window.queries.depth
+        return self.scheduler.window.queries.depth
 
     @property
     def depth_bound(self) -> int:
         """Bound of the depth for queries."""
-        return self._window.queries.bound
+        return self.scheduler.window.queries.bound
+
+    @property
+    def most_under_way(self) -> int:
+        """Most requests under way at once: queries within the bound, and those that give way to none."""
+        return self.depth_bound + MOST_ASIDE
 
     @property
     def write_depth_bound(self) -> int:
         """Bound of the depth while a change is under way."""
-        return self._window.writes.bound
+        return self.scheduler.window.writes.bound
 
     @property
     def pace(self) -> float:
         """Bytes per second that the line is known to carry, 0 if they are unknown."""
-        return self._window.least_pace
+        return self.scheduler.window.least_pace
 
     @property
     def has_waiting(self) -> bool:
         """Whether somebody waits until less is under way."""
-        return bool(self._scheduler.waiting)
+        return bool(self.scheduler.waiting)
 
     @property
     def callers(self) -> int:
@@ -200,15 +169,15 @@ class BaseConnection:
 
         Those are not counted whose query the board may not know, and who let others send.
         """
-        return min(self._window.queries.depth + 1, self._window.queries.bound) + self._scheduler.aside
+        return min(self.scheduler.window.queries.depth + 1, self.scheduler.window.queries.bound) + self.scheduler.aside
 
     def on_more_callers(self, tell: Callable[[], None]) -> None:
         """Call `tell` when a caller steps aside and leaves room for another."""
-        self._scheduler.on_aside = tell
+        self.scheduler.on_aside = tell
 
     def bulk(self) -> AbstractContextManager[None]:
         """Return a context for large transfers: a stop may then take 0.1 s instead of 0.05 s."""
-        return self._window.bulk()
+        return self.scheduler.window.bulk()
 
     # --- opening and closing ------------------------------------------------------------------------------------
 
@@ -221,7 +190,7 @@ class BaseConnection:
         await self.transport.open(self.answers)
         self.lifecycle.change(ConnectionEvent.OPENED if handshake else ConnectionEvent.JOINED)
         if handshake:
-            self._scheduler.pause()
+            self.scheduler.pause()
             self.answers.on_stranger = self.opener.open_again
 
     async def shake_hands(self) -> None:
@@ -230,8 +199,8 @@ class BaseConnection:
 
     async def close(self) -> None:
         """Fail all waiting calls and free the port; may be called again."""
-        error = lost(self.transport.url, None)
-        if self._loop.is_closed():  # waiting tasks have ended with the loop, and cannot be woken
+        error = lost(self.url, None)
+        if self.loop.is_closed():  # waiting tasks have ended with the loop, and cannot be woken
             self.lifecycle.end(error)
         else:
             self.answers.end(error)
@@ -246,21 +215,21 @@ class BaseConnection:
     def suspend(self, reason: str) -> None:
         """Send nothing but stops until `resume`, and wait for responses as long: another program has exclusive use."""
         self.lifecycle.suspend(reason)
-        self._scheduler.pause()
+        self.scheduler.pause()
 
     def resume(self) -> None:
         """Send again, if the connection is suspended."""
         if self.is_suspended:
             self.answers.watchdog.count_from_now()
             self.lifecycle.change(ConnectionEvent.RESUMED)
-            self._scheduler.resume()
+            self.scheduler.resume()
 
     def explain_silence(self, reason: str) -> None:
         """Name `reason` in the errors of unanswered requests from now on; empty for an unknown reason."""
         self.lifecycle.silent_because = reason
 
 
-def _repeating_slots() -> Slots:
-    from servolink.connection.repeating_slots import RepeatingSlots  # late: few boards answer twice
-
-    return RepeatingSlots()
+def _chance_for(transport: Transport) -> Random:
+    """Return the source of chance for a connection: a recorded session can be replayed only with the same handshake."""
+    seed = b"" if getattr(transport, "is_recorded", False) else os.urandom(16)
+    return Random(seed)  # noqa: S311 - unlike in any other program, not unguessable

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from msgspec import Struct
 
 from servolink.errors import DecodeError, ServolinkError
-from servolink.protocol.packet import Command, Request, Response
+from servolink.protocol import Command, Request, Response
 
 Content: TypeAlias = "Response | DecodeError"
 """A response, or why the content of an intact frame could not be read."""
@@ -49,7 +49,7 @@ class Lane:
     def sent(self, size: int) -> None:
         """Learn from a frame of `size` bytes on its way to the board."""
         self.request_size = size
-        self.size = size if size > self.response_size else self.response_size
+        self.size = max(self.response_size, size)
 
     def heard(self, size: int) -> None:
         """Learn from a frame of `size` bytes from the board."""
@@ -57,7 +57,7 @@ class Lane:
         if size != former:
             size = size if size > former or former == UNKNOWN_SIZE else former - (former - size) // 8
             self.response_size = size
-            self.size = size if size > self.request_size else self.request_size
+            self.size = max(self.request_size, size)
 
     def hand_down(self, call: Call) -> Call:
         """Give the oldest awaited slot to `call`, whose slots are all over, and return the next call to send.
@@ -122,11 +122,8 @@ class Call(Struct, eq=False):
     """Why the response could not be read."""
     error: ServolinkError | None = None
     """Cause of an end from outside: a stop, or the caller's time limit."""
-    frame: bytes = b""
-    """Frame of the packet if it is to be sent with the permit, before the caller is woken."""
     granted: asyncio.Future[None] = None  # type: ignore[assignment]  # set by the queue for permits
-    """Done when the permit is granted, or if `frame` was sent with it, when the call is woken; fails if the connection
-    ends."""
+    """Done when the permit is granted; fails if the connection ends."""
     queued: bool = False
     """Whether the call waited for a permit: then the scheduler must be notified when the packet is sent."""
     is_aside: bool = False

@@ -11,18 +11,21 @@ This file knows no clock, no event loop and no bytes.
 from __future__ import annotations
 
 LEAST_RESPONSES = 32
-"""An epoch has at least so many responses, and at least four times the depth."""
+"""Least number of responses in an epoch; it also has at least four times the depth."""
 RISE = 1.1
-"""So many times as fast must responses come at the greater depth."""
+"""Least ratio of the rates of responses at the greater depth and at the smaller one."""
 CLEAN_RISE = 1.03
 """The same if nothing was lost in either epoch: then nothing but the depth makes a difference."""
 MORE_LOSS = 0.05
-"""So much more may be lost at the greater depth, as a share of what is sent."""
+"""Share of what is sent that may be lost at the greater depth beyond the loss at the smaller one."""
 FIRST_WAIT, LONGEST_WAIT = 8, 256
 """Epochs until a depth that did not pay is tried again; twice as many each time."""
 
 _MOST_EPOCHS = 4  # in one trial decided by losses: among 32 requests, losses are mostly chance
-_HOPELESS_LOSSES, _HOPELESS_LOSS = 4, 0.25  # so many, and so much more than before, end a trial at once
+_HOPELESS_LOSSES, _HOPELESS_LOSS = (
+    4,
+    0.25,
+)  # number of losses, and share beyond that before, which together end a trial at once
 
 
 class Epoch:

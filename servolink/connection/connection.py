@@ -4,27 +4,34 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine
+from contextlib import suppress
 from threading import get_ident
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from servolink.connection.asking import Done
 from servolink.connection.base_connection import BaseConnection
 from servolink.connection.call import Call, Slot
 from servolink.connection.deadlines import DeadlineTimer
-from servolink.connection.explain import other_loop, timed_out
+from servolink.connection.explain import different_answers, other_loop, timed_out, unproved
 from servolink.connection.gates import passes_gates
-from servolink.connection.options import SLOW_PATIENCE
-from servolink.connection.slots import NO_OBSTACLE
+from servolink.connection.repeats import Inquiry
+from servolink.connection.slots import Obstacle
 from servolink.connection.state import State
-from servolink.errors import ServolinkError
-from servolink.motion.ticket import NO_TICKET, Ticket
-from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
-from servolink.protocol.servos import SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
+from servolink.connection.times import PROOF_PAUSE, SLOW_PATIENCE
+from servolink.errors import DecodeError, RequestTimeout, ServolinkError
+from servolink.motion import NO_TICKET, Ticket
+from servolink.protocol import (
+    ClearAllDataRequest,
+    Command,
+    Effect,
+    Packet,
+    Query,
+    Request,
+    Response,
+    SetServoParameterRequest,
+)
 
 R = TypeVar("R", bound=Response)
-
-_READY = State.READY  # a global is faster than a member of an enum
 
 
 class Connection(BaseConnection):
@@ -48,41 +55,11 @@ class Connection(BaseConnection):
         sends back what was read from a board (see Codec.encode). `ticket` says when a motion was asked for: now, unless
         given. What a gate refuses (see `gates`) raises its error, and is not sent.
         """
-        if timeout is None and packet.is_query:
-            asking = self._query(packet, first, unchecked)
+        if self.repeats.is_proving:
+            asking = self._prove(packet, timeout, first, unchecked, ticket, begun_at)
         else:
             asking = self._request(packet, timeout, first, unchecked, ticket, begun_at)
         return self.taps.follow(packet, asking) if self.taps.members else asking
-
-    async def _query(self, packet: Request[R], first: bool, unchecked: bool) -> R:  # noqa: FBT001 - passed on by `request`
-        """Send a query without a time limit, in fewer steps than `_request`."""
-        if get_ident() != self._thread or not self._loop.is_running():
-            self._check_loop()
-        frame = self.codec.encode(packet, unchecked=unchecked)
-        if self._window.learns and len(frame) != (lane := self._slots.lanes[packet.packet_id + 1]).request_size:
-            lane.sent(len(frame))
-        now = self._loop.time()
-        call = Call(packet, self.patience + self._margin, now)
-        if self.lifecycle.state is not _READY:
-            self.opener.begin()
-        if not self._scheduler.acquire_at_once(packet):
-            self._scheduler.enqueue(call, frame if self._takes_at_once else b"", first=first)
-            try:
-                await (self._scheduler.let_others_send(call) if call.granted.done() else call.granted)
-            except asyncio.CancelledError:
-                self._give_up_waiting(call)
-                raise
-            if not call.tries:
-                await self._clear_way(call)
-        try:
-            if not call.tries:
-                await self._sender.start(call, packet, frame, self._loop.time() if call.queued else now)
-            answer: Any = call.response or await self._sender.converse(call, packet, frame)
-            return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
-        finally:
-            if call.queued:
-                self._sender.leave_queue(call)
-            self.answers.leave(call)
 
     async def _request(
         self,
@@ -92,30 +69,95 @@ class Connection(BaseConnection):
         unchecked: bool,  # noqa: FBT001 - likewise
         ticket: Ticket | None,
         begun_at: float | None,
+        *,
+        is_prepared: bool = False,
     ) -> R:
         self._check_loop()
         frame = self.codec.encode(packet, unchecked=unchecked)
-        self._slots.lanes[packet.packet_id + 1].sent(len(frame))
-        call = self._call(packet, timeout, self._loop.time() if begun_at is None else begun_at)
+        if len(frame) != (lane := self.slots.lanes[packet.packet_id + 1]).request_size:
+            lane.sent(len(frame))
+        call = self._call(packet, timeout, self.loop.time() if begun_at is None else begun_at)
         ticket = ticket or (NO_TICKET if packet.is_query else self.stops.ticket())
         deadline = None if timeout is None else call.begun_at + timeout
-        if self.preparations and passes_gates(packet):
+        if self.preparations and passes_gates(packet) and not is_prepared:
             await (self.prepare(packet, ticket) if deadline is None else self._prepare(call, ticket, deadline))
-        if self.lifecycle.state is not _READY:
+        if self.lifecycle.state is not State.READY:
             self.opener.begin()
-        if not self._scheduler.acquire_at_once(packet):
+        if not self.scheduler.acquire_at_once(packet):
             await self._acquire(call, deadline, first=first)
         limit = None if deadline is None else self._limit(call, deadline)
         try:
             if not packet.is_query:
                 self._raise_refusal(packet, ticket)
-            await self._sender.start(call, packet, frame, self._loop.time())
+            await self._sender.start(call, packet, frame, self.loop.time())
             answer: Any = call.response or await self._sender.converse(call, packet, frame)
             return answer  # type: ignore[no-any-return]  # of the class that belongs to the lane
         finally:
             if limit is not None:
                 limit.stop()
-            self._leave(call)
+            if call.queued:
+                self._sender.leave_queue(call)
+            self.answers.leave(call)
+
+    async def _prove(
+        self,
+        packet: Request[R],
+        timeout: float | None,
+        first: bool,  # noqa: FBT001 - passed on by `request`
+        unchecked: bool,  # noqa: FBT001 - likewise
+        ticket: Ticket | None,
+        begun_at: float | None,
+    ) -> R:
+        """Send `packet` and a fence behind it, one such pair at a time, until one of all answers is certain.
+
+        What may not be repeated ends with OutcomeUnknown if its answers differ. RequestRefused names several boards.
+        """
+        self._check_loop()
+        ticket = ticket or (NO_TICKET if packet.is_query else self.stops.ticket())
+        if self.preparations and passes_gates(packet):
+            await self.prepare(packet, ticket)
+        begun, patience = self.loop.time() if begun_at is None else begun_at, timeout or self.patience
+        async with self._proving:
+            self.repeats.end_proofs()
+            if not self.repeats.is_proving:  # answers are kept no more
+                return await self._request(packet, timeout, first, unchecked, ticket, begun_at, is_prepared=True)
+            tries = 0
+            while True:
+                is_stop = packet.effect is Effect.STOPS  # sent without a confirmation
+                if not is_stop and (refusal := self.repeats.refusal(packet)):
+                    raise refusal
+                response = await self._request(packet, timeout, first, unchecked, ticket, begun_at, is_prepared=True)
+                question = self.repeats.answers(packet.packet_id + 1)
+                fence = self._sender.fences.any_but(packet, self.opener.chance)
+                try:
+                    await self._request(fence, timeout, True, False, NO_TICKET, begun_at)  # noqa: FBT003
+                except (RequestTimeout, DecodeError) as error:  # the packet was sent all the same
+                    raise unproved(packet, self.url, error) from error
+                self.repeats.believe(self.repeats.answers(fence.packet_id + 1))
+                if self.repeats.trusts_order(question):
+                    return response
+                await self._pause(self.repeats.proof_time(question) - self.loop.time())
+                if (content := self.repeats.certain(question, self._accepted(packet, question))) is not None:
+                    return cast("R", self.codec.decode(packet.packet_id + 1, content))
+                waited = self.loop.time() - begun
+                if waited >= patience or not packet.repeatable:
+                    self.repeats.doubt()
+                    raise different_answers(packet, self.url, waited)
+                await self._pause(PROOF_PAUSE * 2 ** min(tries, 5) * (1 + self.opener.chance.random()))
+                tries += 1
+
+    async def _pause(self, seconds: float) -> None:
+        """Pause for a time, at most until the connection ends."""
+        await asyncio.wait((self.answers.over,), timeout=max(seconds, 0.0))  # Pyodide schedules nothing in the past
+
+    def _accepted(self, packet: Request[Any], question: Inquiry) -> list[bytes]:
+        """Return the answers to a question that fit `packet`."""
+        found = []
+        for content in question.answers:
+            with suppress(DecodeError):
+                response: Any = self.codec.decode(packet.packet_id + 1, content)
+                found += [content] * packet.accepts(response)
+        return found
 
     def ask(self, packet: Query[R], done: Done) -> bool:
         """Send a query unless it must wait, and call `done` with the response or an error. Return whether it was sent.
@@ -124,13 +166,13 @@ class Connection(BaseConnection):
         raise.
         """
         self._writer.raise_if_ended()
-        is_ready = self._takes_at_once and self.lifecycle.state is _READY
-        if not is_ready or not self._scheduler.acquire_at_once(packet):
+        is_ready = self._takes_at_once and self.lifecycle.state is State.READY
+        if not is_ready or self.repeats.is_proving or not self.scheduler.acquire_at_once(packet):
             return False
         frame = self.codec.encode(packet, unchecked=True)
-        if self._window.learns:
-            self._slots.lanes[packet.packet_id + 1].sent(len(frame))
-        self._asker.ask(self._call(packet, None, self._loop.time()), packet, frame, done)
+        if self.scheduler.window.learns:
+            self.slots.lanes[packet.packet_id + 1].sent(len(frame))
+        self._asker.ask(self._call(packet, None, self.loop.time()), packet, frame, done)
         return True
 
     def send(self, packet: Command, *, ticket: Ticket | None = None) -> Coroutine[Any, Any, bool]:
@@ -144,13 +186,13 @@ class Connection(BaseConnection):
     async def _send(self, packet: Command, ticket: Ticket | None) -> bool:
         self._check_loop()
         frame = self.codec.encode(packet)
-        call = self._call(packet, None, self._loop.time())
+        call = self._call(packet, None, self.loop.time())
         ticket = ticket or self.stops.ticket()
         if self.preparations:
             await self.prepare(packet, ticket)
-        if self.lifecycle.state is not _READY:
+        if self.lifecycle.state is not State.READY:
             self.opener.begin()
-        if not self._scheduler.acquire_at_once(packet):
+        if not self.scheduler.acquire_at_once(packet):
             await self._wait_in_queue(call)
         try:
             self._raise_refusal(packet, ticket)
@@ -169,13 +211,13 @@ class Connection(BaseConnection):
         self._check_loop()
         self._writer.raise_if_ended()
         self.stops.stop()
-        lane = self._slots.lanes[packet.packet_id + 1]
-        self._scheduler.hold()  # nothing goes before the stop
+        lane = self.slots.lanes[packet.packet_id + 1]
+        self.scheduler.hold()  # nothing goes before the stop
         try:
-            self.answers.open_stop(Slot(packet, lane, None, self._loop.time()))
+            self.answers.open_stop(Slot(packet, lane, None, self.loop.time()))
             sending = self._writer.take(self.codec.encode(packet))
         finally:
-            self._scheduler.go_on()
+            self.scheduler.go_on()
         if sending is not None:
             await self._writer.accepted(sending)
         return True
@@ -188,16 +230,16 @@ class Connection(BaseConnection):
             await prepare(packet, ticket)
 
     def _call(self, packet: Request[Any] | Command, timeout: float | None, begun_at: float) -> Call:
-        patience = self.patience + self._margin if timeout is None else timeout
+        patience = self.call_patience if timeout is None else timeout
         if timeout is None and not packet.is_query and isinstance(packet, ClearAllDataRequest):
-            patience = max(patience, SLOW_PATIENCE + self._margin)
+            patience = max(patience, SLOW_PATIENCE + self.call_patience - self.patience)
         return Call(packet, patience, begun_at)
 
     def _raise_refusal(self, packet: Packet, ticket: Ticket) -> None:
         """Raise the error of the first gate to refuse `packet`. Nothing is awaited between this check and sending."""
         if refusal := self.gates.refusal(packet, ticket):
             raise refusal
-        self.motions += is_motion(packet)
+        self.motions += packet.is_motion
 
     async def _prepare(self, call: Call, ticket: Ticket, deadline: float) -> None:
         try:
@@ -206,7 +248,7 @@ class Connection(BaseConnection):
         except TimeoutError as error:
             if isinstance(error, ServolinkError):
                 raise
-            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats) from None
+            raise timed_out(call.packet, self.url, 0, call.patience, self.stats) from None
 
     async def _acquire(self, call: Call, deadline: float | None, *, first: bool) -> None:
         """Wait in the queue. At `deadline` (loop time) raise RequestTimeout."""
@@ -215,23 +257,16 @@ class Connection(BaseConnection):
                 await self._wait_in_queue(call, first=first)
         except TimeoutError:
             excuse = self.lifecycle.excuse
-            raise timed_out(call.packet, self.transport.url, 0, call.patience, self.stats, excuse=excuse) from None
+            raise timed_out(call.packet, self.url, 0, call.patience, self.stats, excuse=excuse) from None
 
     async def _wait_in_queue(self, call: Call, *, first: bool = False) -> None:
         """Wait for a permit, then until nothing stands in the way."""
-        await self._scheduler.acquire(call, first=first)
+        await self.scheduler.acquire(call, first=first)
         await self._clear_way(call)
-
-    def _give_up_waiting(self, call: Call) -> None:
-        """End a call that was cancelled in the queue, or after its query was sent with the permit."""
-        if call.tries:
-            self.answers.leave(call)
-        else:
-            self._scheduler.withdraw(call)
 
     async def _clear_way(self, call: Call) -> None:
         call.queued = True
-        if self._slots.obstacle(call.packet) is NO_OBSTACLE:
+        if self.slots.obstacle(call.packet) is Obstacle.NONE:
             return
         try:
             await self._sender.clear_way(call)
@@ -254,5 +289,5 @@ class Connection(BaseConnection):
 
     def _check_loop(self) -> None:
         # Not with `get_running_loop`, as Python 3.11 asks the system for the process id in each call of that.
-        if get_ident() != self._thread or not self._loop.is_running():
-            raise other_loop(self.transport.url, has_ended=self._loop.is_closed())
+        if get_ident() != self._thread or not self.loop.is_running():
+            raise other_loop(self.url, has_ended=self.loop.is_closed())

@@ -5,93 +5,90 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from logging import DEBUG
-from typing import Any
+from typing import Any, Protocol
 
 from servolink.connection.call import Call, Content, Settled, Slot
-from servolink.connection.deadlines import ResponseTimes
-from servolink.connection.explain import lost, overtaken, same
+from servolink.connection.core import ConnectionCore
+from servolink.connection.explain import lost, overtaken
 from servolink.connection.nested_frames import NestedFrameFilter
-from servolink.connection.scheduler import Load, RequestScheduler
-from servolink.connection.slots import Slots
-from servolink.connection.state import Lifecycle, State
-from servolink.connection.stats import Stats
-from servolink.connection.taps import FrameLog, Taps, is_logged
+from servolink.connection.scheduler import Load
+from servolink.connection.state import State
+from servolink.connection.taps import FrameLog, is_logged
+from servolink.connection.times import QUICK
 from servolink.connection.watchdog import ResponseWatchdog
 from servolink.errors import ConnectionLost, DecodeError
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, Frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.parser import FrameParser
+from servolink.protocol import MAGIC, OVERHEAD, ButtonEventResponse, Frame, FrameParser, LenientParser
 
-_READY = State.READY  # a global is faster than a member of an enum
 _RARE = MAGIC[-1]
 _MOST_EARLY = 4096  # bytes
+
+
+class OpeningUnderWay(Protocol):
+    """Opening of a connection, as far as it is told what comes (see `Opening`)."""
+
+    task: asyncio.Task[None] | None
+
+    def seen(self, chunk: bytes) -> None:
+        """Take bytes of the line as evidence."""
+
+    def heard(self, packet_id: int, content: bytes) -> None:
+        """Take a response into account."""
+
+    def heard_event(self) -> None:
+        """Take a button event as a sign of life."""
+
+    def begin_again(self) -> None:
+        """Draw a new word: a stop was sent."""
+
+    def end(self, error: ConnectionLost) -> None:
+        """End: the connection is lost."""
 
 
 class ResponseDispatcher:
     """Receives from a transport, settles slots, wakes calls and delivers button events."""
 
-    def __init__(
-        self,
-        url: str,
-        codec: Codec,
-        lifecycle: Lifecycle,
-        slots: Slots,
-        scheduler: RequestScheduler,
-        patience: float,
-        now: Callable[[], float],
-        stats: Stats,
-        taps: Taps,
-        *,
-        ignore_extra: bool = False,
-    ) -> None:
-        """Settle `slots` with responses from `url`; after `patience` seconds of silence the board is gone."""
-        self.stats = stats
-        self.taps = taps
+    def __init__(self, core: ConnectionCore, *, ignore_extra: bool = False) -> None:
+        """Settle the slots of `core`.
+
+        `ignore_extra` ignores what responses have behind the content of the document.
+        """
         self.on_event: Callable[[ButtonEventResponse], None] = lambda event: None
         self.on_end: Callable[[ConnectionLost], None] = lambda error: None
         self.on_several: Callable[[], None] = lambda: None
         """Called when several frames came at once: the tasks of their calls run in the next turn of the loop."""
         self.on_stranger: Callable[[int], None] = lambda packet_id: None
         """Called with the id of an unrequested packet."""
-        self.times = ResponseTimes()
-        self.frame_log = FrameLog(url, codec, now)
-        self._url = url
-        self._codec = codec
-        self._lifecycle = lifecycle
-        self._slots = slots
-        self._scheduler = scheduler
-        self._learns = scheduler.window.learns
-        self._load: Load | None = None  # when the present chunk came, while the depth is learnt
+        self.opening: OpeningUnderWay | None = None
+        """Opening that gets all responses; None in all states but `opening` and `reopening`."""
         self.early = bytearray()
         """First bytes received before the handshake begins."""
-        self._now = now
-        self.over: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.over: asyncio.Future[None] = core.loop.create_future()
         """Done when the connection has ended."""
-        self._parser = _parser_for(codec.byte_order, ignore_extra=ignore_extra)
-        self._parser.skipped = stats.skipped
-        self._nested = NestedFrameFilter(codec.byte_order)
-        self._round_trips = stats.round_trips
-        self.watchdog = ResponseWatchdog(
-            lifecycle, slots, scheduler, self._parser, stats, patience, now, self._take, self.lost
-        )
+        self.frame_log = FrameLog(core.url, core.codec, core.loop.time)
+        self._core = core
+        self._slots = core.slots
+        self._scheduler = core.scheduler
+        self._load: Load | None = None  # when the present chunk came, while the depth is learnt
+        self._parser = (LenientParser if ignore_extra else FrameParser)(core.codec.byte_order)
+        self._parser.skipped = core.stats.skipped
+        self._nested = NestedFrameFilter(core.codec.byte_order)
+        self.watchdog = ResponseWatchdog(core, self._parser, self._take, self.lost)
         """Knows by when responses are due."""
-        self._silence = self.watchdog.silence
 
     # --- from the transport -------------------------------------------------------------------------------------
 
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
-        stats = self.stats
+        core, scheduler = self._core, self._scheduler
+        stats = core.stats
         stats.bytes_received += len(chunk)
-        if self.taps.members:
-            self.taps.received(chunk)
-        heard_at = self.watchdog.heard_at = self._now()
+        if core.taps.members:
+            core.taps.received(chunk)
+        heard_at = self.watchdog.heard_at = core.loop.time()
         self.frame_log.is_on = is_logged(DEBUG)
-        if self._lifecycle.state is not _READY:
+        if core.lifecycle.state is not State.READY:
             self._keep_evidence(chunk)
         frames = self._parser.feed(chunk)
-        scheduler = self._scheduler
         scheduler.hold()
         try:
             for frame in frames:
@@ -110,14 +107,14 @@ class ResponseDispatcher:
 
     def _keep_evidence(self, chunk: bytes) -> None:
         """Keep what comes before a connection is ready: it explains why no board answers."""
-        if self._lifecycle.opening is not None:
-            self._lifecycle.opening.seen(chunk)
-        elif self._lifecycle.state in {State.NEW, State.UNPROVED}:
+        if self.opening is not None:
+            self.opening.seen(chunk)
+        elif self._core.lifecycle.state in {State.NEW, State.UNPROVED}:
             self.early += chunk[: _MOST_EARLY - len(self.early)]
 
     def lost(self, error: Exception | None, /) -> None:
         """End the connection: the transport has ended."""
-        self.end(lost(self._url, error))
+        self.end(lost(self._core.url, error))
 
     # --- from the sending half ----------------------------------------------------------------------------------
 
@@ -144,8 +141,9 @@ class ResponseDispatcher:
                 other.call.error = overtaken(other.request)
                 other.call.wake()
         self._slots.open_stop(slot)
-        if self._lifecycle.opening is not None:
-            self._lifecycle.opening.begin_again()
+        self._core.repeats.asked(slot.lane.response_id, counts=False)
+        if self.opening is not None:
+            self.opening.begin_again()
 
     def close_all(self) -> None:
         """Close all slots unanswered: the connection is opened again, or has ended."""
@@ -153,30 +151,32 @@ class ResponseDispatcher:
 
     def end(self, error: ConnectionLost) -> None:
         """End the connection: all waiting calls get the first cause."""
-        opening = self._lifecycle.opening
-        if not self._lifecycle.end(error):
+        if not self._core.lifecycle.end(error):
             return
+        opening, self.opening = self.opening, None
         self.over.set_result(None)
         self.watchdog.stop()
         if opening is not None:
             opening.end(error)
-        self._scheduler.refuse_all(lambda: same(error))
+        self._scheduler.refuse_all(error.copy)
         self.close_all()
         self.on_end(error)
 
     # --- one frame ----------------------------------------------------------------------------------------------
 
-    def _take(self, frame: Frame) -> None:
-        self.stats.frames_received += 1
-        self._silence.since = None
+    def _take(self, frame: Frame) -> None:  # noqa: C901 - a further call would cost each response time
+        core, slots = self._core, self._slots
+        core.stats.frames_received += 1
+        self.watchdog.silence.since = None
         if self.frame_log.is_on:
             self.frame_log.received(frame)
         packet_id, content = frame
-        slots = self._slots
         lane = slots.lanes.get(packet_id)
-        opening = self._lifecycle.opening
+        opening = self.opening
         if lane is not None:
-            if self._learns and len(content) + OVERHEAD != lane.response_size:
+            if core.repeats.is_on:
+                core.repeats.heard(frame)
+            if self._scheduler.learns and len(content) + OVERHEAD != lane.response_size:
                 lane.heard(len(content) + OVERHEAD)
             if lane.slots and opening is None:
                 slot = slots.only_origin(lane)
@@ -184,32 +184,37 @@ class ResponseDispatcher:
                     self._settle(packet_id, content)
                 return
         if packet_id == ButtonEventResponse.packet_id:
-            self.stats.events_received += 1
+            core.stats.events_received += 1
             if opening is not None:
                 opening.heard_event()
-            self.on_event(self._codec.decode(packet_id, content))  # type: ignore[arg-type]  # the id says so
+            self.on_event(core.codec.decode(packet_id, content))  # type: ignore[arg-type]  # the id says so
         elif opening is None:
-            self.stats.unsolicited += 1
-            self.on_stranger(packet_id)
+            self._take_stray(frame, is_response=lane is not None)
         elif lane is not None:
             opening.heard(packet_id, content)
 
-    def _answer(self, slot: Slot, call: Call, content: bytes) -> bool:
+    def _take_stray(self, frame: Frame, *, is_response: bool) -> None:
+        self._core.stats.unsolicited += 1
+        if is_response and self._core.lifecycle.state is State.READY:
+            self._core.repeats.stray(frame)
+        self.on_stranger(frame[0])
+
+    def _answer(self, slot: Slot, call: Call, content: bytes) -> bool:  # noqa: C901 - likewise
         """Pass a response to the call of the oldest slot of all, as `_settle` does for all cases in more steps.
 
         Return False, with nothing done, unless this is the first response, in time, to a call that waits for it.
         """
         if call.is_over or call.response is not None or slot.is_fence or slot.holds_permit_of is not None:
             return False
-        request, sent_at = slot.request, slot.sent_at
+        core, request, sent_at = self._core, slot.request, slot.sent_at
         try:
-            response: Any = self._codec.decode(request.packet_id + 1, content)
+            response: Any = core.codec.decode(request.packet_id + 1, content)
         except DecodeError:
             return False
         if not request.accepts(response):
             return False
         load = self._load
-        if load is None and self._learns:
+        if load is None and self._scheduler.learns:
             load = self._load = self._scheduler.load()
         self._slots.close_only_origin(slot)
         watchdog = self.watchdog
@@ -223,10 +228,12 @@ class ResponseDispatcher:
                 load.size += len(content) + OVERHEAD
                 load.seconds += heard_at - free_at
             watchdog.has_expired = False
-        seconds = heard_at - (free_at if free_at > sent_at else sent_at)
-        if seconds > 0.0:
-            self.times.record(request.packet_id, seconds)
-        self._round_trips.append(heard_at - sent_at)
+        seconds = heard_at - max(sent_at, free_at)
+        if seconds > core.times.quick:
+            core.times.record(request.packet_id, seconds)
+        elif self._distrusts(call, seconds, is_single=sent_at >= free_at):
+            return True
+        core.stats.round_trips.append(heard_at - sent_at)
         call.open_slots -= 1
         call.response = response
         woken = call.woken
@@ -237,22 +244,37 @@ class ResponseDispatcher:
             woken.set_result(None)
         return True
 
+    def _distrusts(self, call: Call, seconds: float, *, is_single: bool) -> bool:
+        """Learn from a response much quicker than all before; send a query again at once if it may be a copy."""
+        times = self._core.times
+        if seconds > 0.0:
+            times.record(call.packet.packet_id, seconds)
+        if not times.quick or not is_single:
+            return False
+        times.quick = QUICK * seconds
+        if not call.packet.is_query or not self._core.repeats.suspect():
+            return False
+        call.open_slots -= 1
+        call.unanswered += 1
+        call.wake()
+        return True
+
     def _settle(self, packet_id: int, content: bytes) -> None:
+        core, slots, load = self._core, self._slots, self._load
         decoded: Content
         try:
-            decoded = self._codec.decode(packet_id, content)  # type: ignore[assignment]  # lanes are response ids
+            decoded = core.codec.decode(packet_id, content)  # type: ignore[assignment]  # lanes are response ids
         except DecodeError as error:
-            self.stats.undecodable += 1
+            core.stats.undecodable += 1
             decoded = error
-        load = self._load
-        if load is None and self._learns:
+        if load is None and self._scheduler.learns:
             load = self._load = self._scheduler.load()
-        slots = self._slots
         settled = slots.settle(packet_id, decoded)
         if slots.answer_twice:
-            self.stats.repeated = slots.repeated
+            core.stats.repeated = slots.repeated
         if settled is None:
-            self.stats.mismatched += 1
+            core.stats.mismatched += 1
+            core.repeats.stray((packet_id, content))
             return
         watchdog = self.watchdog
         heard_at, free_at = watchdog.heard_at, watchdog.free_at
@@ -290,14 +312,14 @@ class ResponseDispatcher:
                 continue
             call.open_slots -= 1
             if call.is_over or call.response is not None:
-                self.stats.late_responses += content is not None
+                self._core.stats.late_responses += content is not None
             elif content is None or isinstance(content, DecodeError):
                 call.fault = content or call.fault
                 if not call.open_slots or content is not None:
                     call.unanswered += 1
                     call.wake()
             else:
-                self._round_trips.append(self.watchdog.heard_at - slot.sent_at)
+                self._core.stats.round_trips.append(self.watchdog.heard_at - slot.sent_at)
                 call.response = content
                 call.wake()
 
@@ -311,20 +333,12 @@ class ResponseDispatcher:
         """Learn from the response to a slot."""
         self.watchdog.answered_in_a_row += 1
         if call is not None and call.response is not None:
-            self.times.late()  # the call had a response already
+            self._core.times.late()  # the call had a response already
         elif not slot.overdue:  # a response to an overdue slot may belong to another sending
-            seconds = self.watchdog.heard_at - (free_at if free_at > slot.sent_at else slot.sent_at)
-            if seconds > 0.0:  # else it came in one chunk with another one, and its time is not known
-                self.times.record(slot.request.packet_id, seconds)
+            seconds = self.watchdog.heard_at - max(slot.sent_at, free_at)
+            if seconds > 0.0:  # a response in one chunk with another has no known time
+                self._core.times.record(slot.request.packet_id, seconds)
         elif call is None or call.is_over:
-            self.times.late()
+            self._core.times.late()
         if load is not None and not slot.is_fence:
             load.responses += 1
-
-
-def _parser_for(byte_order: ByteOrder, *, ignore_extra: bool) -> FrameParser:
-    if not ignore_extra:
-        return FrameParser(byte_order)
-    from servolink.protocol.lenient import LenientParser  # late: most boards send what the document says
-
-    return LenientParser(byte_order)

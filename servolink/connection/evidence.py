@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from msgspec import Struct
 
-from servolink.errors import OpenError, Reason
-from servolink.escaping import quote
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.frame import HEADER, MAGIC, OVERHEAD, ByteOrder, checksum
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Response
+from servolink.connection.line_marks import (
+    LONG_PAUSE,
+    LineBytes,
+    Mark,
+    frames_in,
+    is_longer,
+    marks_in,
+    outside_frames,
+    shown,
+)
+from servolink.errors import OpenError, Reason, quote
+from servolink.protocol import PACKETS, ByteOrder, Response
 
+_FIRST = 16  # bytes
 _LEAST_TEXT = 8  # characters
 _MOST_TEXT = 60
+_MOST_KEPT = 8192  # bytes
 _LEAST_SENT = 8  # queries
 _LEAST_REPEATED = 8  # responses beyond the queries; fewer may have been owed to an earlier program
 
@@ -34,12 +40,23 @@ class LineEvidence(Struct, frozen=True):
     longer: int = 0
     """Packet id of a response with the right sum and more content than in the document; 0 without one."""
     longer_frames: int = 0
-    """Number of such responses."""
+    """Number of responses of this kind so far."""
     text: str = ""
     """Beginning of the text between frames; empty without text."""
+    several: bool = False
+    """Whether two boards, or more, answer."""
     sent: int = 0
     answered: int = 0
     """Responses to queries of the opening or of earlier programs."""
+    data: bytes = b""
+    """First bytes that came from the line."""
+    pause: float = 0.0
+    """Longest pause in seconds inside a frame."""
+
+    @property
+    def mark(self) -> Mark | None:
+        """What the bytes show about firmware, bridge or line; None without such a mark."""
+        return next(iter(marks_in(self.data, self.byte_order)), None)
 
     @property
     def other_order(self) -> ByteOrder:
@@ -68,6 +85,8 @@ class LineEvidence(Struct, frozen=True):
             return f"answers in {other} byte order ({effort}): use byte_order={other}"
         if self.longer:
             return self._explain_longer(effort)
+        if (mark := self.mark) is not None:
+            return f"{mark.text} ({effort}): {mark.meaning}; {mark.remedy}"
         if self.echoes:
             return (
                 f"returns the requests that are sent to it, and no response ({effort}): the two data lines are "
@@ -80,13 +99,14 @@ class LineEvidence(Struct, frozen=True):
             )
         if self.received:
             return (
-                f"sends bytes, but no frame of this protocol ({effort}): try the other byte order "
-                f"(byte_order={other}) or another baud rate; it may also be another device; `servolink doctor` finds "
-                "out"
+                f"sends bytes, {shown(self.data[:_FIRST])}, but no frame of this protocol ({effort}): try the other "
+                f"byte order (byte_order={other}) or another baud rate; it may also be another device; "
+                "`servolink doctor` finds out"
             )
         return (
             f"is open, but no board answers ({effort}): is it switched on, is this its port, is it a data cable? Else "
-            f"try another baud rate or the other byte order (byte_order={other}); `servolink doctor` finds out"
+            f"try another baud rate, other serial settings of the board (no parity, no flow control) or the other byte "
+            f"order (byte_order={other}); `servolink doctor` finds out"
         )
 
     def explain_too_little(self, effort: str) -> str:
@@ -97,6 +117,11 @@ class LineEvidence(Struct, frozen=True):
             return (
                 f"answers requests more than once ({self.answered} responses to {effort}): use answers_twice=yes, "
                 "which tells first and second responses apart"
+            )
+        if self.pause:
+            return (
+                f"sends each response in parts, with a pause of {self.pause:.1f} s inside a frame ({effort}): a "
+                "bridge, adapter or the firmware holds bytes back; set it to send at once what it receives"
             )
         if not self.answered:
             return (
@@ -115,57 +140,71 @@ class LineEvidence(Struct, frozen=True):
         )
 
 
+class ReceivedBytes:
+    """Bytes received during an opening: the first ones, and their number."""
+
+    def __init__(self) -> None:
+        """Start without bytes or responses."""
+        self._first = bytearray()
+        self._count = 0
+        self._heard_at = self._pause = 0.0  # loop time of the latest bytes; longest pause inside a frame
+
+    def add(self, chunk: bytes, now: float) -> None:
+        """Count a chunk received `now`, and keep what there is room for."""
+        pause, self._heard_at = now - self._heard_at, now
+        if self._first and pause > max(self._pause, LONG_PAUSE) and LineBytes(bytes(self._first)).ends_inside():
+            self._pause = pause
+        self._count += len(chunk)
+        self._first += chunk[: _MOST_KEPT - len(self._first)]
+
+    def evidence(self, byte_order: ByteOrder, *, sent: int, answered: int) -> LineEvidence:
+        """Return the findings, after `sent` queries with `answered` responses."""
+        return evidence_in(
+            bytes(self._first), byte_order, received=self._count, sent=sent, answered=answered, pause=self._pause
+        )
+
+
 class HandshakeFailed(OpenError):
     """The address is open, but the handshake with the board failed."""
 
-    def __init__(self, text: str, evidence: LineEvidence) -> None:
+    def __init__(self, text: str, evidence: LineEvidence, reason: Reason = Reason.NO_RESPONSE) -> None:
         """Keep the evidence beside the text."""
-        super().__init__(text, reason=Reason.NO_RESPONSE)
+        super().__init__(text, reason=reason)
         self.evidence = evidence
 
 
-def evidence_in(data: bytes, byte_order: ByteOrder, *, received: int, sent: int, answered: int) -> LineEvidence:
-    """Return the findings in `data`, the first of `received` bytes, after `sent` queries with `answered` responses."""
-    own = list(_frames(data, byte_order))
-    other = list(_frames(data, "little" if byte_order == "big" else "big"))
-    fitting = [packet_id for packet_id, _, _, fits in own if fits]
+def evidence_in(
+    data: bytes, byte_order: ByteOrder, *, received: int, sent: int, answered: int, pause: float = 0.0
+) -> LineEvidence:
+    """Return the findings in `data`, the first of `received` bytes, after `sent` queries with `answered` responses.
+
+    `pause` is the longest pause inside a frame, in seconds.
+    """
+    own = list(frames_in(data, byte_order))
+    other = list(frames_in(data, "little" if byte_order == "big" else "big"))
+    fitting = [frame.packet_id for frame in own if frame.fits]
     responses = [packet_id for packet_id in fitting if issubclass(PACKETS[packet_id], Response)]
-    longer = [packet_id for packet_id, _, _, fits in own if not fits]
+    longer = [frame.packet_id for frame in own if is_longer(frame)]
     return LineEvidence(
         byte_order,
         received,
         frames=len(responses),
         echoes=len(fitting) - len(responses),
-        other_frames=sum(fits and issubclass(PACKETS[packet_id], Response) for packet_id, _, _, fits in other),
+        other_frames=sum(frame.fits and issubclass(PACKETS[frame.packet_id], Response) for frame in other),
         longer=longer[0] if longer else 0,
         longer_frames=len(longer),
         text=text_between(data, byte_order),
         sent=sent,
         answered=answered,
+        data=data,
+        pause=pause,
     )
 
 
 def text_between(data: bytes, byte_order: ByteOrder) -> str:
     """Return the beginning of the readable text outside of frames; empty if there is hardly any."""
-    rest, at = bytearray(), 0
-    for _, start, end, _ in _frames(data, byte_order):
-        rest += data[at:start]
-        at = max(at, end)
-    rest += data[at:]
+    rest = b"".join(outside_frames(data, byte_order))
     lines = rest.decode("utf-8", "replace").splitlines()
     readable = [line.strip() for line in lines if line.strip() and line.strip().isprintable() and "\ufffd" not in line]
     text = " / ".join(readable)
     return text[:_MOST_TEXT] if len(text) >= _LEAST_TEXT and 2 * sum(map(len, readable)) >= len(rest) else ""
-
-
-def _frames(data: bytes, byte_order: ByteOrder) -> Iterator[tuple[int, int, int, bool]]:
-    """Yield packet id, start and end of each frame with a known id and the right sum, and whether its length fits."""
-    at = data.find(MAGIC)
-    while 0 <= at <= len(data) - OVERHEAD:
-        _, packet_id, length = HEADER[byte_order].unpack_from(data, at)
-        end = at + length + OVERHEAD
-        declared = PACKETS.get(packet_id)
-        if declared is not None and end <= len(data) and checksum(data[at : end - 1]) == data[end - 1]:
-            yield packet_id, at, end, layout(declared, byte_order).rule.admits(length)
-            at = end - 1
-        at = data.find(MAGIC, at + 1)

@@ -3,17 +3,8 @@
 from __future__ import annotations
 
 from servolink.connection.stats import Stats
-from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout
-from servolink.escaping import escape
-from servolink.protocol.packet import Packet
-
-_LONGEST = 120
-
-
-def described(packet: Packet) -> str:
-    """Return `packet` as short, safe text for an error."""
-    text = escape(repr(packet))
-    return text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
+from servolink.errors import ConnectionLost, OpenError, OutcomeUnknown, RequestTimeout, escape
+from servolink.protocol import Packet
 
 
 def timed_out(
@@ -54,21 +45,38 @@ def timed_out(
         )
     if stats.noise:
         causes = f"{causes}; {stats.noise} received bytes were part of no frame"
-    return RequestTimeout(f"{described(packet)} was not answered by {escape(url)} {how}: {causes}", packet)
+    return RequestTimeout(f"{packet.described} was not answered by {escape(url)} {how}: {causes}", packet)
 
 
 def outcome_unknown(packet: Packet, url: str, waited: float) -> OutcomeUnknown:
     """Return the error for an unanswered command, which is sent once only."""
     return OutcomeUnknown(
-        f"{described(packet)} was sent to {escape(url)} and was not answered in {waited:.1f} s: "
+        f"{packet.described} was sent to {escape(url)} and was not answered in {waited:.1f} s: "
         "it may or may not have been done; read back before sending it again",
         packet,
     )
 
 
+def different_answers(packet: Packet, url: str, waited: float) -> RequestTimeout | OutcomeUnknown:
+    """Return the error for a request with different answers, none of which is certain."""
+    text = (
+        f"{packet.described} had different answers from {escape(url)}, and which of them is late was not certain "
+        f"after {waited:.1f} s"
+    )
+    if packet.is_query:
+        return RequestTimeout(f"{text}; try again, or run `servolink doctor`", packet)
+    return OutcomeUnknown(f"{text}: read back before sending it again", packet)
+
+
+def unproved(packet: Packet, url: str, error: Exception) -> RequestTimeout | OutcomeUnknown:
+    """Return the error for a request whose answer may be a copy: the fence behind it failed with `error`."""
+    kind = RequestTimeout if packet.is_query else OutcomeUnknown
+    return kind(f"{packet.described}: whether the answer of {escape(url)} is a copy is not known: {error}", packet)
+
+
 def overtaken(packet: Packet) -> OutcomeUnknown:
     """Return the error for a request whose response can no longer be told from the response to a stop."""
-    return OutcomeUnknown(f"{described(packet)} was overtaken by a stop before its answer came", packet)
+    return OutcomeUnknown(f"{packet.described} was overtaken by a stop before its answer came", packet)
 
 
 def lost(url: str, cause: BaseException | None) -> ConnectionLost:
@@ -90,10 +98,3 @@ def _caused(text: str, cause: BaseException | None) -> ConnectionLost:
     error = ConnectionLost(text)
     error.__cause__ = cause
     return error
-
-
-def same(error: ConnectionLost) -> ConnectionLost:
-    """Return a copy of `error`, for a traceback of its own in each waiting task."""
-    twin = ConnectionLost(*error.args)
-    twin.__cause__ = error.__cause__
-    return twin

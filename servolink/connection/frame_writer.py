@@ -7,26 +7,19 @@ import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from logging import DEBUG
-from typing import TYPE_CHECKING
 
+from servolink.connection.core import ConnectionCore
 from servolink.connection.dispatcher import ResponseDispatcher
-from servolink.connection.explain import same
 from servolink.connection.scheduler import RequestScheduler
-from servolink.connection.state import Lifecycle
 from servolink.connection.taps import is_logged
-from servolink.errors import ConnectionLost
-from servolink.escaping import escape
-
-if TYPE_CHECKING:
-    from servolink.transports.base import Transport
+from servolink.errors import ConnectionLost, escape
+from servolink.transports import Transport
 
 
 class FrameWriter:
     """Writing end of a connection. A failure ends the connection."""
 
-    def __init__(
-        self, transport: Transport, lifecycle: Lifecycle, scheduler: RequestScheduler, answers: ResponseDispatcher
-    ) -> None:
+    def __init__(self, transport: Transport, core: ConnectionCore, answers: ResponseDispatcher) -> None:
         """Write to `transport`, and report its end to `answers`."""
         self._transport = transport
         # Without a coroutine, where the transport can (see `BaseTransport.take`).
@@ -37,12 +30,9 @@ class FrameWriter:
         self._joined: list[bytes] | None = None  # frames of this turn of the loop, while they are joined
         if takes_at_once and getattr(transport, "is_stream", False):
             answers.on_several = self._join
-        self._lifecycle = lifecycle
+        self._core = core
         self._answers = answers
-        self._stats = answers.stats
-        self._taps = answers.taps
-        self._loop = asyncio.get_running_loop()
-        self._drain = PendingDrain(transport, scheduler)
+        self._drain = PendingDrain(transport, core.scheduler)
 
     @property
     def url(self) -> str:
@@ -55,8 +45,8 @@ class FrameWriter:
 
     def raise_if_ended(self) -> None:
         """Raise the error of an ended connection."""
-        if self._lifecycle.ended is not None:
-            raise same(self._lifecycle.ended)
+        if self._core.lifecycle.ended is not None:
+            raise self._core.lifecycle.ended.copy()
 
     async def write(self, frame: bytes) -> None:
         """Send a whole frame. On failure, end the connection and raise ConnectionLost."""
@@ -69,13 +59,13 @@ class FrameWriter:
         Otherwise return an awaitable, to be awaited now. With `may_join`, the frame may leave together with those of
         other callers, at the end of this turn of the loop. Raise ConnectionLost if the connection has ended.
         """
-        if self._lifecycle.ended is not None:
-            raise same(self._lifecycle.ended)
-        stats = self._stats
+        if self._core.lifecycle.ended is not None:
+            raise self._core.lifecycle.ended.copy()
+        stats = self._core.stats
         stats.frames_sent += 1
         stats.bytes_sent += len(frame)
-        if self._taps.members:
-            self._taps.sent(frame)
+        if self._core.taps.members:
+            self._core.taps.sent(frame)
         if is_logged(DEBUG):
             self._answers.frame_log.sent(frame)
         if self._joined is None:
@@ -91,20 +81,11 @@ class FrameWriter:
             self._answers.lost(error)
             raise
 
-    def pass_on(self, frame: bytes) -> None:
-        """Take a frame for which nobody waits. The end of the connection wakes its call, and all others."""
-        try:
-            sending = self.take(frame, may_join=True)
-        except ConnectionLost:
-            return
-        if sending is not None:
-            self._drain.hold(sending)
-
     def _join(self) -> None:
         """Join the frames of the callers that were just woken. They run in the next turn, before `_send_joined`."""
         if self._joined is None:
             self._joined = []
-            self._loop.call_soon(self._send_joined)
+            self._core.loop.call_soon(self._send_joined)
 
     def _send_joined(self) -> None:
         if data := self._end_joining():
@@ -144,31 +125,29 @@ class PendingDrain:
         """Hold permits of `scheduler` until `transport` has sent the remaining bytes."""
         self._transport = transport
         self._scheduler = scheduler
-        self._tasks: set[asyncio.Task[None]] = set()  # held here, as the loop does not hold its tasks
+        self._drains: set[asyncio.Future[tuple[None]]] = set()  # held here, as the loop does not hold them
 
     def hold(self, sending: Awaitable[None] | None = None) -> None:
         """Hold a permit beyond the depth until `sending` is done, or until all bytes so far have left."""
         self._scheduler.take_extra()
         waiting = self._wait_for_drain(self._transport.send(b"") if sending is None else sending)
-        task = asyncio.get_running_loop().create_task(waiting)
-        # The program may well end first, without need of a warning; asyncio.gather does the same.
-        task._log_destroy_pending = False  # type: ignore[attr-defined]  # noqa: SLF001
-        self._tasks.add(task)
-        task.add_done_callback(self._give_back)
+        drained = asyncio.gather(waiting)  # a task would warn if the program ends first
+        self._drains.add(drained)
+        drained.add_done_callback(self._give_back)
 
     def end(self) -> None:
         """Hold no permit any more: the connection is closed."""
-        for task in self._tasks:
-            task.cancel()
+        for drained in self._drains:
+            drained.cancel()
 
     async def _wait_for_drain(self, sending: Awaitable[None]) -> None:
         with suppress(ConnectionLost):  # the transport reports its end to the receiver
             await sending
 
-    def _give_back(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
+    def _give_back(self, drained: asyncio.Future[tuple[None]]) -> None:
+        self._drains.discard(drained)
         self._scheduler.give_back_extra()
-        if not task.cancelled() and (error := task.exception()) is not None:
+        if not drained.cancelled() and (error := drained.exception()) is not None:
             logging.getLogger(__name__).error(
                 "%s cannot tell when all is sent: %s", escape(self._transport.url), escape(str(error))
             )

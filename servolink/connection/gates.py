@@ -9,8 +9,8 @@ from msgspec import Struct
 from msgspec.structs import astuple
 
 from servolink.errors import ConnectionLost, Reason, RequestRefused, ServolinkError
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.packet import Effect, Packet, Query, is_motion
+from servolink.motion import StopCounter, Ticket
+from servolink.protocol import Effect, Packet, Query
 
 Gate: TypeAlias = Callable[[Packet, Ticket], "ServolinkError | None"]
 """Returns why a packet must not be sent, None if it may. It neither waits nor changes anything."""
@@ -25,6 +25,8 @@ def open_gate(packet: Packet, ticket: Ticket) -> None:
 class Gates(Struct, frozen=True):
     """Gates in the order in which they are asked; the first refusal counts (docs/design/motion.md)."""
 
+    line: Gate = open_gate
+    """Refuses everything while several boards answer."""
     identity: Gate = open_gate
     """Refuses another board than that of the profile."""
     role: Gate = open_gate
@@ -37,6 +39,19 @@ class Gates(Struct, frozen=True):
     """Refuses a motion after a stop, or too late."""
     limits: Gate = open_gate
     """Refuses a motion whose angles were checked in other units than those now set."""
+
+    @staticmethod
+    def of_units(units_sent: Callable[[], int]) -> Gate:
+        """Return the gate that refuses motions whose angles were checked before the latest unit was sent."""
+
+        def refusal(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+            if ticket.units_sent in {None, units_sent()}:
+                return None
+            return UnitsChanged(
+                f"{type(packet).__name__} was not sent: an angle unit was set while it was checked", packet
+            )
+
+        return refusal
 
     def refusal(self, packet: Packet, ticket: Ticket) -> ServolinkError | None:
         """Return the first refusal, None if `packet` may be sent now. Stops and queries pass without being asked."""
@@ -67,7 +82,7 @@ def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
     """
 
     def refusal(packet: Packet, ticket: Ticket) -> ServolinkError | None:
-        if not is_motion(packet):
+        if not packet.is_motion:
             return None
         name = type(packet).__name__
         if packet.effect is not Effect.GOES_LIMP:
@@ -79,16 +94,5 @@ def ticket_gate(stops: StopCounter, now: Callable[[], float]) -> Gate:
             text = f"{name} was not sent: the time by which it was to begin has passed"
             return RequestRefused(text, packet, reason=Reason.DEADLINE)
         return None
-
-    return refusal
-
-
-def limits_gate(units_sent: Callable[[], int]) -> Gate:
-    """Return the gate that refuses motions whose angles were checked before the latest unit was sent."""
-
-    def refusal(packet: Packet, ticket: Ticket) -> ServolinkError | None:
-        if ticket.units_sent in {None, units_sent()}:
-            return None
-        return UnitsChanged(f"{type(packet).__name__} was not sent: an angle unit was set while it was checked", packet)
 
     return refusal

@@ -15,19 +15,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
-from typing import TYPE_CHECKING, Generic, TypeVar
-
-if TYPE_CHECKING:
-    from random import Random
+from random import Random
+from typing import Generic, TypeVar
 
 K = TypeVar("K", bound=Hashable)
 
 FIRST_LENGTH, SECOND_LENGTH, THIRD_LENGTH = 6, 12, 16
 """Queries in the word: at first, once something was owed, and if it is drawn from fewer kinds."""
 MOST_SILENT = 4
-"""A kind that is not answered so many times in a row, but what was asked after it is, is not supported."""
+"""Queries of a kind in a row without a response, with later queries answered, that show that it is not supported."""
 ANOTHER_AFTER = 2
-"""After so many silent queries of a kind the others are sent in turn: their responses show that it is not busy."""
+"""Silent queries of a kind after which others are sent in turn: their responses show that the board is not busy."""
 LEAST_KINDS = 3
 """With fewer kinds a word says little: earlier programs, which had the same few kinds, may have sent the same."""
 _MANY_KINDS = 4  # with fewer, words are longer
@@ -55,7 +53,8 @@ class Handshake(Generic[K]):
         self._kinds = list(kinds)
         self._spare = list(spare)
         self._random = random
-        self._is_quiet = is_quiet
+        self.is_quiet = is_quiet
+        """Whether a silence before the handshake says that nothing is owed, not the word."""
         self._twice = twice
         self._silent: Counter[K] = Counter()  # times in a row
         self.unsupported = set(unsupported)
@@ -77,7 +76,7 @@ class Handshake(Generic[K]):
     @property
     def is_provable(self) -> bool:
         """Whether the board answers enough kinds; it need not answer more than one after a long silence."""
-        return len(self.kinds) >= (1 if self._is_quiet else LEAST_KINDS)
+        return len(self.kinds) >= (1 if self.is_quiet else LEAST_KINDS)
 
     @property
     def kinds(self) -> list[K]:
@@ -161,7 +160,7 @@ class Handshake(Generic[K]):
         others = [kind for kind in kinds if kind != last]
         if not others:
             length = 1
-        elif not self._is_quiet and len(kinds) < _MANY_KINDS:
+        elif not self.is_quiet and len(kinds) < _MANY_KINDS:
             length = THIRD_LENGTH
         word = [*(self._unequal_neighbours(others, length - 1) if self._twice else []), last]
         if not self._twice:
@@ -169,7 +168,7 @@ class Handshake(Generic[K]):
         self._word = word
 
     def _unequal_neighbours(self, kinds: Sequence[K], length: int) -> list[K]:
-        """Return so many of `kinds`, none of them twice in a row; only one, if there is only one kind."""
+        """Return `length` of `kinds` without equal neighbours; a single kind gives a single query."""
         word: list[K] = []
         while len(word) < length and (following := [kind for kind in kinds if not word or kind != word[-1]]):
             word.append(self._random.choice(following))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servolink.protocol.frame import MAGIC, ByteOrder, Frame, encode_frame
+from servolink.protocol import MAGIC, ByteOrder, Frame, encode_frame
 
 
 class NestedFrameFilter:

@@ -7,11 +7,11 @@ from typing import Any, Literal, TypeAlias
 from msgspec import Struct
 from msgspec.structs import force_setattr
 
-from servolink.escaping import quote
-from servolink.numeric import LEAST_SECONDS, MOST_SECONDS, as_number, check_seconds, is_integer
-from servolink.protocol.caption import check_encoding
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.address import Address
+from servolink.connection.times import PATIENCE
+from servolink.errors import quote
+from servolink.protocol import ByteOrder, Codec
+from servolink.support import SECONDS, as_number, check_seconds, is_integer
+from servolink.transports import Address
 
 TransmissionMode: TypeAlias = Literal["auto", "keep", 1]
 """When opening a connection sets the transmission mode (3.1.1) to 1, in which a board speaks this protocol.
@@ -19,12 +19,6 @@ TransmissionMode: TypeAlias = Literal["auto", "keep", 1]
 "auto": if the board does not answer. 1: always. "keep": never.
 """
 
-PATIENCE = 3.0
-"""Seconds after which a request is given up, unless told otherwise."""
-SLOW_PATIENCE = 30.0
-"""Seconds after which deleting everything is given up: a board may erase its memory for long before it answers."""
-HUB_MARGIN = 1.0
-"""Seconds that a hub gets beyond the patience: its own may begin a little later."""
 MOST_DEPTH = 64
 
 
@@ -42,20 +36,20 @@ class ConnectionOptions(Struct, frozen=True):
     """The same for requests while something is changed."""
     answers_twice: bool = False
     """Whether the board may answer each request twice, as a repeating adapter makes it."""
+    late_copies: bool = False
+    """Whether copies of responses may come seconds later, so that each request is proved, in twice the time."""
     ignore_extra: bool = False
     """Whether responses may have more content than the document says, which is ignored."""
 
     def __post_init__(self) -> None:
         """Check all options, as documented for `connect`."""
-        if self.byte_order not in ("little", "big"):
-            raise ValueError(f"byte_order must be 'little' or 'big', not {quote(self.byte_order)}")
-        check_encoding(self.caption_encoding)
+        Codec(self.byte_order, self.caption_encoding)
         if self.transmission_mode not in ("auto", "keep", 1) or isinstance(self.transmission_mode, bool):
             raise ValueError(f"transmission_mode must be 'auto', 'keep' or 1, not {quote(self.transmission_mode)}")
         for name in ("patience", "depth", "write_depth"):
             force_setattr(self, name, as_number(getattr(self, name)))
         check_seconds("patience", self.patience)
-        for name in ("answers_twice", "ignore_extra"):
+        for name in ("answers_twice", "late_copies", "ignore_extra"):
             if not isinstance(getattr(self, name), bool):
                 raise TypeError(f"{name} must be True or False, not {quote(getattr(self, name))}")
         for name, depth in (("depth", self.depth), ("write_depth", self.write_depth)):
@@ -71,17 +65,18 @@ def options_in(url: str) -> dict[str, Any]:
     mode = address.choice("transmission_mode", "auto", ("auto", "keep", "1"))
     encoding = address.text("caption_encoding", default.caption_encoding)
     try:
-        check_encoding(encoding)
+        Codec(caption_encoding=encoding)
     except ValueError as error:
         raise address.refusal(f"option caption_encoding: {error}") from None
     options = {
         "byte_order": address.choice("byte_order", default.byte_order, ("little", "big")),
         "caption_encoding": encoding,
         "transmission_mode": 1 if mode == "1" else mode,
-        "patience": address.number("patience", default.patience, LEAST_SECONDS, MOST_SECONDS),
+        "patience": address.number("patience", default.patience, *SECONDS),
         "depth": address.integer("depth", default.depth, 1, MOST_DEPTH),
         "write_depth": address.integer("write_depth", default.write_depth, 1, MOST_DEPTH),
         "answers_twice": address.choice("answers_twice", "no", ("no", "yes")) == "yes",
+        "late_copies": address.choice("late_copies", "no", ("no", "yes")) == "yes",
         "ignore_extra": address.choice("ignore_extra", "no", ("no", "yes")) == "yes",
     }
     return {name: options[name] for name in address.connection_options}

@@ -1,22 +1,47 @@
-"""PacketConnection: what the parts of a board need of a connection, whether its packets become bytes or not."""
+"""PacketConnection: what the parts of a board need of a connection, and of the link to the hub of a shared board."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
-from contextlib import AbstractContextManager
-from typing import Any, Protocol, TypeVar
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
+from contextlib import AbstractAsyncContextManager, AbstractContextManager
+from typing import Any, Protocol, TypeAlias, TypeVar
 
 from servolink.connection.gates import Gates
-from servolink.connection.sharing import BoardSharing
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.codec import Codec
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Command, Query, Request, Response
-from servolink.protocol.servos import SetServoParameterRequest
+from servolink.motion import MotionLimits, StopCounter, Ticket
+from servolink.protocol import ButtonEventResponse, Codec, Command, Query, Request, Response, SetServoParameterRequest
 
 R = TypeVar("R", bound=Response)
+SendPoints: TypeAlias = Callable[[Mapping[int, float], float], Awaitable[Mapping[int, int]]]
+"""Sends set-points that must leave by a time of the event loop's clock. Returns the angles sent, by servo."""
+
+
+class BoardSharing(Protocol):
+    """Requests to the hub of a shared board, beside requests to the board."""
+
+    has_lost_board: bool
+    """Whether the hub has lost the board, and is reconnecting."""
+    on_board: Callable[[bool], None]
+    """Called with `has_lost_board` when the hub loses or finds the board."""
+
+    async def stop(self) -> None:
+        """Stop all servos; return when the hub has read all of them as stopped."""
+
+    def stream(self, hz: float, gap: float, limits: MotionLimits, *, any_angle: bool) -> SendPoints:
+        """Return a function to stream set-points through the hub, which shortens them to `limits` and its own."""
+        ...
+
+    def moving(self) -> AbstractAsyncContextManager[None]:
+        """Return a context with the lease of the servos; raises MotionRefused on entry if another program has it."""
+        ...
+
+    def exclusive(self, reason: str) -> AbstractAsyncContextManager[None]:
+        """Return a context with exclusive use of the board."""
+        ...
+
+    async def close(self) -> None:
+        """Leave the hub, which frees the lease."""
 
 
 class ConnectionEvents(Protocol):

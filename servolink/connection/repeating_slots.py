@@ -12,7 +12,7 @@ from typing import Any
 
 from servolink.connection.call import Content, Settled, Slot
 from servolink.connection.slots import Obstacle, Slots, fits
-from servolink.protocol.packet import Command, Request
+from servolink.protocol import Command, Request
 
 
 class RepeatingSlots(Slots):

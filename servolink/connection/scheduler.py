@@ -12,15 +12,12 @@ from msgspec import Struct
 
 from servolink.connection.call import Call, Lane, Slot
 from servolink.connection.climb import DepthClimb
-from servolink.connection.slots import NO_OBSTACLE, Obstacle, Slots
-from servolink.protocol.packet import Command, Request
+from servolink.connection.slots import Obstacle, Slots
+from servolink.connection.times import MOST_OWED, MOST_OWED_IN_BULK
+from servolink.protocol import Command, Request
 
 MOST_ASIDE = 8
 """Callers that may have stepped aside at the same time."""
-MOST_OWED = 0.045
-"""Seconds of the line for responses that are owed. A stop comes to the board within 50 ms: fences need some of them."""
-MOST_OWED_IN_BULK = 0.09
-"""The same during an import, where it is 100 ms."""
 
 _MEMORY = 64  # responses after which older ones count half in the pace
 _UNMEASURED = 2  # requests at once until the pace of the line is known
@@ -60,7 +57,7 @@ class Window:
     def depth(self) -> int:
         """How many requests may be under way now, at most."""
         queries, writes = self.queries.depth, self.writes.depth
-        return queries if queries > writes else writes
+        return max(writes, queries)
 
     @contextmanager
     def bulk(self) -> Iterator[None]:
@@ -95,7 +92,7 @@ class Window:
         self._bytes += size
         self._seconds += seconds
         pace = self._bytes / (self._seconds or 1e-9)
-        self.pace = pace if pace > self.least_pace else self.least_pace
+        self.pace = max(self.least_pace, pace)
         self._limit_owed()
 
 
@@ -126,7 +123,7 @@ class RequestScheduler:
     def __init__(self, window: Window, slots: Slots) -> None:
         """Allow as many requests as fit into `window` beside the open `slots`."""
         self.window = window
-        self._learns = window.learns
+        self.learns = window.learns
         self._slots = slots
         self._loop = asyncio.get_running_loop()
         self._permits = 0
@@ -135,8 +132,6 @@ class RequestScheduler:
         self._paused = False
         self.waiting: deque[Call] = deque()
         """Queue of calls that wait for permits."""
-        self.send: Callable[[Call], None] = lambda call: None
-        """Called to send the frame of a call with the permit just granted, in place of waking the caller."""
         self.aside = 0
         """Number of callers who have given their permit back for a pause."""
         self.on_aside: Callable[[], None] = lambda: None
@@ -154,7 +149,7 @@ class RequestScheduler:
         lane = slots.lanes.get(packet.packet_id + 1)
         if self._permits and not self._has_room(packet, lane):
             return False
-        if (slots.live or slots.overdue or slots.answer_twice) and slots.obstacle(packet) is not NO_OBSTACLE:
+        if (slots.live or slots.overdue or slots.answer_twice) and slots.obstacle(packet) is not Obstacle.NONE:
             return False
         self._take(packet, lane)
         return True
@@ -174,13 +169,10 @@ class RequestScheduler:
         if self._granted and call.granted.done() and self._granted[0] is not call.packet:
             await asyncio.sleep(0)
 
-    def enqueue(self, call: Call, frame: bytes = b"", *, first: bool) -> None:
-        """Put a call into the queue; `call.granted` is done with the permit. `withdraw` must be called to leave.
-
-        If nothing else is needed first, `send` sends `frame` with the permit, and only `release` must follow.
-        """
+    def enqueue(self, call: Call, *, first: bool) -> None:
+        """Put a call into the queue; `call.granted` is done with the permit. `withdraw` must be called to leave."""
         queue = self.waiting
-        call.frame, call.granted = frame, self._loop.create_future()
+        call.granted = self._loop.create_future()
         if first:
             queue.appendleft(call)
         else:
@@ -208,7 +200,7 @@ class RequestScheduler:
         self._permits -= 1
         if not packet.is_query:
             self._changes -= 1
-        if self._learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
+        if self.learns and (lane := self._slots.lanes.get(packet.packet_id + 1)) is not None:
             owed = lane.owed // lane.permits
             lane.permits -= 1
             lane.owed -= owed
@@ -281,17 +273,12 @@ class RequestScheduler:
             lane = self._slots.lanes.get(packet.packet_id + 1)
             if self._paused or not self._has_room(packet, lane):
                 return
-            obstacle = self._slots.obstacle(packet, self._granted)
-            sends = head.frame and obstacle is NO_OBSTACLE
-            if obstacle is Obstacle.WAIT or (sends and self._granted):  # those are sent first
+            if self._slots.obstacle(packet, self._granted) is Obstacle.WAIT:
                 return
             self.waiting.popleft()
             self._take(packet, lane)
-            if sends:
-                self.send(head)
-            else:
-                self._granted.append(packet)
-                head.granted.set_result(None)
+            self._granted.append(packet)
+            head.granted.set_result(None)
 
     def _has_room(self, packet: Request[Any] | Command, lane: Lane | None) -> bool:
         """Return whether the depth allows another request without delaying a stop; an idle line always has room."""
@@ -303,13 +290,13 @@ class RequestScheduler:
         climb = window.queries if packet.is_query and not self._changes else window.writes
         if under_way >= climb.depth:
             return False
-        return not self._learns or window.fits(self._owed if lane is None else self._owed + lane.size, under_way)
+        return not self.learns or window.fits(self._owed if lane is None else self._owed + lane.size, under_way)
 
     def _take(self, packet: Request[Any] | Command, lane: Lane | None) -> None:
         self._permits += 1
         if not packet.is_query:
             self._changes += 1
-        if self._learns and lane is not None:
+        if self.learns and lane is not None:
             # By permits, not by slots: a caller whose slot is overdue sends again without asking.
             lane.permits += 1
             lane.owed += lane.size

@@ -7,58 +7,44 @@ from collections.abc import Awaitable
 from typing import Any
 
 from servolink.connection.call import Call, Slot
+from servolink.connection.core import ConnectionCore
 from servolink.connection.dispatcher import ResponseDispatcher
 from servolink.connection.explain import outcome_unknown, timed_out
 from servolink.connection.fences import FenceChoice
 from servolink.connection.frame_writer import FrameWriter
-from servolink.connection.scheduler import MOST_ASIDE, RequestScheduler
-from servolink.connection.slots import FENCES_ONLY, NO_OBSTACLE, Obstacle, Slots
-from servolink.connection.state import Lifecycle
+from servolink.connection.scheduler import MOST_ASIDE
+from servolink.connection.slots import FENCES_ONLY, Obstacle
+from servolink.connection.times import ROUNDING
 from servolink.errors import ServolinkError
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet, Query, Request, Response
-from servolink.protocol.servos import SetAngleUnitRequest
+from servolink.protocol import Packet, Query, Request, Response, SetAngleUnitRequest
 
 _AT_ONCE = 3  # repeats of a lost query without a pause
 _FENCE_AFTER = 3  # sendings without a response
 _MARK_EVERY = 16  # slots: equal queries in a row show no gap, so a fence is sent between them
 _MARK_GOOD_LINE_EVERY = 128  # slots, if as many were answered since the latest loss
-_ROUNDING = 1e-9  # seconds by which a timer fires early where the clock has no finer steps
 _MOST_UNANSWERABLE = 4  # packets without a response until the board must answer a fence
 
 
 class RequestSender:
     """Sending half of a connection. The caller has a permit for each call."""
 
-    def __init__(
-        self,
-        writer: FrameWriter,
-        codec: Codec,
-        lifecycle: Lifecycle,
-        slots: Slots,
-        scheduler: RequestScheduler,
-        answers: ResponseDispatcher,
-        *,
-        repeats: bool = True,
-    ) -> None:
-        """Send through `writer`; `answers` receives the responses. With `repeats`, repeat unanswered requests."""
+    def __init__(self, core: ConnectionCore, writer: FrameWriter, answers: ResponseDispatcher) -> None:
+        """Send the requests of `core` through `writer`; `answers` receives the responses."""
         self.units_sent = 0
         """Number of angle units sent; an angle has another meaning after a new unit."""
-        self.fences = FenceChoice(slots.lanes, answers.stats)
-        """Fences in turn."""
+        self.fences = FenceChoice(core.slots.lanes, core.stats)
+        """Fences that are sent, one after the other."""
+        self._core = core
+        self._codec = core.codec
+        self._lifecycle = core.lifecycle
+        self._slots = core.slots
+        self._scheduler = core.scheduler
+        self._times = core.times
+        self._stats = core.stats
+        self._loop = core.loop
         self._writer = writer
-        self._codec = codec
-        self._lifecycle = lifecycle
-        self._slots = slots
-        self._scheduler = scheduler
-        scheduler.send = self._send_granted
         self._answers = answers
         self._watchdog = answers.watchdog
-        self._times = answers.times
-        self._repeats = repeats
-        self._window = scheduler.window
-        self._stats = answers.stats
-        self._loop = asyncio.get_running_loop()
         self._wrote = False  # whether the latest request is sent only once
 
     # --- one call -----------------------------------------------------------------------------------------------
@@ -77,17 +63,6 @@ class RequestSender:
         if sending is None and ((slots.unproved < _MARK_EVERY and not slots.unmatched) or not self.needs_mark(call)):
             return woken  # most requests
         return self._go_on_sending(call, sending, woken)
-
-    def _send_granted(self, call: Call) -> None:
-        """Send the query of a call that just got its permit, without a task."""
-        packet: Any = call.packet
-        call.woken = call.granted
-        self.open_request(call, packet, self._loop.time())
-        self._writer.pass_on(call.frame)
-        slots = self._slots
-        if (slots.unproved >= _MARK_EVERY or slots.unmatched) and self.needs_mark(call):
-            fence = self._open(self.fences.next(packet), None, 0, self._loop.time(), is_fence=True)
-            self._writer.pass_on(self._codec.encode(fence.request))
 
     async def _go_on_sending(self, call: Call, sending: Awaitable[None] | None, woken: asyncio.Future[None]) -> None:
         if sending is not None:
@@ -139,7 +114,7 @@ class RequestSender:
         await self._check(call)
         if call.since is None:
             call.since = call.begun_at if call.latest is None else call.latest.sent_at
-        if not self._repeats or (not call.packet.repeatable and not call.open_slots):
+        if self._core.through_hub or (not call.packet.repeatable and not call.open_slots):
             raise self.given_up(call, self._loop.time())
         self._give_up_if_late(call, call.since)
 
@@ -199,8 +174,8 @@ class RequestSender:
     async def clear_way(self, call: Call) -> None:
         """Send fences until nothing stands in the way of an unsent packet."""
         begun = self._loop.time()
-        while (obstacle := self._slots.obstacle(call.packet)) is not NO_OBSTACLE:
-            if obstacle is Obstacle.FENCE_BESIDE and self._window.depth > 1:
+        while (obstacle := self._slots.obstacle(call.packet)) is not Obstacle.NONE:
+            if obstacle is Obstacle.FENCE_BESIDE and self._scheduler.window.depth > 1:
                 await self.send_fence(call.packet)
                 break
             if call.latest is not None and call.latest.is_expected:
@@ -260,13 +235,16 @@ class RequestSender:
     ) -> Slot:
         timeout = self._times.timeout(request, tries, after_write=self._wrote)
         if call is not None:
-            if not is_fence and not self._repeats:
+            if not is_fence and self._core.through_hub:
                 timeout = call.patience
             left = call.patience if call.since is None else call.since + call.patience - now
             if timeout > left:
                 timeout = max(left, 0.001)
         self._wrote = not request.repeatable
-        slot = Slot(request, self._slots.lanes[request.packet_id + 1], call, now, timeout, is_fence)
+        lane = self._slots.lanes[request.packet_id + 1]
+        if self._core.repeats.is_on:
+            self._core.repeats.asked(lane.response_id, owes=bool(lane.slots))
+        slot = Slot(request, lane, call, now, timeout, is_fence)
         self._watchdog.open(slot)
         return slot
 
@@ -278,7 +256,7 @@ class RequestSender:
         unmatched, unproved = self._slots.unmatched, self._slots.unproved
         if call.tries <= 1 and unproved < _MARK_EVERY and not unmatched:
             return False
-        depth, packet = self._window.depth, call.packet
+        depth, packet = self._scheduler.window.depth, call.packet
         if depth <= 1:
             return False
         slots = self._slots.lanes[packet.packet_id + 1].slots
@@ -307,30 +285,30 @@ class RequestSender:
         if call.error is not None:
             raise call.error
         self._writer.raise_if_ended()
-        if self._lifecycle.opening is not None and self._lifecycle.handshake is not None:
-            await asyncio.wait((self._lifecycle.handshake,))
+        if (opening := self._answers.opening) is not None and opening.task is not None:
+            await asyncio.wait((opening.task,))
             self._writer.raise_if_ended()
 
     def _give_up_if_late(self, call: Call, since: float) -> None:
         now = self._loop.time()
-        if now - since >= call.patience - _ROUNDING:
+        if now - since >= call.patience - ROUNDING:
             raise self.given_up(call, now)
 
     def given_up(self, call: Call, now: float) -> ServolinkError:
         """Return the error for a call without a response; a change may have been done or not."""
         waited = now - call.begun_at
         if call.tries and not isinstance(call.packet, Query):
-            return outcome_unknown(call.packet, self._writer.url, waited)
+            return outcome_unknown(call.packet, self._core.url, waited)
         if call.fault is not None:
             return call.fault
         answers_others = call.unanswered > 0
         return timed_out(
             call.packet,
-            self._writer.url,
+            self._core.url,
             call.tries,
             waited,
             self._stats,
             answers_others=answers_others,
-            through_hub=not self._repeats,
+            through_hub=self._core.through_hub,
             excuse=self._lifecycle.excuse,
         )

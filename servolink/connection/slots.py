@@ -17,11 +17,10 @@ from typing import Any
 
 from servolink.connection.call import Content, Lane, Settled, Slot
 from servolink.errors import DecodeError
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Command, Request
+from servolink.protocol import PACKETS, Command, Request
 
 FENCES_ONLY = 256
-"""With so many overdue slots only fences are sent, until one of them is answered."""
+"""Overdue slots at which only fences are sent, until the first answered fence."""
 
 
 class Obstacle(Enum):
@@ -33,9 +32,6 @@ class Obstacle(Enum):
     FENCE_BESIDE = "overdue slots: a fence must be sent first, its response need not be waited for"
 
 
-NO_OBSTACLE = Obstacle.NONE  # a global is faster than a member of an enum
-
-
 class Slots:
     """All open slots of a connection."""
 
@@ -43,7 +39,7 @@ class Slots:
     """Whether an answered slot stays open for a second response (see `RepeatingSlots`)."""
 
     def __init__(self) -> None:
-        """Start with none."""
+        """Start without any slot."""
         self.lanes = {
             packet_id + 1: Lane(packet_id + 1)
             for packet_id, declared in PACKETS.items()
@@ -272,23 +268,23 @@ class Slots:
                 if _conflict(packet, other):
                     return Obstacle.WAIT
         if not self.overdue and not self.live:
-            return NO_OBSTACLE
+            return Obstacle.NONE
         if self.overdue >= FENCES_ONLY:
             return Obstacle.FENCE
         if packet.exclusive or self._exclusive is not None:
             return Obstacle.WAIT if self.live else Obstacle.FENCE
         lane = self.lanes.get(packet.packet_id + 1)  # None for a command
-        return NO_OBSTACLE if lane is None or not lane.slots else self._obstacle_on_lane(packet, lane)
+        return Obstacle.NONE if lane is None or not lane.slots else self._obstacle_on_lane(packet, lane)
 
     def _obstacle_on_lane(self, request: Request[Any] | Command, lane: Lane) -> Obstacle:
         """A lane holds either equal queries or requests about different records; overdue ones hold back new calls."""
         slots = lane.slots
         if lane.equal and (slots[0].request is request or slots[0].request == request):
-            return Obstacle.FENCE_BESIDE if lane.overdue else NO_OBSTACLE
+            return Obstacle.FENCE_BESIDE if lane.overdue else Obstacle.NONE
         # A request other than all open requests, or one of several different requests.
         if any(slot.request == request or _conflict(request, slot.request) for slot in slots):
             return Obstacle.WAIT if lane.overdue < len(slots) else Obstacle.FENCE
-        return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else NO_OBSTACLE
+        return Obstacle.FENCE_BESIDE if lane.overdue and not request.repeatable else Obstacle.NONE
 
 
 def fits(request: Request[Any], content: Content) -> bool:

@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import asyncio
-
-    from servolink.connection.opening import Opening
-    from servolink.errors import ConnectionLost
+from servolink.errors import ConnectionLost
 
 
 class State(Enum):
@@ -99,10 +94,6 @@ class Lifecycle:
         self.state = State.NEW
         self.ended: ConnectionLost | None = None
         """First cause of the end; None before it."""
-        self.opening: Opening | None = None
-        """Handshake under way; None in all states but `opening` and `reopening`."""
-        self.handshake: asyncio.Task[None] | None = None
-        """Task of the handshake under way, or of the latest one."""
         self.outlasts_silence = outlasts_silence
         """Whether silence ends nothing: a hub goes on without its board, and closes the connection when it ends."""
         self.silent_because = ""
@@ -117,13 +108,6 @@ class Lifecycle:
         self.state = following
         if following is not State.SUSPENDED:
             self._suspended_because = ""
-        if following not in {State.OPENING, State.REOPENING}:
-            self.opening = None
-
-    def begin_opening(self, event: ConnectionEvent, opening: Opening) -> None:
-        """Enter `opening` or `reopening`, depending on `event`: from now on `opening` gets all responses."""
-        self.change(event)
-        self.opening = opening
 
     def suspend(self, reason: str) -> None:
         """Enter `suspended`; `reason` goes into the errors of callers whose time runs out."""

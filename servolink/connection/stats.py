@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from servolink.protocol.parser import PADDING, REASONS
+from servolink.protocol import FrameParser
 
 
 class Stats:
@@ -21,7 +21,7 @@ class Stats:
         """Frames of requests, commands and stops, repeats and fences included."""
         self.frames_received = 0
         """Intact frames, except hidden ones."""
-        self.skipped: dict[str, int] = dict.fromkeys(REASONS, 0)
+        self.skipped: dict[str, int] = dict.fromkeys(FrameParser.REASONS, 0)
         """Bytes outside any frame, by reason (see `servolink.protocol.parser`)."""
         self.undecodable = 0
         """Intact frames whose content contradicts itself."""
@@ -33,6 +33,8 @@ class Stats:
         """Responses about another servo, action, macro or table than requested."""
         self.repeated = 0
         """Second responses to a request, or responses that may be one, of a board that is known to answer twice."""
+        self.late_copies = 0
+        """Responses that came again, unchanged, after the end of their request."""
         self.late_responses = 0
         """Responses after the end of their request, not mistaken for the response to a later request."""
         self.timeouts = 0
@@ -55,7 +57,7 @@ class Stats:
     @property
     def noise(self) -> int:
         """Bytes outside any frame, except the zeros after a frame in the reports of a HID board."""
-        return sum(self.skipped.values()) - self.skipped.get(PADDING, 0)
+        return sum(self.skipped.values()) - self.skipped.get(FrameParser.PADDING, 0)
 
     def round_trip(self, percent: float) -> float | None:
         """Return a percentile (0..100) of the latest round trips in seconds, None before the first."""

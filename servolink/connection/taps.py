@@ -7,12 +7,8 @@ import logging
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeVar
 
-from servolink.errors import DecodeError
-from servolink.escaping import escape
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import HEADER, HEADER_SIZE, ByteOrder, Frame
-from servolink.protocol.packet import Packet, Query
-from servolink.protocol.parser import FrameParser
+from servolink.errors import DecodeError, escape
+from servolink.protocol import ByteOrder, Codec, Frame, FrameAt, FrameParser, Packet, Query
 
 T = TypeVar("T")
 
@@ -56,6 +52,11 @@ class Taps:
             self.members = tuple(each for each in self.members if each is not tap)
 
         return end
+
+    def log_text(self, url: str, byte_order: ByteOrder) -> None:
+        """Log the lines of text that the board at `url` sends between its frames, if anybody reads that log."""
+        if text_logger.isEnabledFor(logging.INFO):
+            self.add(TextLog(url, byte_order))
 
     def sent(self, data: bytes) -> None:
         """Pass bytes for the board on to all taps."""
@@ -103,8 +104,8 @@ class FrameLog:
 
     def sent(self, frame: bytes) -> None:
         """Log a whole frame on its way to the board."""
-        _, packet_id, _ = HEADER[self._codec.byte_order].unpack_from(frame)
-        self._log("->", packet_id, frame[HEADER_SIZE:-1])
+        if (whole := FrameAt.read(frame, 0, self._codec.byte_order)) is not None:
+            self._log("->", whole.packet_id, whole.content)
 
     def received(self, frame: Frame) -> None:
         """Log an intact frame from the board."""

@@ -7,23 +7,16 @@ from collections.abc import Callable
 from msgspec import Struct
 
 from servolink.connection.call import Slot
+from servolink.connection.core import ConnectionCore
 from servolink.connection.deadlines import DeadlineTimer, Silence
-from servolink.connection.scheduler import RequestScheduler
-from servolink.connection.slots import FENCES_ONLY, Slots
-from servolink.connection.state import Lifecycle, State
-from servolink.connection.stats import Stats
-from servolink.protocol.frame import Frame
-from servolink.protocol.parser import FrameParser
+from servolink.connection.slots import FENCES_ONLY
+from servolink.connection.state import State
+from servolink.connection.times import ARRIVAL_PAUSE, GONE_PATIENCES, LONGEST_ARRIVAL
+from servolink.protocol import Frame, FrameParser
 
-_PAUSE = 0.05
-"""Seconds without a byte after which the rest of a partial frame is no longer expected."""
-_LONGEST_ARRIVAL = 20.0
-"""Seconds that a response may take to arrive. One that would take longer at its rate is a false start."""
 _MOST_PAUSES = 20  # a board without pauses must not put deadlines off for ever
 _MOST_OVERDUE = 2 * FENCES_ONLY
-"""A board that sends something, but answers nothing of so much, would fill the memory."""
-_SILENT_PATIENCES = 2
-"""Patiences of complete silence, after several requests, until a board is considered gone."""
+"""Overdue slots with which a board is given up: one that sends, but answers nothing, would fill the memory."""
 
 
 class Arrival(Struct):
@@ -40,17 +33,15 @@ class ResponseWatchdog:
 
     def __init__(
         self,
-        lifecycle: Lifecycle,
-        slots: Slots,
-        scheduler: RequestScheduler,
+        core: ConnectionCore,
         parser: FrameParser,
-        stats: Stats,
-        patience: float,
-        now: Callable[[], float],
         take: Callable[[Frame], None],
         lost: Callable[[Exception], None],
     ) -> None:
-        """After `patience` seconds of silence call `lost`. `take` gets the frames inside a frame that does not end."""
+        """Watch the slots of `core`, and call `lost` when the board has been silent for too long.
+
+        `take` gets the frames inside a frame that does not end.
+        """
         self.heard_at = 0.0
         """When the latest bytes came."""
         self.free_at = 0.0
@@ -63,17 +54,15 @@ class ResponseWatchdog:
         """Whether a slot has become overdue since the latest response."""
         self.answered_in_a_row = 0
         """Number of slots answered since the latest loss."""
-        self._lifecycle = lifecycle
-        self._slots = slots
-        self._scheduler = scheduler
-        self._learns = scheduler.window.learns
+        self._core = core
+        self._lifecycle = core.lifecycle
+        self._slots = core.slots
+        self._scheduler = core.scheduler
+        self._stats = core.stats
         self._parser = parser
-        self._stats = stats
-        self._patience = patience
-        self._now = now
         self._take = take
         self._lost = lost
-        self._timer = DeadlineTimer(self._look, lambda: stats.bytes_received, self._earliest_due)
+        self._timer = DeadlineTimer(self._look, lambda: core.stats.bytes_received, self._earliest_due)
 
     def open(self, slot: Slot) -> None:
         """Wait for the response of a slot; called before the request is written."""
@@ -95,7 +84,7 @@ class ResponseWatchdog:
 
     def count_from_now(self) -> None:
         """Count all times from now: the board could not answer before."""
-        now = self._now()
+        now = self._core.loop.time()
         self._restart(now)
         self.silence.count_from(now)
 
@@ -136,7 +125,7 @@ class ResponseWatchdog:
         self.answered_in_a_row = 0
         self.mark_overdue(slot)
         self._restart(now)
-        if self._learns:
+        if self._scheduler.learns:
             self.has_expired = True
             self._scheduler.load().climb.lost()
         call = slot.call
@@ -154,8 +143,8 @@ class ResponseWatchdog:
         if not (seconds := self.silence.seconds(now)):
             return
         calls = [slot.call for lane in self._slots.lanes.values() for slot in lane.slots if slot.call is not None]
-        patience = max([self._patience, *(call.patience for call in calls if not call.is_over)])
-        if seconds >= _SILENT_PATIENCES * patience:
+        patience = max([self._core.patience, *(call.patience for call in calls if not call.is_over)])
+        if seconds >= GONE_PATIENCES * patience:
             self._lost(TimeoutError(f"the board has sent nothing for {seconds:.1f} s"))
 
     def _await_partial_frame(self, now: float) -> None:
@@ -165,13 +154,13 @@ class ResponseWatchdog:
             packet_id, received, total = self._parser.partial_frame
             lane = self._slots.lanes.get(packet_id)
             # By the rate, as tries can be short: at 115200 baud the longest list takes 6 s.
-            least = total * (now - self.free_at) / _LONGEST_ARRIVAL
+            least = total * (now - self.free_at) / LONGEST_ARRIVAL
             if lane is not None and lane.slots and received - arrival.received >= least:
                 self.free_at, arrival.received = now, received
                 return
-            if now < self.heard_at + _PAUSE and arrival.pauses < _MOST_PAUSES:
+            if now < self.heard_at + ARRIVAL_PAUSE and arrival.pauses < _MOST_PAUSES:
                 arrival.pauses += 1
-                arrival.paused_until = self.heard_at + _PAUSE
+                arrival.paused_until = self.heard_at + ARRIVAL_PAUSE
                 return
             for frame in self._parser.abandon_frame():
                 self._take(frame)

@@ -9,18 +9,15 @@ from typing import Any
 
 from servolink.connection.connection import Connection
 from servolink.connection.fences import FENCES, LISTS
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    Packet,
     QueryServoListRequest,
+    Request,
     SetServoParameterRequest,
 )
-from tests.client.fake_board import (
-    LOST,
-    FakeBoard,
-    Fate,
-    connected,
-)
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard, connected
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 LIST_KINDS = tuple(type(query) for query in LISTS)
@@ -29,13 +26,13 @@ STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 
 
 @asynccontextmanager
-async def opening(board: FakeBoard, *, seed: int = 1, **options: Any) -> AsyncIterator[Connection]:
+async def opening(board: PipedBoard, *, seed: int = 1, **options: Any) -> AsyncIterator[Connection]:
     """Open a connection whose handshake begins when somebody wants it."""
     async with connected(board, handshake=True, random=Random(seed), **options) as connection:
         yield connection
 
 
-async def owe(board: FakeBoard, *requests: tuple[Request[Any], Fate]) -> None:
+async def owe(board: PipedBoard, *requests: tuple[Request[Any], Fate]) -> None:
     """Send what a program sends that is killed before it is answered."""
     for request, fate in requests:
         board.plan(type(request), fate)
@@ -43,11 +40,11 @@ async def owe(board: FakeBoard, *requests: tuple[Request[Any], Fate]) -> None:
     board.sent.clear()
 
 
-def without(board: FakeBoard, *missing: type[Packet]) -> FakeBoard:
+def without(board: PipedBoard, *missing: type[Packet]) -> PipedBoard:
     """Let `board` leave requests of these kinds unanswered."""
     board.usual_of |= dict.fromkeys(missing, LOST)
     return board
 
 
-def kinds(board: FakeBoard) -> list[type[Packet]]:
+def kinds(board: PipedBoard) -> list[type[Packet]]:
     return [type(packet) for _, packet in board.sent]

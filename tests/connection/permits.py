@@ -8,14 +8,17 @@ from typing import Any
 from servolink.connection.call import Call, Slot
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Slots
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ClearAllDataRequest,
+    Command,
     QueryActionListRequest,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
+    QueryServoListRequest,
+    Request,
+    SendDummyDataRequest,
 )
-from servolink.protocol.packet import Command, Request
-from servolink.protocol.servos import QueryServoListRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, SendDummyDataRequest
-from tests.client.fake_board import turns_of_the_loop
+from tests.client.piped_board import turns_of_the_loop
 
 A, B, C, D = QueryServoListRequest(), QueryMemorySizeRequest(), QueryProjectIDRequest(), QueryActionListRequest()
 ALONE = ClearAllDataRequest()

@@ -7,23 +7,20 @@ from typing import Any
 from servolink.connection.call import Content, Slot
 from servolink.connection.slots import Slots
 from servolink.errors import DecodeError
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ALL_SERVOS,
     AddActionRequest,
     AddActionResponse,
     QueryActionRequest,
     QueryActionResponse,
     QueryProjectIDRequest,
-)
-from servolink.protocol.packet import Request, Response
-from servolink.protocol.servos import (
-    ALL_SERVOS,
+    QueryRemainPowerRequest,
     QueryServoRequest,
     QueryServoResponse,
+    Request,
+    Response,
     ServoState,
     SetServoParameterRequest,
-)
-from servolink.protocol.settings import (
-    QueryRemainPowerRequest,
 )
 
 TELEMETRY = QueryServoRequest(ALL_SERVOS)

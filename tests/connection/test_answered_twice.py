@@ -12,23 +12,26 @@ import pytest
 
 from servolink.connection.evidence import LineEvidence
 from servolink.connection.repeating_slots import RepeatingSlots
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
+    Packet,
     QueryActionRequest,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
+    QueryServoRequest,
+    Request,
+    TransmissionModeSettingRequest,
 )
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.servos import QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
-from tests.client.fake_board import LATENCY, FakeBoard, Fate, now
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, PipedBoard, now
 from tests.connection.openings import LIST, STOP, opening
 from tests.tables import over
 
 TWICE = {"answers_twice": True}
 
 
-class Echo(FakeBoard):
+class Echo(PipedBoard):
     """It answers some requests twice, loses some, and shows in each project id how many it has answered."""
 
     def __init__(self, chance: Random, twice: float, lost: float) -> None:
@@ -38,7 +41,7 @@ class Echo(FakeBoard):
     def _take(self, packet: Packet, frame: bytes) -> None:
         draw = self.chance.random()
         copies = 2 if self.chance.random() < self.twice else 1
-        self.plan(type(packet), Fate(after=None if draw < self.lost else LATENCY, copies=copies))
+        self.plan(type(packet), Fate(answers=draw >= self.lost, copies=copies))
         super()._take(packet, frame)
 
 
@@ -75,7 +78,7 @@ async def test_each_request_gets_a_response_to_itself(twice: float, lost: float,
 
 
 async def test_a_healthy_board_is_opened_in_six_round_trips_all_the_same() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board, **TWICE) as connection:
         begun = now()
         await connection.shake_hands()
@@ -84,7 +87,7 @@ async def test_a_healthy_board_is_opened_in_six_round_trips_all_the_same() -> No
 
 
 async def test_the_same_query_waits_for_a_fence_and_another_one_does_not() -> None:
-    board = FakeBoard(usual=Fate(copies=2))
+    board = PipedBoard(usual=Fate(copies=2))
     async with opening(board, **TWICE) as connection:
         await connection.shake_hands()
         await connection.request(LIST)
@@ -96,7 +99,7 @@ async def test_the_same_query_waits_for_a_fence_and_another_one_does_not() -> No
 
 
 async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
-    board = FakeBoard(usual=Fate(copies=2))
+    board = PipedBoard(usual=Fate(copies=2))
     async with opening(board, **TWICE) as connection:
         await connection.shake_hands()
         await connection.request(QueryServoRequest(255))
@@ -108,7 +111,7 @@ async def test_a_stop_is_sent_at_once_and_its_responses_are_nobodys() -> None:
 
 
 async def test_a_request_that_is_sent_alone_holds_others_back_only_until_it_is_answered() -> None:
-    board = FakeBoard(usual=Fate(copies=2))
+    board = PipedBoard(usual=Fate(copies=2))
     async with opening(board, **TWICE) as connection:
         await connection.shake_hands()
         for _ in range(2):
@@ -125,7 +128,7 @@ def test_a_line_with_longer_contents_only_is_explained_with_the_remedy() -> None
 
 
 async def test_the_mode_is_set_before_the_first_query_on_request() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board, transmission_mode=1) as link:
         await link.shake_hands()
         assert isinstance(board.sent[0][1], TransmissionModeSettingRequest)

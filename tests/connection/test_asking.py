@@ -12,17 +12,22 @@ from typing import Any, Literal
 import pytest
 
 from servolink.connection.connection import Connection
-from servolink.connection.deadlines import FIRST_TRY
+from servolink.connection.times import FIRST_TRY
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
-from servolink.protocol.frame import HEADER, MAGIC
-from servolink.protocol.packet import Query
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoResponse
-from servolink.protocol.settings import QueryMemorySizeRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, connected, late
+from servolink.protocol import (
+    HEADER,
+    MAGIC,
+    Query,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoResponse,
+)
+from servolink.testing import Fate
+from servolink.virtual import VirtualBoard, VirtualTransport
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, connected, late
 from tests.virtual_time import run
 
 QUERY = QueryServoListRequest()
@@ -45,9 +50,9 @@ class Asked:
         self.contents.append(content)
 
 
-def asking(use: Callable[[Asked, FakeBoard], Awaitable[None]], **options: Any) -> None:
+def asking(use: Callable[[Asked, PipedBoard], Awaitable[None]], **options: Any) -> None:
     async def main() -> None:
-        fake = FakeBoard()
+        fake = PipedBoard()
         async with connected(fake, **options) as connection:
             await use(Asked(connection), fake)
 
@@ -56,7 +61,7 @@ def asking(use: Callable[[Asked, FakeBoard], Awaitable[None]], **options: Any) -
 
 @pytest.mark.parametrize("depth", [1, 4])
 def test_the_response_is_there_as_soon_as_it_is_read(depth: int) -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         for _ in range(300):
             assert asked.ask()
             await asyncio.sleep(0.01)
@@ -67,7 +72,7 @@ def test_the_response_is_there_as_soon_as_it_is_read(depth: int) -> None:
 
 
 def test_what_must_wait_is_not_sent() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         assert [asked.ask(), asked.ask()] == [True, False]
         await asyncio.sleep(0.01)
         assert [asked.ask(), len(fake.sent)] == [True, 2]
@@ -77,7 +82,7 @@ def test_what_must_wait_is_not_sent() -> None:
 
 async def test_more_can_be_asked_from_within_the_response() -> None:
     transport = VirtualTransport(VirtualBoard(2))
-    connection = Connection(transport, Codec())
+    connection = Connection(transport)
     await connection.open(handshake=False)
     heard = list[object]()
 
@@ -93,7 +98,7 @@ async def test_more_can_be_asked_from_within_the_response() -> None:
 
 
 def test_a_lost_query_is_repeated() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.plan(QueryServoListRequest, LOST, SWALLOWED)
         assert asked.ask()
         await asyncio.sleep(2)
@@ -105,7 +110,7 @@ def test_a_lost_query_is_repeated() -> None:
 
 
 def test_a_query_is_given_up_like_any_other() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
         assert asked.ask(QueryMemorySizeRequest())
         await asyncio.sleep(10)
@@ -120,8 +125,8 @@ def test_a_query_is_given_up_like_any_other() -> None:
 def test_a_response_behind_a_false_start_is_there_once_that_is_given_up() -> None:
     false_start = HEADER["little"].pack(MAGIC, QueryServoResponse.packet_id, 1 + 11 * 200)
 
-    async def use(asked: Asked, fake: FakeBoard) -> None:
-        fake.plan(QueryServoListRequest, Fate(mangle=lambda frame: false_start + frame))
+    async def use(asked: Asked, fake: PipedBoard) -> None:
+        fake.plan(QueryServoListRequest, Fate(damage=lambda frame: false_start + frame))
         assert asked.ask()
         await asyncio.sleep(FIRST_TRY + 0.01)
         assert asked.outcomes == [QueryServoListResponse((1, 2, 3, 4))]
@@ -131,7 +136,7 @@ def test_a_response_behind_a_false_start_is_there_once_that_is_given_up() -> Non
 
 
 def test_a_late_response_is_taken_for_no_other() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.plan(QueryServoListRequest, late(1.0))
         assert asked.ask()
         await asyncio.sleep(3)
@@ -141,7 +146,7 @@ def test_a_late_response_is_taken_for_no_other() -> None:
 
 
 def test_the_end_of_the_connection_is_an_error_for_all() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         assert asked.ask()
         assert asked.ask(QueryProjectIDRequest())
         fake.vanish()
@@ -154,7 +159,7 @@ def test_the_end_of_the_connection_is_an_error_for_all() -> None:
 
 
 def test_many_equal_queries_at_once_have_fences_between_them() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         for _ in range(10):
             while asked.ask():
                 pass
@@ -167,7 +172,7 @@ def test_many_equal_queries_at_once_have_fences_between_them() -> None:
 
 
 def test_a_line_that_takes_its_time_is_waited_for() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.taking = asyncio.Event()
         assert asked.ask()
         await asyncio.sleep(0.01)
@@ -184,7 +189,7 @@ def test_a_line_that_is_lost_while_it_takes_a_query_is_an_error() -> None:
             await asyncio.sleep(0.05)
             raise ConnectionLost("the device is gone")
 
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.plan(QueryServoListRequest, SWALLOWED)
         fake.taking = Failing()
         assert asked.ask()
@@ -197,7 +202,7 @@ def test_a_line_that_is_lost_while_it_takes_a_query_is_an_error() -> None:
 
 
 def test_a_line_that_takes_nothing_any_more_is_an_error() -> None:
-    async def use(asked: Asked, fake: FakeBoard) -> None:
+    async def use(asked: Asked, fake: PipedBoard) -> None:
         fake.gone = OSError("unplugged")  # who writes notices first
         assert asked.ask()
         await asyncio.sleep(0.1)

@@ -8,23 +8,26 @@ from typing import Any
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.connection.connection import Connection
-from servolink.connection.deadlines import FIRST_TRY
+from servolink.connection.times import FIRST_TRY
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
     AddActionResponse,
+    ClearAllDataRequest,
+    ExecuteActionRequest,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
+    QueryServoListRequest,
+    SetServoParameterRequest,
+    Step,
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, connected, late, now, turns_of_the_loop
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, PipedBoard, connected, late, now, turns_of_the_loop
 from tests.virtual_time import run
 
 # Every moment at which something happens while nothing is lost, and turns of the loop after it.
@@ -45,12 +48,12 @@ async def cancelled_at(moment: float, turns: int, call: Coroutine[Any, Any, obje
 
 def is_idle(connection: Connection) -> bool:
     """Return whether no permit is taken and no response is expected."""
-    scheduler = connection._scheduler
+    scheduler = connection.scheduler
     idle = (scheduler._permits, scheduler._granted, len(scheduler.waiting)) == (0, [], 0)
-    return idle and not connection._slots.live
+    return idle and not connection.slots.live
 
 
-async def assert_in_order(connection: Connection, board: FakeBoard) -> None:
+async def assert_in_order(connection: Connection, board: PipedBoard) -> None:
     """Check that what is asked now is answered rightly and that no permit is lost."""
     begun = now()
     await connection.request(WriteProjectIDRequest(4711))
@@ -75,7 +78,7 @@ CALLS: dict[str, Callable[[Connection], Awaitable[object]]] = {
 @pytest.mark.parametrize(("depth", "done_at_once"), [(1, {"stop"}), (3, {"stop", "move"})])
 def test_cancelled_at_any_moment(name: str, depth: int, done_at_once: set[str]) -> None:
     async def main(moment: tuple[float, int]) -> bool:
-        board = FakeBoard()
+        board = PipedBoard()
         async with connected(board, depth=depth) as connection:
             before = asyncio.create_task(connection.request(QueryMemorySizeRequest()))
             running = await cancelled_at(*moment, coroutine(CALLS[name](connection)))
@@ -90,7 +93,7 @@ def test_cancelled_at_any_moment(name: str, depth: int, done_at_once: set[str]) 
 @pytest.mark.parametrize("name", CALLS)
 def test_cancelled_at_any_moment_while_the_line_takes_no_bytes(name: str) -> None:
     async def main(moment: tuple[float, int]) -> bool:
-        board = FakeBoard()
+        board = PipedBoard()
         async with connected(board) as connection:
             board.taking = asyncio.Event()
             asyncio.get_running_loop().call_later(2 * LATENCY, board.taking.set)
@@ -106,7 +109,7 @@ def test_cancelled_at_any_moment_while_the_line_takes_no_bytes(name: str) -> Non
 @pytest.mark.parametrize("fate", [LOST, late(1.2)])
 def test_cancelled_at_any_moment_while_a_fence_is_needed_and_answered_late(name: str, fate: Fate) -> None:
     async def main(moment: tuple[float, int]) -> bool:
-        board = FakeBoard()
+        board = PipedBoard()
         for kind in (QueryProjectIDRequest, WriteProjectIDRequest, ClearAllDataRequest):
             board.plan(kind, fate)
         async with connected(board) as connection:
@@ -128,7 +131,7 @@ async def coroutine(call: Awaitable[object]) -> object:
 
 
 async def test_who_is_cancelled_as_the_answer_comes_gets_the_cancellation_and_the_lane_is_clean() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         task = asyncio.create_task(connection.request(QueryServoListRequest()))
         await turns_of_the_loop(3)
@@ -140,8 +143,8 @@ async def test_who_is_cancelled_as_the_answer_comes_gets_the_cancellation_and_th
 
 
 async def test_the_answer_to_a_cancelled_request_is_never_given_to_the_next() -> None:
-    board = FakeBoard()
-    board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+    board = PipedBoard()
+    board.plan(AddActionRequest, Fate(delay=0.5, says=AddActionResponse(0)))
     async with connected(board) as connection:
         await cancelled_at(0.1, 0, connection.request(AddActionRequest(1, "a")))
         assert (await connection.request(AddActionRequest(2, "b"))).result == 1
@@ -149,15 +152,15 @@ async def test_the_answer_to_a_cancelled_request_is_never_given_to_the_next() ->
 
 @pytest.mark.parametrize("after", [0.5, 1.5, 2.5])
 async def test_the_late_answer_to_a_cancelled_request_is_never_given_to_the_next(after: float) -> None:
-    board = FakeBoard()
-    board.plan(WriteProjectIDRequest, Fate(after=after, says=WriteProjectIDResponse(0)))
+    board = PipedBoard()
+    board.plan(WriteProjectIDRequest, Fate(delay=after, says=WriteProjectIDResponse(0)))
     async with connected(board) as connection:
         await cancelled_at(0.1, 0, connection.request(WriteProjectIDRequest(1)))
         assert (await connection.request(WriteProjectIDRequest(2))).result == 1
 
 
 async def test_a_cancelled_fence_ends_by_itself_and_still_proves_something() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, LOST)
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
@@ -170,7 +173,7 @@ async def test_a_cancelled_fence_ends_by_itself_and_still_proves_something() -> 
 
 
 async def test_a_cancelled_request_that_is_never_answered_gives_its_permit_back_at_its_deadline() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, LOST)
     async with connected(board) as connection:
         begun = now()
@@ -180,7 +183,7 @@ async def test_a_cancelled_request_that_is_never_answered_gives_its_permit_back_
 
 
 async def test_the_end_of_the_link_finds_a_cancelled_request() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         await cancelled_at(0.1, 0, connection.request(QueryServoListRequest()))
         waiting = asyncio.create_task(connection.request(QueryProjectIDRequest()))
@@ -191,8 +194,8 @@ async def test_the_end_of_the_link_finds_a_cancelled_request() -> None:
 
 
 async def test_a_time_limit_of_the_caller_is_a_cancellation_like_any_other() -> None:
-    board = FakeBoard()
-    board.plan(QueryProjectIDRequest, Fate(after=0.5, says=QueryProjectIDResponse(1)))
+    board = PipedBoard()
+    board.plan(QueryProjectIDRequest, Fate(delay=0.5, says=QueryProjectIDResponse(1)))
     async with connected(board) as connection:
         with pytest.raises(TimeoutError) as caught:
             async with asyncio.timeout(0.1):
@@ -214,7 +217,7 @@ BOARD_CALLS: dict[str, Callable[[Board], Awaitable[object]]] = {
 @pytest.mark.parametrize("name", BOARD_CALLS)
 def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
     async def main(moment: tuple[float, int]) -> bool:
-        board = FakeBoard()
+        board = PipedBoard()
         async with connect(board) as servo_board:
             running = await cancelled_at(*moment, coroutine(BOARD_CALLS[name](servo_board)))
             await asyncio.sleep(0.1)
@@ -225,5 +228,5 @@ def test_calls_of_several_requests_cancelled_at_any_moment(name: str) -> None:
             assert is_idle(servo_board.connection)
             return running
 
-    moments = [(number * LATENCY, turns) for number in range(8) for turns in range(0, 12, 2)]
+    moments = [(number * LATENCY, turns) for number in range(12) for turns in range(0, 12, 2)]
     assert {run(main(moment)) for moment in moments} == {True, False}

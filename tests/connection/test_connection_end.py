@@ -12,19 +12,22 @@ from random import Random
 import pytest
 
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
     AddActionResponse,
+    ButtonEventResponse,
+    ClearAllDataRequest,
     QueryActionListResponse,
     QueryActionRequest,
     QueryProjectIDRequest,
+    QueryRemainPowerRequest,
+    QueryServoListRequest,
+    SendDummyDataRequest,
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.servos import QueryServoListRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryRemainPowerRequest, SendDummyDataRequest
-from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, connected, late, lie, now, turns_of_the_loop
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, PipedBoard, connected, late, lie, now, turns_of_the_loop
 from tests.connection.unanswered import cut_content
 
 PROJECT = QueryProjectIDRequest()
@@ -34,7 +37,7 @@ PROJECT = QueryProjectIDRequest()
 
 
 async def test_everyone_who_waits_gets_the_first_cause() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, depth=2) as connection:
         waiting = asyncio.gather(
             *(connection.request(packet) for packet in (PROJECT, QueryServoListRequest(), QueryRemainPowerRequest())),
@@ -59,8 +62,8 @@ async def test_everyone_who_waits_gets_the_first_cause() -> None:
 
 
 async def test_a_board_that_vanishes_mid_frame_is_lost_at_once() -> None:
-    board = FakeBoard()
-    board.plan(QueryServoListRequest, Fate(mangle=lambda frame: frame[:7]))
+    board = PipedBoard()
+    board.plan(QueryServoListRequest, Fate(damage=lambda frame: frame[:7]))
     async with connected(board) as connection:
         waiting = asyncio.create_task(connection.request(QueryServoListRequest()))
         await asyncio.sleep(0.1)
@@ -70,7 +73,7 @@ async def test_a_board_that_vanishes_mid_frame_is_lost_at_once() -> None:
 
 
 async def test_a_board_that_vanishes_while_sending_is_lost_with_the_reason() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         ends: list[ConnectionLost] = []
         connection.answers.on_end = ends.append
@@ -85,7 +88,7 @@ async def test_a_board_that_vanishes_while_sending_is_lost_with_the_reason() -> 
 
 
 async def test_a_board_that_vanishes_as_a_waiting_query_is_sent_is_lost_with_the_reason() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         first = asyncio.create_task(connection.request(PROJECT))
         second = asyncio.create_task(connection.request(QueryServoListRequest()))
@@ -103,7 +106,7 @@ async def test_a_board_that_vanishes_as_a_waiting_query_is_sent_is_lost_with_the
 async def test_a_board_that_vanishes_between_permit_and_sending_is_lost_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     monkeypatch.setattr(board, "takes_at_once", False)  # so that the caller sends, in a later turn of the loop
     async with connected(board) as connection:
 
@@ -121,7 +124,7 @@ async def test_a_board_that_vanishes_between_permit_and_sending_is_lost_with_the
 
 
 async def test_closing_fails_who_waits_and_may_be_repeated() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         waiting = asyncio.create_task(connection.request(PROJECT))
         await asyncio.sleep(0.1)
@@ -135,7 +138,7 @@ async def test_closing_fails_who_waits_and_may_be_repeated() -> None:
 
 
 async def test_a_permit_that_is_granted_as_the_connection_ends_is_not_used() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         first = asyncio.create_task(connection.request(PROJECT))
         second = asyncio.create_task(connection.request(WriteProjectIDRequest(5)))
@@ -152,7 +155,7 @@ async def test_a_permit_that_is_granted_as_the_connection_ends_is_not_used() -> 
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_a_dead_board_ends_the_connection_for_all_who_wait_at_once(depth: int) -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, depth=depth) as connection:
         begun = now()
         ends: list[float] = []
@@ -178,7 +181,7 @@ async def test_a_dead_board_ends_the_connection_for_all_who_wait_at_once(depth: 
 
 
 async def test_a_short_patience_takes_five_sendings_nevertheless() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, patience=0.01) as connection:
         outcomes = []
         for number in range(8):
@@ -191,7 +194,7 @@ async def test_a_short_patience_takes_five_sendings_nevertheless() -> None:
 
 
 async def test_silence_while_nobody_asks_is_no_silence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await connection.request(PROJECT)
         await asyncio.sleep(600)
@@ -202,7 +205,7 @@ async def test_silence_while_nobody_asks_is_no_silence() -> None:
 
 @pytest.mark.parametrize("sign", ["event", "response"])
 async def test_a_board_that_sends_anything_is_not_dead(sign: str) -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         loop = asyncio.get_running_loop()
         packet = ButtonEventResponse(1, 1) if sign == "event" else QueryActionListResponse()
@@ -217,7 +220,7 @@ async def test_a_board_that_sends_anything_is_not_dead(sign: str) -> None:
 
 
 async def test_bytes_that_are_no_frame_are_no_sign_of_life() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         for number in range(20):
             asyncio.get_running_loop().call_later(number / 2, board.deliver, b"noise")
@@ -230,7 +233,7 @@ async def test_bytes_that_are_no_frame_are_no_sign_of_life() -> None:
 @pytest.mark.parametrize("seed", range(8))
 async def test_a_live_line_that_loses_half_of_everything_is_never_lost(seed: int) -> None:
     chance = Random(seed)
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=chance.choice((1, 4, 8))) as connection:
         kinds = [PROJECT, QueryServoListRequest(), QueryRemainPowerRequest(), QueryActionRequest(1)]
         for kind in kinds:
@@ -242,14 +245,14 @@ async def test_a_live_line_that_loses_half_of_everything_is_never_lost(seed: int
 
 
 async def test_while_everything_is_deleted_silence_means_nothing_for_half_a_minute() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(29))
     async with connected(board) as connection:
         assert (await connection.request(ClearAllDataRequest())).result == 1
 
 
 async def test_a_board_that_answers_nothing_of_very_much_is_given_up_though_it_sends_events() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         for number in range(600):
             asyncio.get_running_loop().call_later(0.005, board.speak, ButtonEventResponse(1, 1))
@@ -260,8 +263,8 @@ async def test_a_board_that_answers_nothing_of_very_much_is_given_up_though_it_s
 
 
 async def test_the_end_reaches_one_who_pauses_between_two_tries() -> None:
-    board = FakeBoard()
-    board.usual_of[QueryServoListRequest] = Fate(mangle=cut_content)
+    board = PipedBoard()
+    board.usual_of[QueryServoListRequest] = Fate(damage=cut_content)
     async with connected(board) as connection:
         asking = asyncio.create_task(connection.request(QueryServoListRequest()))
         await asyncio.sleep(0.03)  # after four tries
@@ -277,7 +280,7 @@ async def test_the_end_reaches_one_who_pauses_between_two_tries() -> None:
 
 
 async def test_who_is_cancelled_while_sending_does_not_disturb_the_answer_of_the_next() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.taking = asyncio.Event()
         board.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
@@ -294,8 +297,8 @@ async def test_who_is_cancelled_while_sending_does_not_disturb_the_answer_of_the
 
 
 async def test_a_cancelled_request_keeps_its_permit_until_it_is_answered() -> None:
-    board = FakeBoard()
-    board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+    board = PipedBoard()
+    board.plan(AddActionRequest, Fate(delay=0.5, says=AddActionResponse(0)))
     async with connected(board) as connection:
         cancelled = asyncio.create_task(connection.request(AddActionRequest(1, "a")))
         await asyncio.sleep(0.1)

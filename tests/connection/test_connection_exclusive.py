@@ -10,20 +10,24 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.connection.fences import FENCES
-from servolink.connection.options import SLOW_PATIENCE
+from servolink.connection.times import SLOW_PATIENCE
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import AddActionRequest, ExecuteMacroRequest, QueryProjectIDRequest
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    AddActionRequest,
+    ClearAllDataRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Packet,
+    QueryProjectIDRequest,
     QueryServoListRequest,
+    Request,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    TransmissionModeSettingRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, connected, late, now
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, connected, late, now
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 ALONE: list[Request[Any]] = [
@@ -40,13 +44,13 @@ FOLLOWERS = [
 ]
 
 
-def kinds(board: FakeBoard) -> list[type[Packet]]:
+def kinds(board: PipedBoard) -> list[type[Packet]]:
     return [type(packet) for _, packet in board.sent]
 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
 async def test_nothing_overlaps_it(exclusive: Request[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(type(exclusive), late(0.1))
     async with connected(board, depth=4) as connection:
         await asyncio.gather(
@@ -63,7 +67,7 @@ async def test_nothing_overlaps_it(exclusive: Request[Any]) -> None:
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
 async def test_it_waits_for_the_last_of_several_fences(exclusive: Request[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, LOST)
     for kind in FENCE_KINDS:
         board.plan(kind, late(0.4), late(0.3))
@@ -78,7 +82,7 @@ async def test_it_waits_for_the_last_of_several_fences(exclusive: Request[Any]) 
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
 async def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(exclusive: Request[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=4) as connection:
         await asyncio.gather(connection.request(exclusive), connection.request(exclusive))
         first, second = board.sent_of(type(exclusive))
@@ -87,15 +91,15 @@ async def test_two_of_them_do_not_overlap_and_what_was_not_sent_yet_counts(exclu
 
 @pytest.mark.parametrize("exclusive", ALONE, ids=lambda packet: type(packet).__name__)
 async def test_not_even_a_fence_that_is_due_goes_beside_it(exclusive: Request[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=4) as connection:
-        connection._slots.unproved = 16  # as many equal queries leave it, after which a fence is due
+        connection.slots.unproved = 16  # as many equal queries leave it, after which a fence is due
         await connection.request(exclusive)
         assert board.sent == [(1000.0, exclusive)]
 
 
 async def test_deleting_everything_may_take_half_a_minute() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(SLOW_PATIENCE - 1))
     async with connected(board) as connection:
         assert (await connection.request(ClearAllDataRequest())).result == 1
@@ -103,7 +107,7 @@ async def test_deleting_everything_may_take_half_a_minute() -> None:
 
 
 async def test_deleting_everything_may_take_as_long_as_the_patience_if_that_is_longer() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(50))
     async with connected(board, patience=60) as connection:
         assert (await connection.request(ClearAllDataRequest())).result == 1
@@ -113,7 +117,7 @@ async def test_deleting_everything_may_take_as_long_as_the_patience_if_that_is_l
 async def test_nothing_follows_it_before_it_or_a_fence_is_answered(
     follow: Callable[[Connection], Awaitable[object]],
 ) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(2.5))
     async with connected(board) as connection:
         begun = now()
@@ -131,7 +135,7 @@ async def test_nothing_follows_it_before_it_or_a_fence_is_answered(
 async def test_nothing_follows_it_if_no_fence_is_answered(
     follow: Callable[[Connection], Awaitable[object]],
 ) -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
             await connection.request(ClearAllDataRequest(), timeout=1)
@@ -146,7 +150,7 @@ async def test_nothing_follows_it_if_no_fence_is_answered(
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_a_lost_one_is_over_when_a_fence_is_answered(depth: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, LOST)
     async with connected(board, depth=depth) as connection:
         begun = now()
@@ -157,7 +161,7 @@ async def test_a_lost_one_is_over_when_a_fence_is_answered(depth: int) -> None:
 
 
 async def test_one_whose_caller_was_cancelled_still_goes_alone() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(0.5))
     async with connected(board, depth=4) as connection:
         clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))

@@ -13,29 +13,34 @@ import pytest
 from servolink.connection.connection import Connection
 from servolink.connection.fences import FENCES
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
     AddActionResponse,
+    Packet,
+    Query,
     QueryActionRequest,
     QueryActionResponse,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
+    QueryRemainPowerRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
 )
-from servolink.protocol.packet import Packet, Query
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest
-from tests.client.fake_board import LATENCY, LOST, FakeBoard, Fate, connected, late, lie, now, turns_of_the_loop
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, PipedBoard, connected, late, lie, now, turns_of_the_loop
 
 FENCE_KINDS = tuple(type(fence) for fence in FENCES)
 LIST = QueryServoListRequest()
 PROJECT = QueryProjectIDRequest()
 
 
-def kinds(board: FakeBoard) -> list[type[Packet]]:
+def kinds(board: PipedBoard) -> list[type[Packet]]:
     return [type(packet) for _, packet in board.sent]
 
 
-async def abandon(connection: Connection, board: FakeBoard, query: Query[Any], fate: Fate = LOST) -> None:
+async def abandon(connection: Connection, board: PipedBoard, query: Query[Any], fate: Fate = LOST) -> None:
     """Ask something that gets no response in time."""
     board.plan(type(query), fate)
     with pytest.raises(RequestTimeout):
@@ -47,8 +52,8 @@ async def abandon(connection: Connection, board: FakeBoard, query: Query[Any], f
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_a_repeat_needs_no_fence_and_takes_the_response_to_any_of_its_slots(depth: int) -> None:
-    board = FakeBoard()
-    board.plan(QueryActionRequest, Fate(after=0.7, says=QueryActionResponse(7, "late")))
+    board = PipedBoard()
+    board.plan(QueryActionRequest, Fate(delay=0.7, says=QueryActionResponse(7, "late")))
     async with connected(board, depth=depth) as connection:
         begun = now()
         assert (await connection.request(QueryActionRequest(7))).action_caption == "late"
@@ -59,9 +64,9 @@ async def test_a_repeat_needs_no_fence_and_takes_the_response_to_any_of_its_slot
 
 async def test_an_equal_query_of_a_new_caller_waits_for_a_fence() -> None:
     """Or it would get the response to the abandoned one, which is older than its question."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
-        await abandon(connection, board, LIST, Fate(after=1.0, says=QueryServoListResponse((9,))))
+        await abandon(connection, board, LIST, Fate(delay=1.0, says=QueryServoListResponse((9,))))
         assert len((await connection.request(LIST)).servo_id_list) == 4
         assert [kind in FENCE_KINDS for kind in kinds(board)] == [
             False,
@@ -73,9 +78,9 @@ async def test_an_equal_query_of_a_new_caller_waits_for_a_fence() -> None:
 
 
 async def test_with_room_for_more_fence_and_query_leave_together() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=2) as connection:
-        await abandon(connection, board, LIST, Fate(after=0.3, says=QueryServoListResponse((9,))))
+        await abandon(connection, board, LIST, Fate(delay=0.3, says=QueryServoListResponse((9,))))
         begun = now()
         assert len((await connection.request(LIST)).servo_id_list) == 4
         (_, (fence_at, fence), (query_at, query)) = board.sent
@@ -86,7 +91,7 @@ async def test_with_room_for_more_fence_and_query_leave_together() -> None:
 
 
 async def test_a_query_about_something_else_waits_for_no_fence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await abandon(connection, board, QueryActionRequest(7))
         board.plan(QueryActionRequest, lie(QueryActionResponse(8, "eight")))
@@ -96,13 +101,13 @@ async def test_a_query_about_something_else_waits_for_no_fence() -> None:
 
 async def test_no_where_two_were_asked_waits_until_it_is_clear_who_is_meant() -> None:
     """0 in place of the id can be the response to either; the response to a fence shows that one was lost."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
-        await abandon(connection, board, QueryActionRequest(7), Fate(after=1.0, says=QueryActionResponse(7, "seven")))
+        await abandon(connection, board, QueryActionRequest(7), Fate(delay=1.0, says=QueryActionResponse(7, "seven")))
         board.plan(QueryActionRequest, lie(QueryActionResponse(0)))
         assert (await connection.request(QueryActionRequest(8))).action_id == 0
         assert connection.stats.mismatched == 0
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await abandon(connection, board, QueryActionRequest(7))
         board.plan(QueryActionRequest, lie(QueryActionResponse(0)), lie(QueryActionResponse(8, "eight")))
@@ -112,8 +117,8 @@ async def test_no_where_two_were_asked_waits_until_it_is_clear_who_is_meant() ->
 
 
 async def test_a_command_on_a_lane_with_an_abandoned_one_waits_for_a_fence() -> None:
-    board = FakeBoard()
-    board.plan(AddActionRequest, Fate(after=0.5, says=AddActionResponse(0)))
+    board = PipedBoard()
+    board.plan(AddActionRequest, Fate(delay=0.5, says=AddActionResponse(0)))
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
             await connection.request(AddActionRequest(1), timeout=0.1)
@@ -126,7 +131,7 @@ async def test_a_command_on_a_lane_with_an_abandoned_one_waits_for_a_fence() -> 
 
 
 async def test_any_later_response_is_as_good_as_a_fence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, LOST)
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
@@ -137,12 +142,12 @@ async def test_any_later_response_is_as_good_as_a_fence() -> None:
 
 
 async def test_the_response_to_what_was_sent_before_proves_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=2) as connection:
         board.plan(QueryServoListRequest, late(0.2))
         earlier = asyncio.create_task(connection.request(LIST))
         await turns_of_the_loop(3)
-        board.plan(AddActionRequest, Fate(after=0.4, says=AddActionResponse(0)))
+        board.plan(AddActionRequest, Fate(delay=0.4, says=AddActionResponse(0)))
         with pytest.raises(OutcomeUnknown):
             await connection.request(AddActionRequest(1), timeout=0.1)
         await earlier
@@ -151,7 +156,7 @@ async def test_the_response_to_what_was_sent_before_proves_nothing() -> None:
 
 
 async def test_a_late_response_that_comes_while_nobody_asks_is_a_proof_itself() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await abandon(connection, board, LIST, late(1.5))
         await asyncio.sleep(2)
@@ -161,8 +166,8 @@ async def test_a_late_response_that_comes_while_nobody_asks_is_a_proof_itself() 
 
 
 async def test_a_response_about_something_else_goes_to_nobody_and_proves_nothing() -> None:
-    board = FakeBoard()
-    board.plan(QueryActionRequest, Fate(after=0.2, says=QueryActionResponse(8, "another one")))
+    board = PipedBoard()
+    board.plan(QueryActionRequest, Fate(delay=0.2, says=QueryActionResponse(8, "another one")))
     async with connected(board) as connection:
         assert (await connection.request(QueryActionRequest(7))).action_id == 0
         assert connection.stats.mismatched == 1
@@ -174,7 +179,7 @@ async def test_a_response_about_something_else_goes_to_nobody_and_proves_nothing
 
 
 async def test_fences_are_taken_in_turn_so_that_one_that_is_not_supported_costs_little() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for _ in FENCES:
             await abandon(connection, board, LIST)
@@ -184,7 +189,7 @@ async def test_fences_are_taken_in_turn_so_that_one_that_is_not_supported_costs_
 
 @pytest.mark.parametrize("fence", FENCES)
 async def test_a_fence_is_never_sent_on_the_lane_that_it_is_for(fence: Query[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for _ in range(2 * len(FENCES)):
             sent = len(board.sent)
@@ -197,7 +202,7 @@ async def test_a_fence_is_never_sent_on_the_lane_that_it_is_for(fence: Query[Any
 
 async def test_a_kind_of_fence_may_be_sent_again_while_another_is_not_answered() -> None:
     """They never run out: the first response to any of them proves all that is older than the oldest of them."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await abandon(connection, board, LIST)
         for kind in FENCE_KINDS:
@@ -211,7 +216,7 @@ async def test_a_kind_of_fence_may_be_sent_again_while_another_is_not_answered()
 
 
 async def test_a_fence_prefers_an_idle_lane() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for fence in FENCES:
             if not isinstance(fence, QueryRemainPowerRequest):
@@ -226,7 +231,7 @@ async def test_a_fence_prefers_an_idle_lane() -> None:
 
 
 async def test_a_fence_may_go_where_no_lane_is_idle() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for fence in FENCES:
             board.plan(type(fence), LOST)
@@ -240,7 +245,7 @@ async def test_a_fence_may_go_where_no_lane_is_idle() -> None:
 
 @pytest.mark.parametrize("fence", FENCES)
 async def test_not_even_then_does_it_go_where_the_request_itself_will(fence: Query[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for query in (*FENCES, LIST):
             board.plan(type(query), LOST)
@@ -253,7 +258,7 @@ async def test_not_even_then_does_it_go_where_the_request_itself_will(fence: Que
 
 
 async def test_a_request_that_waited_for_fences_has_its_whole_patience_yet() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await abandon(connection, board, LIST)
         board.usual_of[QueryServoListRequest] = LOST
@@ -265,13 +270,13 @@ async def test_a_request_that_waited_for_fences_has_its_whole_patience_yet() -> 
 
 
 async def test_the_late_response_to_an_abandoned_fence_kind_is_not_taken_for_a_proof_of_what_came_after_it() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for fence in FENCES:  # so that every fence has an older slot on its lane, answered late
             board.plan(type(fence), late(0.6))
             with pytest.raises(RequestTimeout):
                 await connection.request(fence, timeout=0.01)
-        board.plan(AddActionRequest, Fate(after=0.62, says=AddActionResponse(0)))
+        board.plan(AddActionRequest, Fate(delay=0.62, says=AddActionResponse(0)))
         with pytest.raises(OutcomeUnknown):
             await connection.request(AddActionRequest(1), timeout=0.1)
         assert (await connection.request(AddActionRequest(2))).result == 1
@@ -279,7 +284,7 @@ async def test_the_late_response_to_an_abandoned_fence_kind_is_not_taken_for_a_p
 
 @pytest.mark.parametrize("missing", FENCE_KINDS)
 async def test_a_kind_of_fence_that_the_board_does_not_support_holds_nothing_up_for_long(missing: type[Packet]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[missing] = LOST
     async with connected(board) as connection:
         for _ in range(8):
@@ -295,7 +300,7 @@ async def test_among_equal_queries_a_fence_shows_gaps_and_is_not_sent_more_often
     lost_every: int, least: int, most: int
 ) -> None:
     """One in 16 sendings, but one in 128 on a line that loses nothing."""
-    board = FakeBoard(usual=Fate(after=0.05))
+    board = PipedBoard(usual=Fate(delay=0.05))
     if lost_every:
         board.plan(QueryServoRequest, *[LOST, *[board.usual] * (lost_every - 1)] * (1600 // lost_every))
     async with connected(board, depth=16) as connection:
@@ -312,7 +317,7 @@ async def test_among_equal_queries_a_fence_shows_gaps_and_is_not_sent_more_often
 
 @pytest.mark.parametrize(("depth", "most"), [(4, 0.51), (8, 0.2), (16, 0.12)])
 async def test_in_a_run_of_commands_a_fence_for_each_half_window_is_enough(depth: int, most: float) -> None:
-    class Paced(FakeBoard):
+    class Paced(PipedBoard):
         def _answer_at(self, when: float, data: bytes) -> None:
             super()._answer_at(max(when, self._free_at + 0.001), data)
 
@@ -322,7 +327,7 @@ async def test_in_a_run_of_commands_a_fence_for_each_half_window_is_enough(depth
 
 
 async def test_in_a_run_of_commands_each_keeps_its_own_result() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=8) as connection:
         for number in range(200):
             board.plan(AddActionRequest, lie(AddActionResponse(number % 2)))
@@ -333,7 +338,7 @@ async def test_in_a_run_of_commands_each_keeps_its_own_result() -> None:
 
 
 async def test_in_a_run_of_commands_a_lost_result_makes_no_other_wrong() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=8) as connection:
         for number in range(100):
             board.plan(AddActionRequest, LOST if number % 40 == 5 else lie(AddActionResponse(number % 2)))
@@ -348,7 +353,7 @@ async def test_in_a_run_of_commands_a_lost_result_makes_no_other_wrong() -> None
 
 
 async def test_equal_queries_behind_a_lost_one_are_all_answered_by_their_own_or_a_fresh_response() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=4) as connection:
         for number in range(1, 400):
             board.plan(QueryProjectIDRequest, LOST if number % 7 == 0 else lie(QueryProjectIDResponse(number)))
@@ -365,7 +370,7 @@ async def test_equal_queries_behind_a_lost_one_are_all_answered_by_their_own_or_
 
 
 async def test_a_query_found_lost_gets_the_next_response_before_equal_ones_that_were_asked_for_later() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=8) as connection:
         board.plan(QueryProjectIDRequest, LOST)  # so the youngest of the first four is left without a response
         order: list[int] = []
@@ -387,7 +392,7 @@ async def test_a_query_found_lost_gets_the_next_response_before_equal_ones_that_
 
 
 async def test_a_repeat_behind_what_others_left_overdue_is_sent_with_a_fence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=8) as connection:
         await connection.request(LIST)
         # Each leaves a slot, and the first one of them gets the response to a later call.
@@ -400,7 +405,7 @@ async def test_a_repeat_behind_what_others_left_overdue_is_sent_with_a_fence() -
 
 
 async def test_different_kinds_under_way_that_are_lost_are_asked_for_again_as_soon_as_that_is_proved() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, LOST)
     async with connected(board, depth=2) as connection:
         begun = now()

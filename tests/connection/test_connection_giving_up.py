@@ -9,28 +9,25 @@ import pytest
 
 from servolink.connection.slots import FENCES_ONLY
 from servolink.errors import DecodeError, OutcomeUnknown, RequestTimeout
-from servolink.motion.ticket import Ticket
-from servolink.protocol.editing import (
+from servolink.motion import Ticket
+from servolink.protocol import (
     AddActionRequest,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    Packet,
     QueryActionRequest,
-)
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoRequest,
 )
-from servolink.protocol.settings import (
-    ClearAllDataRequest,
-)
-from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, connected, late, now
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, connected, late, now
 from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, ask_for_ever, cut_content, kinds
 
 # --- a board that is silent about one request ---------------------------------------------------------------------
 
 
 async def test_what_a_board_leaves_unanswered_while_it_answers_others_ends_with_a_timeout_that_says_so() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[QueryActionRequest] = LOST
     async with connected(board, depth=2) as connection:
         others = asyncio.create_task(ask_for_ever(connection, LIST))
@@ -47,7 +44,7 @@ async def test_what_a_board_leaves_unanswered_while_it_answers_others_ends_with_
 
 
 async def test_it_is_sent_again_three_times_without_a_pause_and_then_ever_more_slowly() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[QueryActionRequest] = LOST
     async with connected(board, depth=2) as connection:
         others = asyncio.create_task(ask_for_ever(connection, LIST))
@@ -64,7 +61,7 @@ async def test_it_is_sent_again_three_times_without_a_pause_and_then_ever_more_s
 
 
 async def test_an_overdue_request_leaves_its_place_to_others() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[AddActionRequest] = late(2.0)
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
@@ -75,22 +72,22 @@ async def test_an_overdue_request_leaves_its_place_to_others() -> None:
 
 
 async def test_while_very_much_is_overdue_only_fences_are_sent() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         loop = asyncio.get_running_loop()
         for number in range(FENCES_ONLY):
             loop.call_later(0.005, board.speak, ButtonEventResponse(1, 1))
             with pytest.raises(RequestTimeout):
                 await connection.request(QueryActionRequest(number), timeout=0.01)
-        assert connection._slots.overdue == len(board.sent) == FENCES_ONLY
+        assert connection.slots.overdue == len(board.sent) == FENCES_ONLY
         board.usual = Fate()
         await connection.request(QueryActionRequest(FENCES_ONLY))
         assert [type(packet) in FENCE_KINDS for _, packet in board.sent[FENCES_ONLY:]] == [True, False]
-        assert connection._slots.overdue == 0
+        assert connection.slots.overdue == 0
 
 
 async def test_then_no_repeat_is_sent_either() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         loop = asyncio.get_running_loop()
         for number in range(FENCES_ONLY - 1):
@@ -108,7 +105,7 @@ async def test_then_no_repeat_is_sent_either() -> None:
 
 
 async def test_a_timeout_limits_the_whole_call_also_a_longer_one() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, late(4.0), SWALLOWED)
     async with connected(board) as connection:
         assert (await connection.request(AddActionRequest(1), timeout=5)).result
@@ -122,7 +119,7 @@ async def test_a_timeout_limits_the_whole_call_also_a_longer_one() -> None:
 
 @pytest.mark.parametrize("timeout", [0.05, 1.0, 2.5])
 async def test_a_timeout_counts_while_the_request_waits_for_others(timeout: float) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(20))
     async with connected(board) as connection:
         clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
@@ -136,7 +133,7 @@ async def test_a_timeout_counts_while_the_request_waits_for_others(timeout: floa
 
 
 async def test_a_timeout_counts_on_when_the_request_has_its_turn() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(2))
     board.usual_of[QueryServoListRequest] = LOST
     async with connected(board) as connection:
@@ -153,7 +150,7 @@ async def test_a_timeout_counts_while_a_board_is_checked_and_then_while_the_requ
     async def check(packet: Packet, ticket: Ticket) -> None:
         await asyncio.sleep(0.9)
 
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, late(2))
     async with connected(board) as connection:
         connection.preparations = (check,)
@@ -167,8 +164,8 @@ async def test_a_timeout_counts_while_a_board_is_checked_and_then_while_the_requ
 
 
 async def test_a_timeout_ends_a_pause_between_two_tries() -> None:
-    board = FakeBoard()
-    board.usual_of[QueryServoListRequest] = Fate(mangle=cut_content)
+    board = PipedBoard()
+    board.usual_of[QueryServoListRequest] = Fate(damage=cut_content)
     async with connected(board) as connection:
         begun = now()
         with pytest.raises(DecodeError):
@@ -177,7 +174,7 @@ async def test_a_timeout_ends_a_pause_between_two_tries() -> None:
 
 
 async def test_a_timeout_counts_while_fences_are_sent() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         with pytest.raises(OutcomeUnknown):
             await connection.request(AddActionRequest(1), timeout=0.1)
@@ -191,7 +188,7 @@ async def test_a_timeout_counts_while_fences_are_sent() -> None:
 
 
 async def test_a_timeout_says_what_was_asked_of_whom_for_how_long_and_why_likely() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, patience=0.5) as connection:
         with pytest.raises(RequestTimeout) as caught:
             await connection.request(QueryServoRequest(3))
@@ -213,7 +210,7 @@ async def test_a_timeout_says_what_was_asked_of_whom_for_how_long_and_why_likely
 
 
 async def test_a_timeout_blames_the_settings_when_bytes_come_but_no_frame() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, patience=0.5) as connection:
         board.deliver(b"login: ")
         with pytest.raises(RequestTimeout, match=r"byte order or baud rate .*; 7 received bytes were part of no frame"):
@@ -221,7 +218,7 @@ async def test_a_timeout_blames_the_settings_when_bytes_come_but_no_frame() -> N
 
 
 async def test_a_timeout_blames_the_line_when_the_board_has_answered_before() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, *[LOST] * 3)
     async with connected(board, patience=0.5) as connection:
         await connection.request(PROJECT)
@@ -230,8 +227,8 @@ async def test_a_timeout_blames_the_line_when_the_board_has_answered_before() ->
 
 
 async def test_a_timeout_says_that_the_hub_has_tried() -> None:
-    board = FakeBoard(usual=LOST)
-    async with connected(board, repeats=False) as connection:
+    board = PipedBoard(usual=LOST)
+    async with connected(board, through_hub=True) as connection:
         with pytest.raises(RequestTimeout, match=r"\(1 try\): the hub has sent it several times and got no"):
             await connection.request(LIST)
 
@@ -240,9 +237,9 @@ async def test_a_timeout_says_that_the_hub_has_tried() -> None:
 
 
 async def test_a_late_response_after_damaged_ones_ends_the_call_at_once() -> None:
-    board = FakeBoard()
-    damaged = Fate(mangle=cut_content)
-    board.plan(QueryServoListRequest, *[damaged] * 3, Fate(after=0.06, mangle=cut_content), late(0.4))
+    board = PipedBoard()
+    damaged = Fate(damage=cut_content)
+    board.plan(QueryServoListRequest, *[damaged] * 3, Fate(delay=0.06, damage=cut_content), late(0.4))
     async with connected(board) as connection:
         assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
         assert len(board.sent_of(QueryServoListRequest)) == 6
@@ -250,8 +247,8 @@ async def test_a_late_response_after_damaged_ones_ends_the_call_at_once() -> Non
 
 
 async def test_a_damaged_response_to_a_query_is_asked_for_again_at_once() -> None:
-    board = FakeBoard()
-    board.plan(QueryServoListRequest, *[Fate(mangle=cut_content)] * 3)
+    board = PipedBoard()
+    board.plan(QueryServoListRequest, *[Fate(damage=cut_content)] * 3)
     async with connected(board) as connection:
         begun = now()
         assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
@@ -261,8 +258,8 @@ async def test_a_damaged_response_to_a_query_is_asked_for_again_at_once() -> Non
 
 
 async def test_a_query_whose_responses_are_all_damaged_says_how_when_the_patience_ends() -> None:
-    board = FakeBoard()
-    board.usual_of[QueryServoListRequest] = Fate(mangle=cut_content)
+    board = PipedBoard()
+    board.usual_of[QueryServoListRequest] = Fate(damage=cut_content)
     async with connected(board) as connection:
         begun = now()
         with pytest.raises(DecodeError, match="QueryServoListResponse") as caught:

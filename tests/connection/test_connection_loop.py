@@ -7,12 +7,9 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.client import Board, connect
+from servolink.protocol import ExecuteActionRequest, Step
+from servolink.virtual import VirtualBoard, VirtualTransport
 
 CALLS: dict[str, Callable[[Board], Awaitable[object]]] = {
     "request": lambda board: board.battery(),

@@ -9,27 +9,29 @@ import pytest
 
 from servolink.connection.gates import UnitsChanged
 from servolink.errors import EncodeError, RequestTimeout
-from servolink.motion.ticket import Ticket
-from servolink.protocol.editing import (
+from servolink.motion import Ticket
+from servolink.protocol import (
     AddActionRequest,
+    ExecuteActionRequest,
+    Packet,
     QueryActionListRequest,
     QueryActionRequest,
     QueryActionResponse,
     QueryMacroRequest,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
-    ExecuteActionRequest,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
     QueryServoListRequest,
     QueryServoRequest,
+    Request,
     SetAngleUnitRequest,
+    Step,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest, QueryRemainPowerResponse
-from tests.client.fake_board import LATENCY, FakeBoard, Fate, connected, lie
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, PipedBoard, connected, lie
 
 PROJECT = QueryProjectIDRequest()
 
@@ -38,7 +40,7 @@ PROJECT = QueryProjectIDRequest()
 
 
 async def test_a_request_returns_its_answer() -> None:
-    board = FakeBoard(servos=3)
+    board = PipedBoard(servos=3)
     async with connected(board) as connection:
         assert (await connection.request(QueryServoListRequest())).servo_id_list == (1, 2, 3)
         assert connection.stats.frames_sent == connection.stats.frames_received == 1
@@ -46,7 +48,7 @@ async def test_a_request_returns_its_answer() -> None:
 
 
 async def test_two_gathered_requests_get_each_its_own_answer() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         await connection.request(WriteProjectIDRequest(77))
         project, servo_ids = await asyncio.gather(
@@ -58,7 +60,7 @@ async def test_two_gathered_requests_get_each_its_own_answer() -> None:
 
 @pytest.mark.parametrize("depth", [1, 2, 8])
 async def test_a_thousand_gathered_requests_get_each_its_own_answer(depth: int) -> None:
-    board = FakeBoard(servos=250)
+    board = PipedBoard(servos=250)
     async with connected(board, depth=depth) as connection:
         requests = [QueryServoRequest(1 + number % 250) for number in range(500)]
         actions = [AddActionRequest(1 + number, f"action {number}") for number in range(50)]
@@ -75,7 +77,7 @@ async def test_a_thousand_gathered_requests_get_each_its_own_answer(depth: int) 
 
 @pytest.mark.parametrize(("depth", "most"), [(1, 1), (3, 3)])
 async def test_no_more_than_the_window_is_on_the_line(depth: int, most: int) -> None:
-    board = FakeBoard(usual=Fate(after=0.01))
+    board = PipedBoard(usual=Fate(delay=0.01))
     async with connected(board, depth=depth) as connection:
         await asyncio.gather(
             *(
@@ -90,7 +92,7 @@ async def test_no_more_than_the_window_is_on_the_line(depth: int, most: int) -> 
 async def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
     """A board in the same process may answer from within `take`."""
 
-    class Eager(FakeBoard):
+    class Eager(PipedBoard):
         def take(self, data: bytes) -> None:
             self.speak(QueryProjectIDResponse(5))
 
@@ -99,7 +101,7 @@ async def test_the_answer_is_awaited_before_the_first_byte_is_written() -> None:
 
 
 async def test_an_answer_is_delivered_to_the_right_one_of_several_on_the_line() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=4) as connection:
         board.plan(QueryProjectIDRequest, lie(QueryProjectIDResponse(1)))
         board.plan(QueryRemainPowerRequest, lie(QueryRemainPowerResponse(2)))
@@ -110,7 +112,7 @@ async def test_an_answer_is_delivered_to_the_right_one_of_several_on_the_line() 
 
 
 async def test_an_answer_about_something_else_is_counted_and_never_delivered() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.plan(QueryActionRequest, lie(QueryActionResponse(8, "another one")))
         answer = await connection.request(QueryActionRequest(7))
@@ -120,7 +122,7 @@ async def test_an_answer_about_something_else_is_counted_and_never_delivered() -
 
 
 async def test_zero_in_place_of_the_key_is_the_answer_no() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         assert (await connection.request(QueryMacroRequest(9))).macro_id == 0
         assert len(board.sent) == 1
@@ -128,7 +130,7 @@ async def test_zero_in_place_of_the_key_is_the_answer_no() -> None:
 
 
 async def test_answers_that_nobody_asked_for_are_counted_and_change_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.speak(QueryProjectIDResponse(5), QueryServoListRequest(), QueryActionResponse(1, "x"))
         await connection.request(PROJECT)
@@ -137,7 +139,7 @@ async def test_answers_that_nobody_asked_for_are_counted_and_change_nothing() ->
 
 
 async def test_a_packet_can_be_made_to_depend_on_the_angle_units_sent_since_another_moment() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         checked = connection.stops.ticket().checked(connection.units_sent)
         move = ExecuteActionRequest((Step(1, 0, 1),))
@@ -161,7 +163,7 @@ async def test_a_packet_can_be_made_to_depend_on_the_angle_units_sent_since_anot
     ],
 )
 async def test_what_does_not_fit_is_refused_before_anything_is_sent(packet: Request[Any], words: str) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         with pytest.raises(EncodeError, match=words):
             await connection.request(packet)
@@ -172,7 +174,7 @@ async def test_what_does_not_fit_is_refused_before_anything_is_sent(packet: Requ
 
 
 async def test_what_a_preparation_raises_reaches_the_caller_and_nothing_is_sent() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
 
     async def prepare(packet: Packet, ticket: Ticket) -> None:
         raise RequestTimeout("which board it is could not be asked", packet)

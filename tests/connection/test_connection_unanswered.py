@@ -8,39 +8,38 @@ from typing import Any
 import pytest
 
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import (
-    AddActionRequest,
-    DeleteActionRequest,
-    ExecuteMacroRequest,
-    QueryProjectIDRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.joystick import ButtonEventResponse, SetActiveJoystickTableRequest, SubscribeButtonEventRequest
-from servolink.protocol.packet import Request
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    AddActionRequest,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    DeleteActionRequest,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
+    Request,
+    SendDummyDataRequest,
+    SetActiveJoystickTableRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
-)
-from servolink.protocol.settings import (
-    ClearAllDataRequest,
-    QueryMemorySizeRequest,
-    SendDummyDataRequest,
+    Step,
+    SubscribeButtonEventRequest,
     TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
 )
-from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, connected, late, now
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, connected, late, now
 from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, kinds
 
 # --- queries ------------------------------------------------------------------------------------------------------
 
 
 async def test_a_lost_query_is_sent_again_after_a_quarter_of_a_second_without_a_fence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryProjectIDRequest, LOST)
     async with connected(board) as connection:
         begun = now()
@@ -50,7 +49,7 @@ async def test_a_lost_query_is_sent_again_after_a_quarter_of_a_second_without_a_
 
 
 async def test_a_query_is_repeated_ever_more_slowly_until_the_patience_ends() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, *[LOST] * 9)
     async with connected(board) as connection:
         asyncio.get_running_loop().call_later(1.0, board.speak, ButtonEventResponse(1, 1))
@@ -66,7 +65,7 @@ async def test_a_query_is_repeated_ever_more_slowly_until_the_patience_ends() ->
 
 
 async def test_the_first_response_to_any_of_its_sendings_counts() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, late(0.3), late(0.3))
     async with connected(board) as connection:
         begun = now()
@@ -79,7 +78,7 @@ async def test_the_first_response_to_any_of_its_sendings_counts() -> None:
 
 async def test_the_response_to_its_last_sending_holds_nobody_up() -> None:
     """An older sending has got the response, which most likely was the one to the last."""
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, late(0.3), LOST)
     async with connected(board) as connection:
         await connection.request(LIST)
@@ -90,7 +89,7 @@ async def test_the_response_to_its_last_sending_holds_nobody_up() -> None:
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_the_time_of_a_request_counts_from_when_the_board_comes_to_it(depth: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     queries: list[Request[Any]] = [PROJECT, LIST, QueryServoRequest(1), QueryMemorySizeRequest()]
     for number, query in enumerate(queries):
         board.plan(type(query), late(0.2 * (number + 1 if depth > 1 else 1)))
@@ -101,7 +100,7 @@ async def test_the_time_of_a_request_counts_from_when_the_board_comes_to_it(dept
 
 
 async def test_two_responses_in_one_chunk_are_one_response_and_a_late_one() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, SWALLOWED, SWALLOWED)
     async with connected(board) as connection:
         asking = asyncio.create_task(connection.request(LIST))
@@ -114,7 +113,7 @@ async def test_two_responses_in_one_chunk_are_one_response_and_a_late_one() -> N
 
 @pytest.mark.parametrize("lost", [0.1, 0.3])
 async def test_on_a_live_line_that_loses_much_no_query_fails(lost: float) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for number in range(600):
             board.plan(QueryServoListRequest, LOST if (number * 7919 % 1000) < 1000 * lost else Fate())
@@ -125,7 +124,7 @@ async def test_on_a_live_line_that_loses_much_no_query_fails(lost: float) -> Non
 
 async def test_a_slow_board_is_sent_what_was_measured_for_it() -> None:
     """A board that takes 0.4 s for each response is asked once each time, from the second time on."""
-    board = FakeBoard(usual=late(0.4))
+    board = PipedBoard(usual=late(0.4))
     async with connected(board) as connection:
         board.plan(QueryServoListRequest, late(0.2))
         for _ in range(5):
@@ -158,7 +157,7 @@ def name_of(packet: object) -> str:
 @pytest.mark.parametrize("packet", SETTINGS, ids=name_of)
 @pytest.mark.parametrize("fate", [LOST, SWALLOWED])
 async def test_a_setting_that_has_the_same_effect_twice_is_repeated(packet: Request[Any], fate: Fate) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(type(packet), fate, fate)
     async with connected(board) as connection:
         assert await connection.request(packet)
@@ -167,7 +166,7 @@ async def test_a_setting_that_has_the_same_effect_twice_is_repeated(packet: Requ
 
 
 async def test_of_a_setting_that_is_never_answered_the_outcome_is_unknown() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[WriteProjectIDRequest] = SWALLOWED
     async with connected(board) as connection:
         asyncio.get_running_loop().call_later(1.0, board.speak, ButtonEventResponse(1, 1))
@@ -185,7 +184,7 @@ async def test_of_a_setting_that_is_never_answered_the_outcome_is_unknown() -> N
 async def test_what_changes_the_board_is_sent_once_and_a_fence_shows_that_its_outcome_is_unknown(
     packet: Request[Any], fate: Fate
 ) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(type(packet), fate)
     async with connected(board) as connection:
         begun = now()
@@ -201,7 +200,7 @@ async def test_what_changes_the_board_is_sent_once_and_a_fence_shows_that_its_ou
 
 @pytest.mark.parametrize("packet", COMMANDS, ids=name_of)
 async def test_the_late_result_of_a_command_arrives(packet: Request[Any]) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(type(packet), late(1.5))
     async with connected(board) as connection:
         begun = now()
@@ -211,7 +210,7 @@ async def test_the_late_result_of_a_command_arrives(packet: Request[Any]) -> Non
 
 
 async def test_movements_are_sent_once_and_return_when_sent() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         begun = now()
         await connection.send(ExecuteActionRequest((Step(1, 10, 100),)))
@@ -226,7 +225,7 @@ async def test_movements_are_sent_once_and_return_when_sent() -> None:
 
 @pytest.mark.parametrize("depth", [1, 8])
 async def test_after_four_packets_without_a_response_the_board_must_answer_before_the_next(depth: int) -> None:
-    board = FakeBoard(usual=late(0.1))
+    board = PipedBoard(usual=late(0.1))
     async with connected(board, depth=depth) as connection:
         for _ in range(9):
             await connection.send(SendDummyDataRequest(b"x"))
@@ -237,7 +236,7 @@ async def test_after_four_packets_without_a_response_the_board_must_answer_befor
 
 
 async def test_any_response_shows_that_the_board_keeps_up() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for _ in range(5):
             for _ in range(3):

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
+from servolink.connection import deadlines
 from servolink.connection.deadlines import DeadlineTimer, ResponseTimes
-from servolink.protocol.editing import AddActionRequest, QueryProjectIDRequest
-from servolink.protocol.packet import Request
-from servolink.protocol.servos import QueryServoListRequest
-from tests.client.fake_board import now, turns_of_the_loop
+from servolink.protocol import AddActionRequest, QueryProjectIDRequest, QueryServoListRequest, Request
+from tests.client.piped_board import now, turns_of_the_loop
+from tests.proofs.reliability.lossy import LOSSY, outcome
 from tests.virtual_time import VirtualTimeLoop
 
 
@@ -205,3 +205,11 @@ def test_an_even_line_is_trusted_more_and_more_and_a_hiccup_less() -> None:
     assert trusted == pytest.approx(0.2 + 4 * 0.1 * 0.75**3)
     even.record(QUERY.packet_id, 0.4)
     assert timeout(even, QUERY) > trusted + 0.04
+
+
+def test_with_longer_tries_a_query_took_longer_on_a_lossy_line(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(deadlines, "LEAST_MARGIN", 0.1)
+    _, seconds = outcome(LOSSY, 1, 8000, 1)
+    assert seconds[-1] > 0.5

@@ -5,16 +5,16 @@ from __future__ import annotations
 import asyncio
 
 from servolink.errors import ConnectionLost
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.servos import (
+from servolink.protocol import (
+    ButtonEventResponse,
     QueryServoListRequest,
     QueryServoResponse,
 )
-from tests.client.fake_board import FakeBoard, connected, turns_of_the_loop
+from tests.client.piped_board import PipedBoard, connected, turns_of_the_loop
 
 
 async def test_events_go_to_whoever_wants_them_and_noise_is_counted() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         events: list[ButtonEventResponse] = []
         board.speak(ButtonEventResponse(1, 1))
@@ -27,7 +27,7 @@ async def test_events_go_to_whoever_wants_them_and_noise_is_counted() -> None:
 
 
 async def test_what_comes_after_the_end_changes_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         ends: list[ConnectionLost] = []
         connection.answers.on_end = ends.append
@@ -44,7 +44,7 @@ async def test_what_comes_after_the_end_changes_nothing() -> None:
 
 
 async def test_it_and_its_neighbours_have_few_enough_attributes_to_be_fast() -> None:
-    async with connected(FakeBoard()) as connection:
+    async with connected(PipedBoard()) as connection:
         await connection.request(QueryServoListRequest())
         # CPython takes 1.4 times as long to find one of more than 29.
         assert max(len(vars(each)) for each in (connection, connection.answers, connection.answers.watchdog)) <= 29

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.connection.explain import described, lost, outcome_unknown, overtaken, same, timed_out
+from servolink.client import connect
+from servolink.connection.explain import lost, outcome_unknown, overtaken, timed_out
 from servolink.connection.stats import Stats
 from servolink.errors import ConnectionLost, Rejected
-from servolink.protocol.editing import AddActionRequest, AddActionResponse, QueryProjectIDRequest
-from servolink.protocol.records import Action
-from tests.client.fake_board import FakeBoard, lie
+from servolink.protocol import Action, AddActionRequest, AddActionResponse, QueryProjectIDRequest
+from tests.client.piped_board import PipedBoard, lie
 
 HOSTILE = "\x1b[2J\u202eevil\n\udc80"
 
@@ -21,11 +20,11 @@ def assert_safe(text: str) -> None:
 
 
 def test_a_packet_is_described_by_name_and_fields() -> None:
-    assert described(QueryProjectIDRequest()) == "QueryProjectIDRequest()"
+    assert QueryProjectIDRequest().described == "QueryProjectIDRequest()"
 
 
 def test_a_description_is_never_long() -> None:
-    text = described(AddActionRequest(1, "x" * 1000))
+    text = AddActionRequest(1, "x" * 1000).described
     assert len(text) == 120
     assert text.endswith("...")
 
@@ -37,13 +36,13 @@ def test_hostile_captions_and_addresses_are_escaped_in_every_text() -> None:
         outcome_unknown(packet, url, 1.0),
         overtaken(packet),
         lost(url, OSError(HOSTILE)),
-        same(lost(url, OSError(HOSTILE))),
+        lost(url, OSError(HOSTILE)).copy(),
     ):
         assert_safe(str(error))
 
 
 async def test_a_refusal_of_a_hostile_caption_is_escaped() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(AddActionRequest, lie(AddActionResponse(0)))
     async with connect(fake) as board:
         with pytest.raises(Rejected) as caught:
@@ -68,7 +67,7 @@ def test_a_loss_without_words_is_named_by_its_kind() -> None:
 
 def test_each_waiter_gets_a_twin_with_the_same_text_and_cause() -> None:
     error = lost("fake://", OSError("gone"))
-    twin = same(error)
+    twin = error.copy()
     assert twin is not error
     assert type(twin) is ConnectionLost
     assert (str(twin), twin.__cause__) == (str(error), error.__cause__)

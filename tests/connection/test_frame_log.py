@@ -8,17 +8,22 @@ import pytest
 
 from servolink import connect
 from servolink.connection.taps import TextLog
-from servolink.protocol.editing import AddActionRequest
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.records import Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from tests.client.fake_board import FakeBoard, Fate, connected
+from servolink.protocol import (
+    AddActionRequest,
+    ByteOrder,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    Step,
+    encode_frame,
+)
+from servolink.testing import Fate
+from tests.client.piped_board import PipedBoard, connected
 from tests.virtual_time import run
 
 
 def test_each_frame_is_logged_decoded_and_with_its_time(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with connected(FakeBoard(servos=2, usual=Fate(after=0.25))) as connection:
+        async with connected(PipedBoard(servos=2, usual=Fate(delay=0.25))) as connection:
             caplog.set_level(logging.DEBUG, "servolink")  # also after the connection was opened
             await connection.request(QueryServoListRequest())
 
@@ -31,7 +36,7 @@ def test_each_frame_is_logged_decoded_and_with_its_time(caplog: pytest.LogCaptur
 
 def test_nothing_is_logged_at_info(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with connected(FakeBoard()) as connection:
+        async with connected(PipedBoard()) as connection:
             await connection.request(QueryServoListRequest())
 
     caplog.set_level(logging.INFO)
@@ -41,7 +46,7 @@ def test_nothing_is_logged_at_info(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_content_that_makes_no_packet_is_logged_as_hex(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        board = FakeBoard()
+        board = PipedBoard()
         async with connected(board) as connection:
             log = connection.answers.frame_log
             log.received((QueryServoListResponse.packet_id, b"\x09\x01"))
@@ -55,7 +60,7 @@ def test_content_that_makes_no_packet_is_logged_as_hex(caplog: pytest.LogCapture
 
 def test_hostile_and_endless_captions_cannot_harm_the_reader_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        async with connected(FakeBoard()) as connection:
+        async with connected(PipedBoard()) as connection:
             log = connection.answers.frame_log
             log.sent(connection.codec.encode(AddActionRequest(1, "\u202e\x1b[2J", ()), unchecked=True))
             log.sent(connection.codec.encode(AddActionRequest(1, "Wave", (Step(1, 90, 50),) * 200)))
@@ -97,7 +102,7 @@ def test_endless_text_is_logged_in_pieces(caplog: pytest.LogCaptureFixture) -> N
 @pytest.mark.parametrize("level", [logging.INFO, logging.WARNING])
 async def test_a_connected_board_is_heard_from_its_first_byte_on(level: int, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(level)
-    transport = FakeBoard(usual=Fate(mangle=lambda frame: BOOTED + frame))
+    transport = PipedBoard(usual=Fate(damage=lambda frame: BOOTED + frame))
     async with connect(transport):
         pass
     assert any("booted in 12 ms" in message for message in caplog.messages) == (level == logging.INFO)

@@ -10,12 +10,20 @@ from msgspec.structs import replace
 
 from servolink.connection.gates import Gate, Gates
 from servolink.errors import ConnectionLost, MotionRefused, RequestError, ServolinkError
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.packet import Effect, Packet, Query, Response, is_motion
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ALL_SERVOS, ExecuteActionRequest, QueryServoListRequest, SetServoParameterRequest
-from tests.client.fake_board import FakeBoard, connected, now
+from servolink.motion import StopCounter, Ticket
+from servolink.protocol import (
+    ALL_SERVOS,
+    PACKETS,
+    Effect,
+    ExecuteActionRequest,
+    Packet,
+    Query,
+    QueryServoListRequest,
+    Response,
+    SetServoParameterRequest,
+    Step,
+)
+from tests.client.piped_board import PipedBoard, connected, now
 
 MOVE = ExecuteActionRequest((Step(1, 0, 1),))
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -31,7 +39,7 @@ def refusing(name: str) -> Gate:
 
 
 def test_gates_are_asked_in_one_order_whichever_was_closed_first() -> None:
-    order = ("identity", "role", "exclusive_use", "lease", "ticket", "limits")
+    order = ("line", "identity", "role", "exclusive_use", "lease", "ticket", "limits")
     assert Gates.__struct_fields__ == order
     ticket = StopCounter().ticket()
     for one, other in itertools.combinations(order, 2):
@@ -52,15 +60,15 @@ def test_a_stop_and_a_query_pass_closed_gates() -> None:
 
 
 async def test_a_stop_is_sent_through_closed_gates_and_a_motion_is_not() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         connection.gates = Gates(*map(refusing, Gates.__struct_fields__))
         await connection.send_stop(STOP)
         await connection.request(SetServoParameterRequest(2, 0, 1))
         for packet in (START, RELEASE):
-            with pytest.raises(MotionRefused, match="identity"):
+            with pytest.raises(MotionRefused, match="line"):
                 await connection.request(packet)
-        with pytest.raises(MotionRefused, match="identity"):
+        with pytest.raises(MotionRefused, match="line"):
             await connection.send(MOVE)
         await connection.request(QueryServoListRequest())
         assert board.executed_of(SetServoParameterRequest) == [STOP, SetServoParameterRequest(2, 0, 1)]
@@ -68,7 +76,7 @@ async def test_a_stop_is_sent_through_closed_gates_and_a_motion_is_not() -> None
 
 
 async def test_gates_are_asked_after_everything_that_is_awaited() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         asked: list[Packet] = []
 
@@ -90,7 +98,7 @@ async def test_gates_are_asked_after_everything_that_is_awaited() -> None:
 
 
 async def test_a_ticket_ends_at_its_time_and_with_its_connection() -> None:
-    async with connected(FakeBoard()) as connection:
+    async with connected(PipedBoard()) as connection:
         late = connection.stops.ticket(until=now() + 1)
         await connection.send(MOVE, ticket=late)
         await asyncio.sleep(1.1)
@@ -102,7 +110,7 @@ async def test_a_ticket_ends_at_its_time_and_with_its_connection() -> None:
 
 
 async def test_after_a_stop_the_ticket_gate_refuses_every_motion_but_a_release() -> None:
-    async with connected(FakeBoard()) as connection:
+    async with connected(PipedBoard()) as connection:
         ticket = connection.stops.ticket()
         connection.stops.stop()
         for declared in PACKETS.values():
@@ -110,5 +118,5 @@ async def test_after_a_stop_the_ticket_gate_refuses_every_motion_but_a_release()
                 continue
             needed = len(declared.__struct_fields__) - len(declared.__struct_defaults__)
             packet = declared(*[1] * needed)
-            expects = is_motion(packet) and packet.effect is not Effect.GOES_LIMP
+            expects = packet.is_motion and packet.effect is not Effect.GOES_LIMP
             assert (connection.gates.refusal(packet, ticket) is not None) == expects, packet

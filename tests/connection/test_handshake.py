@@ -19,6 +19,8 @@ from servolink.connection.handshake import (
     THIRD_LENGTH,
     Handshake,
 )
+from servolink.connection.opening import Opening
+from tests.proofs.reliability.reopening import Owed, open_often
 from tests.tables import over
 
 KINDS: Sequence[int] = (1, 2, 3, 4)
@@ -340,3 +342,13 @@ def test_kinds_that_are_known_not_to_be_supported_are_never_asked_for() -> None:
         assert hands.unsupported == set(unsupported)
         assert shake(hands, Board(unsupported=unsupported))
         assert hands.sendings == (THIRD_LENGTH if unsupported else FIRST_LENGTH)
+
+
+def test_shorter_words_open_wrongly_and_the_proof_finds_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(handshake, "FIRST_LENGTH", 2)
+    monkeypatch.setattr(handshake, "SECOND_LENGTH", 2)
+    # The questions of a comparison take what is owed, so that few openings would be wrong even with such words.
+    monkeypatch.setattr(Opening, "_is_suspicious", False)
+    counts = open_often(Owed(8, 8, "those of the handshake", 1.0), 50, 1)
+    assert counts["wrong openings"] > 5
+    assert counts["fooled"] > 0

@@ -10,20 +10,20 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ExecuteActionExRequest,
+    FrameParser,
     QueryServoListRequest,
     QueryServoListResponse,
     SetServoParameterRequest,
 )
-from tests.client.fake_board import FakeBoard, connected
+from tests.client.piped_board import PipedBoard, connected
 
 DEPTH = 3
 LIST, MOVE, STOP = QueryServoListRequest(), ExecuteActionExRequest(1), SetServoParameterRequest(255, 0, 1)
 
 
-class Writes(FakeBoard):
+class Writes(PipedBoard):
     """Board that keeps each write apart, and answers only when it is told to."""
 
     def __init__(self) -> None:

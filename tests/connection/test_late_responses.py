@@ -10,17 +10,23 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.packet import Request, Response
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import QueryServoRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest
-from tests.client.numbered_board import CALL, Behaviour, NumberedBoard, numbered
+from servolink.protocol import (
+    Codec,
+    FrameParser,
+    QueryActionRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    QueryRemainPowerRequest,
+    QueryServoRequest,
+    Request,
+    Response,
+    WriteProjectIDRequest,
+)
+from tests.client.numbered_board import CALL, NumberedBoard, numbered
 from tests.virtual_time import run
 
 TIMEOUT = 0.25
-BOARD = Behaviour(late=0.03, lost=0.01)
+LATE, LOST = 0.03, 0.01
 KINDS: tuple[Request[Any], ...] = (
     QueryProjectIDRequest(),
     QueryMemorySizeRequest(),
@@ -79,7 +85,7 @@ async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) 
             outcomes["unanswered"] += 1
             return
         own = (n for n in range(sent_before, len(board.sent_by)) if board.sent_by[n] == call)
-        right = any(answer == numbered(packet, n) for n in own if type(board.executed[n - 1]) is type(packet))
+        right = any(answer == numbered(packet, n) for n in own if type(board.sent[n - 1][1]) is type(packet))
         outcomes["right" if right else "wrong"] += 1
 
     for call in range(1, requests + 1):
@@ -94,8 +100,8 @@ async def converse(client: Any, board: NumberedBoard, requests: int, seed: int) 
 
 
 async def with_connection(requests: int, seed: int) -> tuple[dict[str, int], Any]:
-    board = NumberedBoard(BOARD, seed)
-    connection = Connection(board, Codec())
+    board = NumberedBoard(late=LATE, lost=LOST, seed=seed)
+    connection = Connection(board)
     await connection.open()
     outcomes = await converse(connection, board, requests, seed)
     await connection.close()
@@ -103,7 +109,7 @@ async def with_connection(requests: int, seed: int) -> tuple[dict[str, int], Any
 
 
 async def with_plain_client(requests: int, seed: int) -> dict[str, int]:
-    board = NumberedBoard(BOARD, seed)
+    board = NumberedBoard(late=LATE, lost=LOST, seed=seed)
     client = PlainClient(board)
     await board.open(client)
     outcomes = await converse(client, board, requests, seed)

@@ -8,17 +8,21 @@ import pytest
 
 from servolink.connection.nested_frames import NestedFrameFilter
 from servolink.errors import RequestTimeout
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    HEADER,
+    MAGIC,
+    ButtonEventResponse,
+    ByteOrder,
+    Codec,
+    Frame,
+    Packet,
     QueryActionListRequest,
     QueryActionListResponse,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
+    encode_frame,
 )
-from servolink.protocol.frame import HEADER, MAGIC, ByteOrder, Frame, encode_frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet
-from tests.client.fake_board import SWALLOWED, FakeBoard, connected
+from tests.client.piped_board import SWALLOWED, PipedBoard, connected
 
 EVENT = ButtonEventResponse(9, 1)
 PROJECT = QueryProjectIDResponse(666)
@@ -83,7 +87,7 @@ def test_a_frame_with_others_inside_takes_the_place_of_the_one_before() -> None:
 @pytest.mark.parametrize("before", [b"", b"noise"])
 @pytest.mark.parametrize("behind", [b"", bytes(50), b"noise", MAGIC + b"noise"])
 async def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryActionListRequest, SWALLOWED)
     async with connected(board) as connection:
         events: list[ButtonEventResponse] = []
@@ -101,7 +105,7 @@ async def test_no_event_comes_out_of_a_caption(before: bytes, behind: bytes) -> 
 
 
 async def test_no_answer_comes_out_of_a_caption() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board, depth=2, patience=0.2) as connection:
         listing = asyncio.create_task(connection.request(QueryActionListRequest()))
         asking = asyncio.create_task(connection.request(QueryProjectIDRequest()))

@@ -7,26 +7,18 @@ import asyncio
 import pytest
 
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
+    Packet,
+    QueryActionListRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
     QueryServoListRequest,
     QueryServoListResponse,
+    WriteProjectIDRequest,
 )
-from tests.client.fake_board import (
-    LATENCY,
-    LOST,
-    SWALLOWED,
-    FakeBoard,
-    Fate,
-    late,
-    now,
-)
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, late, now
 from tests.connection.openings import FENCE_KINDS, LIST, STOP, kinds, opening
 
 STRANGER = QueryProjectIDResponse(666)
@@ -35,7 +27,7 @@ STRANGER = QueryProjectIDResponse(666)
 
 
 async def test_the_first_request_brings_it_about() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         assert len((await connection.request(LIST)).servo_id_list) == 4
         assert set(kinds(board)[:6]) <= set(FENCE_KINDS)
@@ -43,7 +35,7 @@ async def test_the_first_request_brings_it_about() -> None:
 
 
 async def test_all_who_ask_meanwhile_wait_for_the_same_one() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board, depth=4) as connection:
         await asyncio.gather(
             connection.shake_hands(),
@@ -55,7 +47,7 @@ async def test_all_who_ask_meanwhile_wait_for_the_same_one() -> None:
 
 
 async def test_who_is_cancelled_leaves_it_to_the_others() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         first = asyncio.create_task(connection.shake_hands())
         second = asyncio.create_task(connection.request(LIST))
@@ -67,7 +59,7 @@ async def test_who_is_cancelled_leaves_it_to_the_others() -> None:
 
 
 async def test_one_that_nobody_waits_for_any_more_serves_the_next() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         asking = asyncio.create_task(connection.request(LIST))
         await asyncio.sleep(2.5 * LATENCY)
@@ -79,7 +71,7 @@ async def test_one_that_nobody_waits_for_any_more_serves_the_next() -> None:
 
 
 async def test_a_time_limit_counts_meanwhile() -> None:
-    board = FakeBoard(usual=late(0.2))
+    board = PipedBoard(usual=late(0.2))
     async with opening(board) as connection:
         begun = now()
         with pytest.raises(RequestTimeout, match=r"not sent in 0\.5 s"):
@@ -92,32 +84,32 @@ async def test_a_time_limit_counts_meanwhile() -> None:
 
 async def test_a_response_that_nobody_asked_for_opens_the_connection_again() -> None:
     """Then it was opened on the responses to another program, and whatever is under way is in doubt."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board, depth=2) as connection:
         await connection.shake_hands()
         board.sent.clear()
-        board.plan(QueryServoListRequest, late(0.2))
+        board.plan(QueryActionListRequest, late(0.2))
         board.plan(AddActionRequest, late(0.2))
-        query = asyncio.create_task(connection.request(LIST))
+        query = asyncio.create_task(connection.request(QueryActionListRequest()))
         command = asyncio.create_task(connection.request(AddActionRequest(1)))
         await asyncio.sleep(0.1)
         board.speak(STRANGER)
-        assert len((await query).servo_id_list) == 4
+        assert len((await query).actions) == 1
         with pytest.raises(OutcomeUnknown):
             await command
         assert connection.stats.reopenings == 1
         assert board.executed_of(AddActionRequest) == [AddActionRequest(1)]
-        assert len(board.sent_of(QueryServoListRequest)) == 2
+        assert len(board.sent_of(QueryActionListRequest)) == 2
         assert sum(kind in FENCE_KINDS for kind in kinds(board)) >= 6
 
 
 async def test_it_does_so_at_most_once_in_ten_seconds() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.shake_hands()
         reopenings = []
-        for _ in range(25):
-            board.speak(STRANGER)
+        for number in range(25):
+            board.speak(QueryProjectIDResponse(600 + number))
             await asyncio.sleep(1)
             reopenings.append(connection.stats.reopenings)
         assert reopenings == [1] * 10 + [2] * 10 + [3] * 5
@@ -127,7 +119,7 @@ async def test_it_does_so_at_most_once_in_ten_seconds() -> None:
 
 @pytest.mark.parametrize("packet", [QueryServoListResponse((1,)), QueryServoListRequest()])
 async def test_what_no_handshake_could_have_been_deceived_by_opens_nothing(packet: Packet) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.shake_hands()
         board.speak(packet)
@@ -137,7 +129,7 @@ async def test_what_no_handshake_could_have_been_deceived_by_opens_nothing(packe
 
 
 async def test_after_the_end_it_opens_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.shake_hands()
         sent = len(board.sent)
@@ -149,7 +141,7 @@ async def test_after_the_end_it_opens_nothing() -> None:
 
 
 async def test_a_stop_waits_for_no_second_opening_either() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.shake_hands()
         board.usual = SWALLOWED
@@ -163,7 +155,7 @@ async def test_a_stop_waits_for_no_second_opening_either() -> None:
 
 
 async def test_a_second_opening_that_fails_ends_the_connection() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.shake_hands()
         board.usual = LOST

@@ -1,4 +1,7 @@
-"""Opening: nothing that an earlier program is owed is taken for a response."""
+"""Opening: nothing that an earlier program is owed is taken for a response.
+
+Modules: servolink.connection.core, servolink.connection.times.
+"""
 
 from __future__ import annotations
 
@@ -7,29 +10,21 @@ from random import Random
 
 import pytest
 
+from servolink.connection.core import ConnectionCore
 from servolink.connection.fences import FENCES
+from servolink.connection.opening import Opening
+from servolink.connection.options import ConnectionOptions
 from servolink.errors import OpenError
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ButtonEventResponse,
+    Packet,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
-)
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
     QueryServoListResponse,
     SetServoParameterRequest,
 )
-from tests.client.fake_board import (
-    LATENCY,
-    LOST,
-    SWALLOWED,
-    FakeBoard,
-    Fate,
-    connected,
-    late,
-    lie,
-    now,
-)
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, connected, late, lie, now
 from tests.connection.openings import FENCE_KINDS, LIST, STOP, kinds, opening, owe
 from tests.tables import over
 from tests.virtual_time import run
@@ -38,7 +33,7 @@ from tests.virtual_time import run
 
 
 async def test_a_handshake_takes_six_short_queries_and_nothing_else() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         begun = now()
         await connection.shake_hands()
@@ -52,7 +47,7 @@ async def test_a_handshake_takes_six_short_queries_and_nothing_else() -> None:
 
 def test_its_queries_are_drawn_anew_each_time() -> None:
     async def main(seed: int) -> tuple[type[Packet], ...]:
-        board = FakeBoard()
+        board = PipedBoard()
         async with opening(board, seed=seed) as connection:
             await connection.shake_hands()
         return tuple(kinds(board))
@@ -62,7 +57,7 @@ def test_its_queries_are_drawn_anew_each_time() -> None:
 
 @over("seed", range(30))
 async def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_for_one_to_a_request(seed: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     chance = Random(seed)
     for kind in FENCE_KINDS:
         board.plan(kind, *(chance.choice((Fate(), LOST, SWALLOWED, late(0.4), late(1.1))) for _ in range(3)))
@@ -80,13 +75,13 @@ async def test_what_is_lost_is_asked_again_and_its_late_response_is_not_taken_fo
 
 @over("seed", range(40))
 async def test_up_to_five_responses_to_an_earlier_program_are_never_taken_for_ours(seed: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     chance = Random(1000 + seed)
     owed = [
-        (chance.choice([*FENCES, LIST]), Fate(after=chance.uniform(0, 2), says=None))
+        (chance.choice([*FENCES, LIST]), Fate(delay=chance.uniform(0, 2), says=None))
         for _ in range(chance.randint(1, 4))
     ]
-    wrong = (LIST, Fate(after=chance.uniform(0, 2), says=QueryServoListResponse((99,))))
+    wrong = (LIST, Fate(delay=chance.uniform(0, 2), says=QueryServoListResponse((99,))))
     async with opening(board, seed=seed) as connection:
         await owe(board, *owed, wrong)
         assert (await connection.request(LIST)).servo_id_list == (1, 2, 3, 4)
@@ -94,7 +89,7 @@ async def test_up_to_five_responses_to_an_earlier_program_are_never_taken_for_ou
 
 
 async def test_a_response_that_does_not_fit_makes_it_longer() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await owe(board, (LIST, late(0.006)))
         await connection.shake_hands()
@@ -103,14 +98,14 @@ async def test_a_response_that_does_not_fit_makes_it_longer() -> None:
 
 async def test_without_it_the_response_to_an_earlier_program_is_taken_for_ours() -> None:
     """What the handshake is for."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
-        await owe(board, (LIST, Fate(after=0.1, says=QueryServoListResponse((99,)))))
+        await owe(board, (LIST, Fate(delay=0.1, says=QueryServoListResponse((99,)))))
         assert (await connection.request(LIST)).servo_id_list == (99,)
 
 
 async def test_what_comes_before_the_handshake_opens_nothing_twice() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         board.speak(QueryProjectIDResponse(5))
         await connection.shake_hands()
@@ -122,7 +117,7 @@ async def test_what_comes_before_the_handshake_opens_nothing_twice() -> None:
 
 
 async def test_button_events_arrive_meanwhile_and_disturb_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         events: list[ButtonEventResponse] = []
         connection.answers.on_event = events.append
@@ -135,7 +130,7 @@ async def test_button_events_arrive_meanwhile_and_disturb_nothing() -> None:
 
 
 async def test_a_stop_goes_at_once_and_the_handshake_begins_again() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         opened = asyncio.create_task(connection.shake_hands())
         await asyncio.sleep(2.5 * LATENCY)
@@ -151,7 +146,7 @@ async def test_a_stop_goes_at_once_and_the_handshake_begins_again() -> None:
 
 
 async def test_a_stop_before_it_waits_for_nothing() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         await connection.send_stop(STOP)
         assert kinds(board) == [SetServoParameterRequest]
@@ -160,7 +155,7 @@ async def test_a_stop_before_it_waits_for_nothing() -> None:
 
 
 async def test_a_stop_reaches_a_board_that_answers_nothing() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with opening(board) as connection:
         opened = asyncio.create_task(connection.shake_hands())
         for _ in range(3):
@@ -171,3 +166,23 @@ async def test_a_stop_reaches_a_board_that_answers_nothing() -> None:
         with pytest.raises(OpenError, match="no board answers"):
             await opened
         assert board.executed_of(SetServoParameterRequest) == [STOP] * 3
+
+
+async def test_a_later_opening_has_one_limit_for_pause_handshake_and_comparison() -> None:
+    loop = asyncio.get_running_loop()
+
+    async def send(packet: Packet) -> None:
+        """Send to nobody."""
+
+    core = ConnectionCore("fake://", ConnectionOptions())
+    later = Opening(core, send, transmission_mode="auto", random=Random(1), is_first=False)
+    begun, life = now(), later._life
+    assert life.limit(0.0) <= begun + 17
+    life.heard_at = begun
+    life.count_from(begun + 16)  # the line was quiet late, and the handshake took its time
+    assert life.limit(0.0) == begun + 17
+    comparing = loop.create_task(later._compare(FENCES))
+    while not comparing.done():
+        later.heard(QueryServoListResponse.packet_id, b"\x01\x01")  # without a pause
+        await asyncio.sleep(0.05)
+    assert now() <= begun + 17.5

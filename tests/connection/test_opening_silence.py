@@ -12,28 +12,19 @@ import pytest
 from servolink.connection.connection import Connection
 from servolink.connection.evidence import HandshakeFailed
 from servolink.errors import ConnectionLost, OpenError
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
-)
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
+    ButtonEventResponse,
+    ByteOrder,
+    Codec,
+    Packet,
     QueryServoListRequest,
     QueryServoListResponse,
-)
-from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
+    encode_frame,
 )
-from tests.client.fake_board import (
-    LOST,
-    FakeBoard,
-    Fate,
-    late,
-    now,
-    turns_of_the_loop,
-)
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard, late, now, turns_of_the_loop
 from tests.connection.openings import FENCE_KINDS, LIST, kinds, opening
 
 # --- silence, and what explains it --------------------------------------------------------------------------------
@@ -41,7 +32,7 @@ from tests.connection.openings import FENCE_KINDS, LIST, kinds, opening
 
 @pytest.mark.parametrize("patience", [0.5, 3.0, 10.0])
 async def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(patience: float) -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board, patience=patience) as connection:
         begun = now()
         with pytest.raises(OpenError) as caught:
@@ -55,7 +46,7 @@ async def test_a_silent_board_is_given_up_after_the_patience_and_five_tries(pati
 
 
 async def test_the_byte_order_to_try_is_the_other_one() -> None:
-    board = FakeBoard(usual=LOST, byte_order="big")
+    board = PipedBoard(usual=LOST, byte_order="big")
     async with opening(board) as connection:
         with pytest.raises(OpenError, match=r"no board answers .*the other byte order \(byte_order=little\)"):
             await connection.shake_hands()
@@ -63,10 +54,10 @@ async def test_the_byte_order_to_try_is_the_other_one() -> None:
 
 @pytest.mark.parametrize(("used", "other"), [("little", "big"), ("big", "little")])
 async def test_bytes_without_a_frame_are_explained_by_order_and_baud_rate(used: ByteOrder, other: ByteOrder) -> None:
-    board = FakeBoard(usual=Fate(mangle=lambda frame: bytes(255 - byte for byte in frame)), byte_order=used)
+    board = PipedBoard(usual=Fate(damage=lambda frame: bytes(37 * byte % 251 for byte in frame)), byte_order=used)
     async with opening(board) as connection:
         begun = now()
-        with pytest.raises(OpenError, match=rf"sends bytes, but no frame .*byte_order={other}.* baud rate.*doctor"):
+        with pytest.raises(OpenError, match=rf"sends bytes, .*but no frame .*byte_order={other}.* baud rate.*doctor"):
             await connection.shake_hands()
         assert begun + 3 < now() <= begun + 5.2  # the board may still be starting
 
@@ -76,7 +67,7 @@ async def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_
     spoken_at: tuple[float, ...], given_up_at: float
 ) -> None:
     """Twice the patience after its latest response, and four times that in all."""
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board) as connection:
         begun = now()
         for seconds in spoken_at:
@@ -87,7 +78,7 @@ async def test_a_board_that_answers_too_little_has_more_time_and_is_told_from_a_
 
 
 async def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board) as connection:
         asyncio.get_running_loop().call_later(0.1, board.speak, ButtonEventResponse(1, 1))
         with pytest.raises(OpenError, match="sends button events, but answers none of the short queries"):
@@ -96,7 +87,7 @@ async def test_a_board_that_only_sends_button_events_is_not_a_silent_one() -> No
 
 
 async def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_failed() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board) as connection:
         errors = await asyncio.gather(
             connection.request(LIST),
@@ -118,7 +109,7 @@ async def test_whoever_waits_for_it_and_whoever_comes_later_is_told_why_it_faile
 
 
 async def test_a_board_in_the_other_mode_is_woken_once() -> None:
-    class Asleep(FakeBoard):
+    class Asleep(PipedBoard):
         """It answers nothing until mode 1 is set."""
 
         def _take(self, packet: Packet, frame: bytes) -> None:
@@ -136,7 +127,7 @@ async def test_a_board_in_the_other_mode_is_woken_once() -> None:
 
 
 async def test_a_board_that_answers_keeps_its_mode() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     for kind in FENCE_KINDS:
         board.plan(kind, Fate(), LOST, LOST, LOST)
     async with opening(board) as connection:
@@ -145,7 +136,7 @@ async def test_a_board_that_answers_keeps_its_mode() -> None:
 
 
 async def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board, transmission_mode="keep") as connection:
         with pytest.raises(OpenError):
             await connection.shake_hands()
@@ -156,7 +147,7 @@ async def test_the_mode_is_not_touched_if_nobody_wants_that() -> None:
 
 
 async def test_a_connection_that_is_lost_meanwhile_is_lost_for_all_who_wait_at_once() -> None:
-    board = FakeBoard(usual=late(0.1))
+    board = PipedBoard(usual=late(0.1))
     async with opening(board) as connection:
         waiting = asyncio.gather(connection.shake_hands(), connection.request(LIST), return_exceptions=True)
         await asyncio.sleep(0.25)
@@ -169,7 +160,7 @@ async def test_a_connection_that_is_lost_meanwhile_is_lost_for_all_who_wait_at_o
 
 
 async def test_a_board_that_vanishes_while_it_is_asked_is_lost_with_the_reason() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         board.gone = OSError("write failed")
         with pytest.raises(ConnectionLost, match="write failed"):
@@ -177,7 +168,7 @@ async def test_a_board_that_vanishes_while_it_is_asked_is_lost_with_the_reason()
 
 
 async def test_closing_ends_it() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with opening(board) as connection:
         opened = asyncio.create_task(connection.shake_hands())
         await asyncio.sleep(0.1)
@@ -188,8 +179,8 @@ async def test_closing_ends_it() -> None:
 
 def test_a_program_that_ends_meanwhile_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
     async def main() -> None:
-        board = FakeBoard(usual=LOST)
-        connection = Connection(board, board.codec)
+        board = PipedBoard(usual=LOST)
+        connection = Connection(board)
         await connection.open()
         asyncio.create_task(connection.shake_hands())  # noqa: RUF006 - it is to be left behind
         await turns_of_the_loop(3)
@@ -208,7 +199,7 @@ def longer(frame: bytes) -> bytes:
 
 
 async def test_contents_that_are_longer_than_in_the_document_are_named_and_can_be_ignored() -> None:
-    board = FakeBoard(usual=Fate(mangle=longer))
+    board = PipedBoard(usual=Fate(damage=longer))
     async with opening(board) as connection:
         with pytest.raises(OpenError, match=r"more content than the document says, .*use ignore_extra=yes"):
             await connection.shake_hands()
@@ -226,7 +217,7 @@ async def test_contents_that_are_longer_than_in_the_document_are_named_and_can_b
     ],
 )
 async def test_what_came_is_named(answer: bytes, words: str) -> None:
-    board = FakeBoard(usual=Fate(mangle=lambda frame: answer))
+    board = PipedBoard(usual=Fate(damage=lambda frame: answer))
     async with opening(board) as connection:
         with pytest.raises(HandshakeFailed, match=words) as caught:
             await connection.shake_hands()

@@ -14,12 +14,15 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.errors import ConnectionLost
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import WriteProjectIDRequest
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from tests.client.fake_board import FakeBoard, connected, turns_of_the_loop
+from servolink.protocol import (
+    ClearAllDataRequest,
+    ExecuteActionRequest,
+    QueryMemorySizeRequest,
+    SetServoParameterRequest,
+    Step,
+    WriteProjectIDRequest,
+)
+from tests.client.piped_board import PipedBoard, connected, turns_of_the_loop
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(255, 0, 1)
@@ -40,7 +43,7 @@ async def give_up(call: Awaitable[object], seconds: float) -> None:
 @pytest.mark.parametrize("name", SENDS)
 @pytest.mark.parametrize("depth", [1, 3])
 async def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(name: str, depth: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=depth) as connection:
         board.taking = asyncio.Event()
         for _ in range(100):
@@ -53,13 +56,13 @@ async def test_what_is_given_up_again_and_again_does_not_pile_up_before_a_stop(n
         await stopping
         await turns_of_the_loop(3)
         await asyncio.sleep(0.05)
-        assert connection._scheduler._permits == 0
+        assert connection.scheduler._permits == 0
         assert (await connection.request(QueryMemorySizeRequest())).size
 
 
 @pytest.mark.parametrize("name", SENDS)
 async def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: str) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.taking = asyncio.Event()
         await give_up(SENDS[name](connection), 0.01)
@@ -72,28 +75,28 @@ async def test_the_end_of_the_link_ends_the_wait_for_what_was_left_behind(name: 
 
 
 async def test_a_line_that_is_lost_meanwhile_tells_so_itself() -> None:
-    class Stalled(FakeBoard):
+    class Stalled(PipedBoard):
         async def send(self, data: bytes) -> None:
             await super().send(data)
             if self.gone is not None:
                 raise ConnectionLost(str(self.gone))
 
     board = Stalled()
-    connection = Connection(board, Codec())
+    connection = Connection(board)
     await connection.open()
     board.taking = asyncio.Event()
     await give_up(SENDS["move"](connection), 0.01)
     board.vanish()
     board.taking.set()
     await turns_of_the_loop(3)
-    assert connection._scheduler._permits == 0
+    assert connection.scheduler._permits == 0
     with pytest.raises(ConnectionLost, match="device disconnected"):
         await connection.send(ExecuteActionRequest((Step(1, 6, 10),)))
     await connection.close()
 
 
 def test_a_transport_that_cannot_tell_gives_its_permit_back_and_is_named(caplog: pytest.LogCaptureFixture) -> None:
-    class Strict(FakeBoard):
+    class Strict(PipedBoard):
         async def send(self, data: bytes) -> None:
             if not data:
                 raise ValueError("nothing to send\x1b")
@@ -105,7 +108,7 @@ def test_a_transport_that_cannot_tell_gives_its_permit_back_and_is_named(caplog:
             board.taking = asyncio.Event()
             await give_up(SENDS["move"](connection), 0.01)
             await turns_of_the_loop(3)
-            assert connection._scheduler._permits == 0
+            assert connection.scheduler._permits == 0
 
     run(main())
     assert caplog.messages == ["fake://board cannot tell when all is sent: nothing to send\\x1b"]
@@ -115,15 +118,15 @@ def test_the_end_of_a_program_with_something_left_behind_is_quiet(caplog: pytest
     kept = []  # or the connection ends before the loop does
 
     async def main() -> None:
-        board = FakeBoard()
-        connection = Connection(board, Codec())
+        board = PipedBoard()
+        connection = Connection(board)
         await connection.open()
         board.taking = asyncio.Event()
         kept.append((connection, asyncio.create_task(connection.send(ExecuteActionRequest((Step(1, 6, 10),))))))
         await turns_of_the_loop(2)
 
     asyncio.run(main())
-    assert len(kept[0][0]._writer._drain._tasks) == 1
+    assert len(kept[0][0]._writer._drain._drains) == 1
     kept.clear()
     gc.collect()
     assert caplog.messages == []

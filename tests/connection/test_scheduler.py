@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from servolink.connection.call import Slot
-from servolink.protocol.editing import (
+from servolink.protocol import (
     AddActionRequest,
     QueryActionRequest,
 )
-from tests.client.fake_board import turns_of_the_loop
+from tests.client.piped_board import turns_of_the_loop
 from tests.connection.permits import ALONE, UNANSWERED, A, B, C, D, Line, close, end
 
 # --- order --------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from tests.client.fake_board import turns_of_the_loop
+from tests.client.piped_board import turns_of_the_loop
 from tests.connection.permits import ALONE, A, B, C, D, Line
 
 # --- cancels ------------------------------------------------------------------------------------------------------

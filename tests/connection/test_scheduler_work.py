@@ -12,14 +12,16 @@ import pytest
 from servolink.connection.call import Call, Slot
 from servolink.connection.scheduler import RequestScheduler, Window
 from servolink.connection.slots import Obstacle, Slots
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    PACKETS,
     AddActionRequest,
+    Command,
+    Query,
     QueryActionRequest,
+    Request,
+    SendDummyDataRequest,
 )
-from servolink.protocol.packet import Command, Query, Request
-from servolink.protocol.settings import SendDummyDataRequest
-from tests.client.fake_board import FakeBoard, connected, turns_of_the_loop
+from tests.client.piped_board import PipedBoard, connected, turns_of_the_loop
 from tests.connection.permits import ALONE, UNANSWERED, A, B, C, D, Line, close
 from tests.tables import over
 from tests.virtual_time import run
@@ -41,7 +43,7 @@ def looks_per_request(waiters: int, depth: int, monkeypatch: pytest.MonkeyPatch)
         return judge(self, packet, granted)
 
     async def main() -> None:
-        board = FakeBoard()
+        board = PipedBoard()
         async with connected(board, depth=depth) as connection:
             await asyncio.gather(*(connection.request((A, B, C, D)[number % 4]) for number in range(waiters)))
 

@@ -1,4 +1,4 @@
-"""Tests of `servolink.connection.sender`: queries that waited are sent with their permit, before their callers run.
+"""Tests of `servolink.connection.sender`: what waited is sent as soon as there is room, and in order.
 
 And of `servolink.connection.dispatcher`: the short way of the usual response leads where the long one does.
 """
@@ -13,24 +13,31 @@ import pytest
 
 from servolink.connection.slots import Slots
 from servolink.errors import ServolinkError
-from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.packet import Request
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, SetServoParameterRequest
-from servolink.protocol.settings import QueryMemorySizeRequest
-from tests.client.fake_board import LOST, FakeBoard, Fate, connected, late, turns_of_the_loop
+from servolink.protocol import (
+    QueryActionRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    Request,
+    SetServoParameterRequest,
+    WriteProjectIDRequest,
+)
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard, connected, late, turns_of_the_loop
 
 LIST, PROJECT, MEMORY = QueryServoListRequest(), QueryProjectIDRequest(), QueryMemorySizeRequest()
 REQUESTS: tuple[Request[Any], ...] = (LIST, PROJECT, MEMORY, QueryActionRequest(1), WriteProjectIDRequest(5))
 
 
-async def test_a_query_is_sent_in_the_turn_that_makes_room_for_it() -> None:
-    board = FakeBoard(usual=LOST)
+async def test_a_query_is_sent_in_the_turn_after_the_one_that_makes_room_for_it() -> None:
+    board = PipedBoard(usual=LOST)
     async with connected(board) as connection:
         tasks = [asyncio.create_task(connection.request(packet)) for packet in (LIST, PROJECT)]
         await turns_of_the_loop(2)
         assert [packet for _, packet in board.sent] == [LIST]
         board.speak(QueryServoListResponse((1,)))
-        await asyncio.sleep(0)
+        await turns_of_the_loop(2)
         assert [packet for _, packet in board.sent] == [LIST, PROJECT]
         assert tasks[0].done()
         for task in tasks:
@@ -39,7 +46,7 @@ async def test_a_query_is_sent_in_the_turn_that_makes_room_for_it() -> None:
 
 @pytest.mark.parametrize("depth", [1, 2, 3])
 async def test_packets_leave_in_the_order_in_which_they_were_asked_for_whoever_has_a_time_limit(depth: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     packets: list[Request[Any]] = [QueryActionRequest(number) for number in range(20)]
     packets[7] = WriteProjectIDRequest(5)
     async with connected(board, depth=depth) as connection:
@@ -50,7 +57,7 @@ async def test_packets_leave_in_the_order_in_which_they_were_asked_for_whoever_h
 
 
 async def test_nothing_that_waits_goes_before_a_stop() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     stop = SetServoParameterRequest(255, 0, 1)
     async with connected(board, depth=2) as connection:
         lost = asyncio.create_task(connection.request(SetServoParameterRequest(1, 1, 1)))
@@ -66,7 +73,7 @@ async def test_nothing_that_waits_goes_before_a_stop() -> None:
 
 @pytest.mark.parametrize("turns", range(6))
 async def test_a_cancel_at_any_time_gives_the_place_to_the_next(turns: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         tasks = [asyncio.create_task(connection.request(packet)) for packet in (LIST, PROJECT, MEMORY)]
         await turns_of_the_loop(2)
@@ -90,11 +97,11 @@ async def test_both_ways_of_a_response_have_the_same_outcome(
 
 
 async def _history(random: Random, depth: int) -> tuple[list[object], dict[str, Any], list[Any]]:
-    board = FakeBoard()
+    board = PipedBoard()
     for packet in REQUESTS:
-        fates = (Fate(), Fate(), Fate(), LOST, late(0.2), Fate(copies=2), Fate(mangle=lambda data: data[:-1]))
+        fates = (Fate(), Fate(), Fate(), LOST, late(0.2), Fate(copies=2), Fate(damage=lambda data: data[:-1]))
         board.plan(type(packet), *random.choices(fates, k=40))
-    async with connected(board, depth=depth, patience=1.0, learn=True) as connection:
+    async with connected(board, depth=depth, patience=1.0, learn=True, random=Random(1)) as connection:
 
         async def ask(after: float, packet: Request[Any]) -> object:
             await asyncio.sleep(after)

@@ -5,17 +5,24 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import AddActionRequest, QueryProjectIDRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import QueryServoListRequest, QueryServoRequest, SetAngleUnitRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from tests.client.fake_board import LOST, FakeBoard, Fate, connected, late
+from servolink.protocol import (
+    AddActionRequest,
+    ClearAllDataRequest,
+    Packet,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    QueryServoListRequest,
+    QueryServoRequest,
+    SetAngleUnitRequest,
+)
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard, connected, late
 
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_a_packet_that_must_be_alone_is_sent_after_a_silence(depth: int) -> None:
     """Each fence used to take another lane; then none was ever exact, and the setting was not sent for 3 s."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board, depth=depth, patience=5.0) as connection:
         await connection.request(QueryProjectIDRequest())
         board.usual = LOST
@@ -31,7 +38,7 @@ async def test_a_packet_that_must_be_alone_is_sent_after_a_silence(depth: int) -
 
 async def test_one_kind_of_fence_is_enough() -> None:
     """With an open slot on its lane its response is never exact; the list of servos then is."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         connection._sender.fences.queries = (QueryProjectIDRequest(),)
         board.plan(QueryServoRequest, LOST)
@@ -46,7 +53,7 @@ async def test_one_kind_of_fence_is_enough() -> None:
 
 async def test_late_fences_are_no_reason_to_ask_again() -> None:
     """Each of them used to send the query once more, while its response was under way."""
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.plan(QueryServoRequest, late(0.9))
         board.plan(QueryMemorySizeRequest, *3 * [late(0.9)])
@@ -57,7 +64,7 @@ async def test_late_fences_are_no_reason_to_ask_again() -> None:
 
 
 async def test_a_late_fence_does_not_hide_the_response_that_follows() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.plan(AddActionRequest, late(0.2), late(0.6))
         board.plan(QueryMemorySizeRequest, late(0.8))

@@ -1,6 +1,6 @@
 """What waits while the computer sleeps moves nothing afterwards.
 
-Module: servolink.platforms.time_asleep.
+Module: servolink.support.platforms.time_asleep.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ import asyncio
 import pytest
 
 from servolink.errors import RequestError, RequestRefused
-from servolink.platforms.time_asleep import SleepCounter, seconds_asleep, time_with_sleep
-from servolink.protocol.editing import AddActionRequest
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest
-from tests.client.fake_board import FakeBoard, connected, late, now, opened
-from tests.sleeping import HOUR, Computer, computer
+from servolink.protocol import AddActionRequest, ExecuteActionRequest, QueryServoListRequest, Step
+from servolink.support import SleepCounter, seconds_asleep, time_with_sleep
+from tests.client.piped_board import PipedBoard, connected, late, now, opened
+from tests.support.sleeping import HOUR, Computer, computer
 
 __all__ = ["computer"]
 
@@ -46,7 +44,7 @@ def test_a_program_that_is_not_run_between_two_readings_has_not_slept(computer: 
 
 
 async def test_motions_that_wait_while_the_computer_sleeps_are_not_sent(computer: Computer) -> None:
-    board = FakeBoard(usual=late(0.1))
+    board = PipedBoard(usual=late(0.1))
     async with connected(board) as connection:
         busy = asyncio.create_task(connection.request(AddActionRequest(1)))
         await asyncio.sleep(0.05)
@@ -64,7 +62,7 @@ async def test_motions_that_wait_while_the_computer_sleeps_are_not_sent(computer
 
 
 async def test_the_deadline_of_a_motion_passes_during_sleep(computer: Computer) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         computer.sleep()
         ticket = connection.stops.ticket(until=now() + 12.0 + HOUR / 2)
@@ -74,7 +72,7 @@ async def test_the_deadline_of_a_motion_passes_during_sleep(computer: Computer) 
 
 
 async def test_a_movement_asked_for_after_a_sleep_is_sent(computer: Computer) -> None:
-    async with opened(fake := FakeBoard(), angle_unit=None) as board:
+    async with opened(fake := PipedBoard(), angle_unit=None) as board:
         moving = asyncio.create_task(board.move({1: 30}, duration=2.0, wait=True))
         await asyncio.sleep(0.5)
         computer.sleep()
@@ -85,7 +83,7 @@ async def test_a_movement_asked_for_after_a_sleep_is_sent(computer: Computer) ->
 
 
 async def test_a_stream_of_set_points_ends_with_a_sleep(computer: Computer) -> None:
-    async with opened(fake := FakeBoard()) as board:
+    async with opened(fake := PipedBoard()) as board:
         stream = board.stream(50, gap=0.5)
         assert await stream.send({1: 30}) == {1: 30}
         computer.sleep()

@@ -11,27 +11,24 @@ import pytest
 
 from servolink.connection.call import Call, Slot
 from servolink.connection.slots import FENCES_ONLY, Obstacle, Slots
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ALL_SERVOS,
     AddActionRequest,
+    ClearAllDataRequest,
+    Command,
     DeleteActionRequest,
+    ExecuteActionRequest,
     ExecuteMacroRequest,
     QueryProjectIDResponse,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.packet import Command, Request
-from servolink.protocol.servos import (
-    ALL_SERVOS,
-    ExecuteActionRequest,
+    QueryRemainPowerResponse,
     QueryServoRequest,
+    Request,
+    SendDummyDataRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
-)
-from servolink.protocol.settings import (
-    ClearAllDataRequest,
-    QueryRemainPowerResponse,
-    SendDummyDataRequest,
     TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
 )
 from tests.connection.slot_trace import (
     DONE,

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    PACKETS,
     DeleteActionRequest,
     DeleteActionResponse,
-)
-from servolink.protocol.joystick import SetActiveJoystickTableRequest
-from servolink.protocol.packet import Request
-from servolink.protocol.settings import (
     QueryRemainPowerResponse,
+    Request,
+    SetActiveJoystickTableRequest,
 )
 from tests.connection.slot_trace import (
     DONE,

@@ -11,9 +11,9 @@ import pytest
 from servolink.connection.connection import Connection
 from servolink.connection.state import TRANSITIONS, ConnectionEvent, Lifecycle, State
 from servolink.errors import ConnectionLost
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
-from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected
+from servolink.protocol import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.testing import Fate
+from tests.client.piped_board import SWALLOWED, PipedBoard, connected
 from tests.connection.openings import LIST, STOP, opening
 from tests.tables import over
 
@@ -94,8 +94,8 @@ def test_the_reason_of_a_suspension_goes_with_it() -> None:
 
 
 async def test_a_connection_that_is_opened_goes_from_state_to_state() -> None:
-    board = FakeBoard()
-    connection = Connection(board, Codec("little"))
+    board = PipedBoard()
+    connection = Connection(board)
     states = [connection.lifecycle.state]
     await connection.open()
     states.append(connection.lifecycle.state)
@@ -123,13 +123,13 @@ async def test_a_connection_that_is_opened_goes_from_state_to_state() -> None:
 
 
 async def test_a_connection_to_a_hub_is_ready_at_once() -> None:
-    async with connected(FakeBoard(), handshake=False) as connection:
+    async with connected(PipedBoard(), handshake=False) as connection:
         assert connection.lifecycle.state is State.READY
 
 
 async def test_a_connection_that_is_lost_while_it_is_opened_has_ended() -> None:
-    board = FakeBoard()
-    connection = Connection(board, Codec("little"))
+    board = PipedBoard()
+    connection = Connection(board)
     connection.answers.lost(OSError("unplugged"))
     await connection.open()
     assert connection.lifecycle.state is State.ENDED
@@ -140,7 +140,7 @@ async def test_a_connection_that_is_lost_while_it_is_opened_has_ended() -> None:
 
 @pytest.mark.parametrize("again", [False, True], ids=["opening", "reopening"])
 async def test_after_a_handshake_that_is_cancelled_the_next_request_begins_another(again: bool) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opening(board) as connection:
         if again:
             await connection.shake_hands()
@@ -150,12 +150,13 @@ async def test_after_a_handshake_that_is_cancelled_the_next_request_begins_anoth
         if again:
             board.speak(STRAY)
             await asyncio.sleep(0.1)
-        handshake = connection.lifecycle.handshake
-        assert handshake is not None
-        handshake.cancel()
-        await asyncio.wait((handshake,))
+        under_way = connection.answers.opening
+        assert under_way is not None
+        assert under_way.task is not None
+        under_way.task.cancel()
+        await asyncio.wait((under_way.task,))
         assert connection.lifecycle.state is State.UNPROVED
-        assert connection.lifecycle.opening is None
+        assert connection.answers.opening is None
         await connection.send_stop(STOP)
         board.usual = Fate()
         assert await connection.request(QUERY) == QueryProjectIDResponse(0)

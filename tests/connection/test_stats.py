@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servolink.connection.explain import timed_out
 from servolink.connection.stats import Stats
-from servolink.protocol.servos import QueryServoListRequest
+from servolink.protocol import QueryServoListRequest
 
 
 def test_a_round_trip_percentile_is_the_time_within_which_so_many_came() -> None:

@@ -14,21 +14,26 @@ from servolink.connection.connection import Connection
 from servolink.connection.scheduler import MOST_ASIDE
 from servolink.connection.sender import RequestSender
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
-from servolink.protocol.settings import ClearAllDataRequest
-from tests.client.fake_board import LATENCY, LOST, FakeBoard, connected, late, now
+from servolink.protocol import (
+    ClearAllDataRequest,
+    ExecuteActionRequest,
+    Packet,
+    QueryActionRequest,
+    QueryProjectIDRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    Step,
+)
+from tests.client.piped_board import LATENCY, LOST, PipedBoard, connected, late, now
 from tests.connection.unanswered import FENCE_KINDS, LIST, PROJECT, ask_for_ever
 
 UNKNOWN = QueryActionRequest(7)
 MOVE = ExecuteActionRequest((Step(1, 30, 100),))
 
 
-def deaf_board() -> FakeBoard:
+def deaf_board() -> PipedBoard:
     """Return a board that does not know one kind of query."""
-    board = FakeBoard()
+    board = PipedBoard()
     board.usual_of[QueryActionRequest] = LOST
     return board
 
@@ -73,7 +78,7 @@ async def test_nothing_is_sent_beside_it_that_the_board_could_miss() -> None:
 
 
 async def test_a_board_that_is_only_slow_gets_nothing_else_meanwhile() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryActionRequest, late(1.5))
     async with connected(board) as connection:
         await connection.request(PROJECT)

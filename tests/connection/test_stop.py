@@ -10,30 +10,22 @@ import pytest
 from servolink.connection.connection import Connection
 from servolink.connection.fences import FENCES
 from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError
-from servolink.protocol.editing import AddActionRequest, ExecuteMacroRequest, QueryProjectIDRequest
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    AddActionRequest,
+    ClearAllDataRequest,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
+    Step,
 )
-from servolink.protocol.settings import ClearAllDataRequest
-from tests.client.fake_board import (
-    LATENCY,
-    LOST,
-    SWALLOWED,
-    FakeBoard,
-    Fate,
-    connected,
-    late,
-    lie,
-    now,
-    turns_of_the_loop,
-)
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, connected, late, lie, now, turns_of_the_loop
 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
 START = SetServoParameterRequest(ALL_SERVOS, 1, 1)
@@ -46,7 +38,7 @@ MOVE = ExecuteActionRequest((Step(1, 5, 10),))
 
 @pytest.mark.parametrize("depth", [1, 8])
 async def test_it_goes_before_all_who_wait(depth: int) -> None:
-    board = FakeBoard(usual=late(0.1))
+    board = PipedBoard(usual=late(0.1))
     async with connected(board, depth=depth) as connection:
         waiting = [asyncio.create_task(connection.request(AddActionRequest(number))) for number in range(40)]
         await asyncio.sleep(0.05)
@@ -58,7 +50,7 @@ async def test_it_goes_before_all_who_wait(depth: int) -> None:
 
 
 async def test_it_goes_while_deleting_everything_goes_alone() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(5))
     async with connected(board, depth=4) as connection:
         clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
@@ -70,7 +62,7 @@ async def test_it_goes_while_deleting_everything_goes_alone() -> None:
 
 
 async def test_it_goes_to_a_board_that_answers_nothing() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board) as connection:
         asking = asyncio.create_task(connection.request(LIST))
         for _ in range(5):
@@ -83,7 +75,7 @@ async def test_it_goes_to_a_board_that_answers_nothing() -> None:
 
 
 async def test_it_is_confirmed_by_what_is_read_back_before_all_who_wait() -> None:
-    board = FakeBoard(usual=late(0.05))
+    board = PipedBoard(usual=late(0.05))
     async with connected(board) as connection:
         waiting = [asyncio.create_task(connection.request(LIST)) for _ in range(20)]
         await asyncio.sleep(0.01)
@@ -99,7 +91,7 @@ async def test_it_is_confirmed_by_what_is_read_back_before_all_who_wait() -> Non
 
 
 async def test_on_a_lost_connection_it_says_so() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         board.vanish()
         with pytest.raises(ConnectionLost, match="device disconnected"):
@@ -118,7 +110,7 @@ MOVEMENTS: dict[str, Callable[[Connection], Awaitable[object]]] = {
 
 @pytest.mark.parametrize("name", MOVEMENTS)
 async def test_a_movement_that_was_asked_for_before_it_is_not_sent_after_it(name: str) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(0.5))
     async with connected(board) as connection:
         clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
@@ -134,7 +126,7 @@ async def test_a_movement_that_was_asked_for_before_it_is_not_sent_after_it(name
 
 
 async def test_releasing_servos_is_no_movement() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(ClearAllDataRequest, late(0.5))
     async with connected(board) as connection:
         clearing = asyncio.create_task(connection.request(ClearAllDataRequest()))
@@ -147,7 +139,7 @@ async def test_releasing_servos_is_no_movement() -> None:
 
 
 async def test_a_movement_can_be_made_to_depend_on_the_stops_since_another_moment() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         ticket = connection.stops.ticket()
         assert await connection.send(MOVE, ticket=ticket)
@@ -158,7 +150,7 @@ async def test_a_movement_can_be_made_to_depend_on_the_stops_since_another_momen
 
 
 async def test_what_waits_for_a_response_of_that_kind_is_told_that_it_cannot_be_known() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(SetServoParameterRequest, late(0.5))
     async with connected(board) as connection:
         waiting = asyncio.create_task(connection.request(SetServoParameterRequest(1, 1, 1)))
@@ -172,7 +164,7 @@ async def test_what_waits_for_a_response_of_that_kind_is_told_that_it_cannot_be_
 
 
 async def test_the_permit_of_one_who_was_cancelled_on_that_lane_is_given_back() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(SetServoParameterRequest, LOST)
     async with connected(board) as connection:
         waiting = asyncio.create_task(connection.request(SetServoParameterRequest(1, 1, 1)))
@@ -190,8 +182,8 @@ async def test_the_permit_of_one_who_was_cancelled_on_that_lane_is_given_back() 
 
 @pytest.mark.parametrize("start", [0, 1])
 async def test_the_response_to_what_it_overtook_is_not_taken_for_one_to_what_follows(start: int) -> None:
-    board = FakeBoard()
-    board.plan(SetServoParameterRequest, Fate(after=1.5), Fate(after=3.0))
+    board = PipedBoard()
+    board.plan(SetServoParameterRequest, Fate(delay=1.5), Fate(delay=3.0))
     async with connected(board) as connection:
         waiting = asyncio.create_task(connection.request(SetServoParameterRequest(ALL_SERVOS, start, 1)))
         await asyncio.sleep(0.1)
@@ -206,7 +198,7 @@ async def test_the_response_to_what_it_overtook_is_not_taken_for_one_to_what_fol
 
 async def test_its_response_is_no_proof() -> None:
     """An older request may still be answered: the stop may have overtaken it inside the board."""
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryServoListRequest, SWALLOWED)
     async with connected(board, depth=2) as connection:
         asking = asyncio.create_task(connection.request(LIST))
@@ -219,7 +211,7 @@ async def test_its_response_is_no_proof() -> None:
 
 
 async def test_after_any_later_response_its_lane_is_used_as_ever() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(SetServoParameterRequest, LOST)
     async with connected(board) as connection:
         await connection.send_stop(STOP)
@@ -230,10 +222,10 @@ async def test_after_any_later_response_its_lane_is_used_as_ever() -> None:
 
 
 async def test_many_stops_are_settled_together() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         for _ in range(50):
             await connection.send_stop(STOP)
         assert connection.stops.count == 50
         assert (await connection.request(START)).is_start == 1
-        assert connection._slots.overdue == 0
+        assert connection.slots.overdue == 0

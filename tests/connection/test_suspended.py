@@ -7,20 +7,22 @@ import asyncio
 import pytest
 
 from servolink.errors import RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ALL_SERVOS,
     QueryActionListRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
+    SetServoParameterRequest,
     WriteProjectIDRequest,
 )
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
-from tests.client.fake_board import SWALLOWED, FakeBoard, Fate, connected, late
+from servolink.testing import Fate
+from tests.client.piped_board import SWALLOWED, PipedBoard, connected, late
 
 REASON = "studio has exclusive use of the board (a project is being written)"
 
 
 async def test_requests_wait_however_long_it_takes() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         connection.suspend(REASON)
         asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
@@ -32,7 +34,7 @@ async def test_requests_wait_however_long_it_takes() -> None:
 
 
 async def test_who_waits_for_some_time_only_is_told_why() -> None:
-    async with connected(FakeBoard()) as connection:
+    async with connected(PipedBoard()) as connection:
         connection.suspend(REASON + "\u202e")
         with pytest.raises(RequestTimeout) as timed_out:
             await connection.request(QueryProjectIDRequest(), timeout=2)
@@ -41,7 +43,7 @@ async def test_who_waits_for_some_time_only_is_told_why() -> None:
 
 @pytest.mark.parametrize("request_", [QueryActionListRequest(), WriteProjectIDRequest(7)])
 async def test_what_is_under_way_is_not_given_up(request_: QueryActionListRequest | WriteProjectIDRequest) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(type(request_), late(100))
     async with connected(board) as connection:
         asked = asyncio.create_task(connection.request(request_))
@@ -55,7 +57,7 @@ async def test_what_is_under_way_is_not_given_up(request_: QueryActionListReques
 
 
 async def test_afterwards_a_silent_board_is_not_lost_for_its_earlier_silence() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(QueryProjectIDRequest, SWALLOWED)
     async with connected(board) as connection:
         asked = asyncio.create_task(connection.request(QueryProjectIDRequest()))
@@ -68,7 +70,7 @@ async def test_afterwards_a_silent_board_is_not_lost_for_its_earlier_silence() -
 
 
 async def test_a_stop_does_not_wait() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with connected(board) as connection:
         connection.suspend(REASON)
         await connection.send_stop(SetServoParameterRequest(ALL_SERVOS, 0, 1))
@@ -77,14 +79,14 @@ async def test_a_stop_does_not_wait() -> None:
 
 
 async def test_to_go_on_without_having_waited_changes_nothing() -> None:
-    async with connected(FakeBoard(), handshake=True) as connection:
+    async with connected(PipedBoard(), handshake=True) as connection:
         connection.resume()
         assert await connection.request(QueryProjectIDRequest()) == QueryProjectIDResponse(0)
 
 
 async def test_a_hub_may_be_silent_for_as_long_as_its_board_is_gone() -> None:
-    board = FakeBoard(usual=SWALLOWED)
-    async with connected(board, repeats=False) as connection:
+    board = PipedBoard(usual=SWALLOWED)
+    async with connected(board, through_hub=True) as connection:
         for _ in range(100):
             with pytest.raises(RequestTimeout):
                 await connection.request(QueryProjectIDRequest())

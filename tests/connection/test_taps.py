@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.connection.taps import Tap
 from servolink.errors import ConnectionLost, MotionRefused, RequestTimeout
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoRequest
-from tests.client.fake_board import FakeBoard, connected, opened
+from servolink.protocol import Codec, ExecuteActionRequest, FrameParser, Packet, QueryServoRequest
+from tests.client.piped_board import PipedBoard, connected, opened
 
 
 class Ears(Tap):
@@ -38,7 +35,7 @@ class Ears(Tap):
 
 
 async def test_it_hears_what_is_counted() -> None:
-    async with connected(FakeBoard()) as connection:
+    async with connected(PipedBoard()) as connection:
         ears = Ears()
         end = connection.taps.add(ears)
         sent, received = connection.stats.bytes_sent, connection.stats.bytes_received
@@ -54,7 +51,7 @@ async def test_it_hears_what_is_counted() -> None:
 
 
 async def test_it_hears_what_became_of_commands_and_of_failed_queries() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     async with opened(board, angle_limits=(-30, 30), patience=0.1) as client:
         await client.servos()
         ears = Ears()
@@ -79,7 +76,7 @@ async def test_it_hears_what_became_of_commands_and_of_failed_queries() -> None:
 
 
 async def test_it_hears_the_first_byte_of_each_connection() -> None:
-    board, ears = FakeBoard(), Ears()
+    board, ears = PipedBoard(), Ears()
     connecting = connect(board)
     connecting.taps.add(ears)
     async with connecting as client:

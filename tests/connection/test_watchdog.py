@@ -12,19 +12,23 @@ import pytest
 
 from servolink.connection.connection import Connection
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import AddActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.frame import HEADER
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Request
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    HEADER,
+    AddActionRequest,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
     QueryServoResponse,
+    Request,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from servolink.transports.base import Receiver
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, Fate, connected, now
+from servolink.testing import Fate
+from servolink.transports import Receiver
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, connected, now
 from tests.virtual_time import VirtualTimeLoop
 
 ALL = QueryServoRequest(ALL_SERVOS)
@@ -35,7 +39,7 @@ def false_start(servos: int) -> bytes:
     return HEADER["little"].pack(b"\x13\x4c\x05\x1d", QueryServoResponse.packet_id, 1 + 11 * servos)
 
 
-class SlowLine(FakeBoard):
+class SlowLine(PipedBoard):
     """Every answer comes in pieces, one every `pause` seconds, and no more than `pieces` of them."""
 
     def __init__(self, *, size: int, pause: float, pieces: int = 1_000_000, servos: int = 200) -> None:
@@ -49,7 +53,7 @@ class SlowLine(FakeBoard):
                 loop.call_later(number * self.pause, super().deliver, data[at : at + self.size])
 
 
-class WiredBoard(FakeBoard):
+class WiredBoard(PipedBoard):
     """Answers come over a real line, `piece` bytes in a turn of the loop, which stalls as soon as one has arrived."""
 
     def __init__(self, piece: int, stall: float) -> None:
@@ -142,9 +146,9 @@ async def test_a_flood_of_events_puts_no_deadline_off() -> None:
 
 @pytest.mark.parametrize("starts", [1, 2, 3])
 async def test_false_starts_that_hold_a_good_response_back_are_given_up_at_its_deadline(starts: int) -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     noise = b"".join(false_start(250 - number) for number in range(starts))
-    board.plan(QueryServoListRequest, Fate(mangle=lambda frame: noise + frame))
+    board.plan(QueryServoListRequest, Fate(damage=lambda frame: noise + frame))
     async with connected(board) as connection:
         begun = now()
         assert (await connection.request(QueryServoListRequest())).servo_id_list == (1, 2, 3, 4)
@@ -215,8 +219,8 @@ async def test_the_response_to_something_else_that_arrives_in_pieces_is_waited_f
 
 
 async def test_another_response_that_is_arriving_moves_no_deadline() -> None:
-    board = FakeBoard()
-    board.plan(AddActionRequest, Fate(mangle=lambda frame: false_start(200) + bytes(1000)))
+    board = PipedBoard()
+    board.plan(AddActionRequest, Fate(damage=lambda frame: false_start(200) + bytes(1000)))
     async with connected(board) as connection:
         begun = now()
         with pytest.raises(OutcomeUnknown):
@@ -225,7 +229,7 @@ async def test_another_response_that_is_arriving_moves_no_deadline() -> None:
 
 
 async def test_something_else_that_has_just_begun_to_arrive_is_waited_for_as_long_as_more_of_it_comes() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, SWALLOWED)
     async with connected(board) as connection:
         begun = now()
@@ -241,7 +245,7 @@ async def test_something_else_that_has_just_begun_to_arrive_is_waited_for_as_lon
 
 
 async def test_something_else_that_arrives_for_ever_puts_a_deadline_off_by_a_second_at_most() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, SWALLOWED)
     async with connected(board) as connection:
         begun = now()
@@ -256,7 +260,7 @@ async def test_something_else_that_arrives_for_ever_puts_a_deadline_off_by_a_sec
 
 
 async def test_each_of_several_on_the_line_has_its_own_deadline() -> None:
-    board = FakeBoard(usual=LOST)
+    board = PipedBoard(usual=LOST)
     async with connected(board, depth=3) as connection:
         begun = now()
         ends: list[float] = []

@@ -12,21 +12,20 @@ import pytest
 
 from servolink.connection.call import UNKNOWN_SIZE, Lane
 from servolink.connection.connection import Connection
-from servolink.connection.scheduler import MOST_OWED, MOST_OWED_IN_BULK, Window
-from servolink.protocol.editing import (
-    AddActionRequest,
-    QueryActionRequest,
-)
-from servolink.protocol.packet import Request
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.connection.scheduler import Window
+from servolink.connection.times import MOST_OWED, MOST_OWED_IN_BULK
+from servolink.protocol import (
     ALL_SERVOS,
+    AddActionRequest,
     ExecuteActionRequest,
+    QueryActionRequest,
     QueryServoRequest,
+    Request,
     SetServoParameterRequest,
+    Step,
 )
-from tests.client.fake_board import connected
 from tests.client.line_board import SERIAL, LineBoard
+from tests.client.piped_board import connected
 from tests.virtual_time import run
 
 TELEMETRY = QueryServoRequest(ALL_SERVOS)
@@ -136,7 +135,7 @@ def delays(
     async def main() -> list[float]:
         async with connected(board, handshake=True, learn=True, **options) as connection:
             await connection.shake_hands()
-            climbed(connection._window, 16)
+            climbed(connection.scheduler.window, 16)
             loop = asyncio.get_running_loop()
             load = loop.create_task(ask(connection, requests()))
             begun = loop.time()
@@ -175,7 +174,7 @@ async def test_a_response_that_takes_long_is_alone_on_the_line() -> None:
     board = LineBoard(pace=1000)
     board.bytes_per_second = 1000  # type: ignore[attr-defined]
     async with connected(board, learn=True, depth=16) as connection:
-        climbed(connection._window, 16)
+        climbed(connection.scheduler.window, 16)
         await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(10)))
         asked = [at for at, packet in board.sent if packet == TELEMETRY]
         assert all(later - earlier > 0.1 for earlier, later in pairwise(asked))
@@ -187,7 +186,7 @@ async def test_who_asks_one_thing_after_the_other_gets_no_more_than_one_under_wa
         for requests in (telemetry(), pairs()):
             for _, request in zip(range(100), requests, strict=False):
                 await connection.request(request)
-        assert connection._window.depth == 1
+        assert connection.scheduler.window.depth == 1
 
 
 async def test_a_movement_waits_until_as_little_is_under_way_as_for_any_change() -> None:
@@ -207,8 +206,8 @@ async def test_a_depth_of_1_learns_nothing() -> None:
     board = LineBoard()
     async with connected(board, learn=True) as connection:
         await asyncio.gather(*(connection.request(TELEMETRY) for _ in range(100)))
-        assert connection._window.pace == 0
-        assert connection._slots.lanes[TELEMETRY.packet_id + 1].response_size == UNKNOWN_SIZE
+        assert connection.scheduler.window.pace == 0
+        assert connection.slots.lanes[TELEMETRY.packet_id + 1].response_size == UNKNOWN_SIZE
 
 
 @pytest.mark.parametrize("room", [0, 1])
@@ -228,5 +227,5 @@ async def test_changes_find_a_depth_of_their_own() -> None:
     async with connected(board, learn=True, depth=2, write_depth=8) as connection:
         load = asyncio.create_task(ask(connection, pairs()))
         await asyncio.sleep(5)
-        assert (connection.depth, connection._window.writes.depth) == (1, 8)
+        assert (connection.depth, connection.scheduler.window.writes.depth) == (1, 8)
     await load

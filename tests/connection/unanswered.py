@@ -6,14 +6,13 @@ from typing import Any
 
 from servolink.connection.connection import Connection
 from servolink.connection.fences import FENCES
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    Packet,
     QueryProjectIDRequest,
-)
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.servos import (
     QueryServoListRequest,
+    Request,
 )
-from tests.client.fake_board import FakeBoard
+from tests.client.piped_board import PipedBoard
 
 PROJECT = QueryProjectIDRequest()
 LIST = QueryServoListRequest()
@@ -33,5 +32,5 @@ async def ask_for_ever(connection: Connection, packet: Request[Any]) -> None:
         await connection.request(packet)
 
 
-def kinds(board: FakeBoard) -> list[type[Packet]]:
+def kinds(board: PipedBoard) -> list[type[Packet]]:
     return [type(packet) for _, packet in board.sent]
