@@ -1,1 +1,60 @@
-"""Checks and computations before a movement is sent."""
+"""Angles, limits, movements and tickets, without a board and without a clock."""
+
+from __future__ import annotations
+
+from servolink.motion.angles import Adc, Angle, AngleUnit, Degrees, in_unit, is_no_degree
+from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, degrees_per_second, motion_limits
+from servolink.motion.movement import (
+    INTERVAL_UNIT,
+    MotionPlan,
+    MotionPlanner,
+    Movement,
+    Speed,
+    check_pace,
+    checked_targets,
+    idle_servos,
+    missing_servo,
+)
+from servolink.motion.set_points import FRESH, ServoWay, SetPoints, checked_set_points
+from servolink.motion.ticket import NO_TICKET, STOPPED, StopCounter, Ticket
+from servolink.motion.units import ServoUnits, carries_angles, is_accepted, servos_concerned, unit_request
+
+__all__ = [
+    # angles and units
+    "Adc",
+    "Angle",
+    "AngleUnit",
+    "Degrees",
+    "ServoUnits",
+    "carries_angles",
+    "in_unit",
+    "is_no_degree",
+    "is_accepted",
+    "servos_concerned",
+    "unit_request",
+    # limits
+    "AngleLimits",
+    "MotionLimits",
+    "SpeedCap",
+    "degrees_per_second",
+    "motion_limits",
+    # movements
+    "FRESH",
+    "INTERVAL_UNIT",
+    "MotionPlan",
+    "MotionPlanner",
+    "Movement",
+    "ServoWay",
+    "SetPoints",
+    "Speed",
+    "check_pace",
+    "checked_set_points",
+    "checked_targets",
+    "idle_servos",
+    "missing_servo",
+    # tickets and stops
+    "NO_TICKET",
+    "STOPPED",
+    "StopCounter",
+    "Ticket",
+]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import ClassVar, Literal, Self
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_number
+from servolink.errors import EncodeError, quote
+from servolink.support import as_number, is_number
 
 AngleUnit = Literal["degree", "adc"]
 
@@ -104,6 +103,14 @@ class Adc(Angle):
     """An angle as the raw reading of the servo's analog-to-digital converter."""
 
     unit: ClassVar[str] = "adc"
+
+
+_MOST_DEGREES = 360
+
+
+def is_no_degree(angle: int) -> bool:
+    """Return whether an angle is reported in degrees and is beyond a full turn, so that it must be something else."""
+    return isinstance(angle, Degrees) and not -_MOST_DEGREES <= int(angle) <= _MOST_DEGREES
 
 
 def in_unit(value: int, unit: AngleUnit | None) -> int:

@@ -8,9 +8,8 @@ from collections.abc import Iterator, Mapping
 from msgspec import Struct, field
 from msgspec.structs import force_setattr, replace
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
-from servolink.numeric import as_number, checked_servo_id, is_number
+from servolink.errors import EncodeError, quote
+from servolink.support import as_number, checked_servo_id, is_number
 
 AngleLimits = Mapping[int, tuple[float, float]] | tuple[float, float]
 """Lowest and highest angle in degrees: by servo id, or one pair for all servos."""

@@ -1,21 +1,153 @@
-"""Movement: targets, checked against the limits, and the time of each servo."""
+"""Movements, planned without a board or a clock: targets, units, limits and the present pose become a packet.
+
+A sender asks the board for what the plan depends on, and plans again if that changes before the sending.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import TypeAlias
 
-from servolink.errors import EncodeError, MotionRefused, Reason
-from servolink.escaping import quote
-from servolink.motion.angles import AngleUnit
+from msgspec import Struct
+
+from servolink.errors import EncodeError, MotionRefused, NotFound, Reason, RequestRefused, quote
+from servolink.motion.angles import AngleUnit, in_unit, wire_angles
 from servolink.motion.limits import BACK_STEP, MotionLimits, degrees_per_second
-from servolink.numeric import as_number, checked_servo_id, is_number
+from servolink.protocol import ExecuteActionRequest, QueryServoListRequest, Step
+from servolink.support import as_number, checked_servo_id, is_number
 
 INTERVAL_UNIT = 0.01
 """Seconds that an interval of 1 stands for (3.2.5), unless a board was found to count otherwise."""
 Speed = float | Mapping[int, float]
 """Degrees per second: one for all servos, or by servo id."""
+UnitOf: TypeAlias = Callable[[int], AngleUnit | None]
+"""Returns the unit of a servo, None if it is unknown."""
 _LONGEST = 0x7FFF
+_TURN = 360  # degrees
+
+
+class Movement(Struct, frozen=True):
+    """Movement that a program asks for, in `duration` seconds or at `speed`."""
+
+    targets: Mapping[int, float]
+    """Angles by servo id; plain numbers are degrees."""
+    duration: float | None = None
+    speed: Speed | None = None
+    any_angle: bool = False
+    """Whether angles beyond a whole turn are allowed for servos without angle limits."""
+
+
+class MotionPlan(Struct, frozen=True):
+    """Movement ready to be sent."""
+
+    packet: ExecuteActionRequest
+    goals: dict[int, int]
+    """Target of each servo, in the unit of the servo."""
+    seconds: float
+    """Time from the sending until the last servo arrives."""
+
+
+class MotionPlanner(Struct, frozen=True):
+    """Planner of movements within limits; an interval of 1 (3.2.5) stands for `interval_unit` seconds.
+
+    In all methods, `unit_of` returns the unit of a servo, `pose` holds the present angles by servo id, empty where
+    `needs_pose` says that they do not matter, and `first` the servos whose movement is the first from an unknown pose.
+    """
+
+    limits: MotionLimits
+    interval_unit: float = INTERVAL_UNIT
+
+    def check(self, movement: Movement, unit_of: UnitOf) -> None:
+        """Raise the errors of a movement that no pose allows.
+
+        Raises:
+            EncodeError: An angle is in another unit than its servo, or does not fit the protocol.
+            MotionRefused: A limit excludes the movement.
+        """
+        angles = wire_angles(movement.targets, unit_of)
+        self.check_turns(angles, unit_of, any_angle=movement.any_angle)
+        if not self.are_outside(movement.targets):
+            check_limits(angles, unit_of, self.limits, movement.speed, pose={})
+
+    def plan(self, movement: Movement, unit_of: UnitOf, pose: Mapping[int, int], first: Collection[int]) -> MotionPlan:
+        """Return the plan of a movement. Raise as `check`, and MotionRefused for a speed above a cap."""
+        goals = self.goals(movement.targets, unit_of)
+        check_limits(goals, unit_of, self.limits, movement.speed, pose=pose)
+        intervals = intervals_for(
+            goals,
+            pose,
+            self.limits,
+            duration=movement.duration,
+            speed=movement.speed,
+            unit=self.interval_unit,
+            soft=first,
+        )
+        self.check_turns(goals, unit_of, any_angle=movement.any_angle)
+        steps = tuple(Step(servo_id, int(angle), intervals[servo_id]) for servo_id, angle in goals.items())
+        return MotionPlan(ExecuteActionRequest(steps), goals, self.seconds_of(steps))
+
+    def goals(self, targets: Mapping[int, float], unit_of: UnitOf) -> dict[int, int]:
+        """Return targets as angles in the units of their servos. Raise EncodeError for an angle in another unit."""
+        return {
+            servo_id: in_unit(angle, unit_of(servo_id)) for servo_id, angle in wire_angles(targets, unit_of).items()
+        }
+
+    def check_turns(self, angles: Mapping[int, float], unit_of: UnitOf, *, any_angle: bool) -> None:
+        """Raise MotionRefused for an angle beyond a whole turn, unless its servo has limits, or with `any_angle`."""
+        for servo_id, angle in () if any_angle else angles.items():
+            if abs(angle) > _TURN and unit_of(servo_id) == "degree" and self.limits.of(servo_id) is None:
+                raise MotionRefused(
+                    f"servo {servo_id}: {quote(int(angle))} degrees is beyond ±{_TURN}, and no limits say that it can "
+                    "turn that far; nothing was sent. Add --any-angle (in Python any_angle=True) if it can",
+                    reason=Reason.LIMIT,
+                )
+
+    def check_steps(
+        self, steps: Collection[Step], unit_of: UnitOf, pose: Mapping[int, int], first: Collection[int]
+    ) -> None:
+        """Raise MotionRefused for a movement with these steps, which cannot be made slower, beyond a limit."""
+        check_limits({step.servo_id: step.degree for step in steps}, unit_of, self.limits, pose=pose)
+        for step in steps if pose else ():
+            self._check_speed(step, abs(step.degree - pose[step.servo_id]), is_first=step.servo_id in first)
+
+    def seconds_of(self, steps: Iterable[Step]) -> float:
+        """Return the seconds from the sending of steps until the last servo arrives; 0 without steps."""
+        longest = max((step.interval for step in steps), default=0)
+        return round(longest * self.interval_unit, 9)  # 0.07 s rather than 0.07000000000000001 s
+
+    def needs_pose(self, movement: Movement, first: Collection[int]) -> bool:
+        """Return whether the plan of a movement depends on the present angles."""
+        return movement.speed is not None or self.limits_need_pose(movement.targets, first)
+
+    def limits_need_pose(self, targets: Mapping[int, float], first: Collection[int]) -> bool:
+        """Return whether the limits of a turn to `targets` depend on the present angles."""
+        if not self.limits:
+            return False
+        has_cap = any(self.limits.cap_of(servo_id) is not None for servo_id in targets)
+        return has_cap or bool(first) or self.are_outside(targets)
+
+    def are_outside(self, targets: Mapping[int, float]) -> bool:
+        """Return whether a target is outside the angle limits of its servo."""
+        return bool(self.limits) and any(
+            is_number(angle) and angle == angle // 1 and self.limits.exceeded_angles(servo_id, angle)
+            for servo_id, angle in targets.items()
+        )
+
+    def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
+        """Raise MotionRefused for too fast a step of `degrees`."""
+        seconds = step.interval * self.interval_unit
+        exceeded = self.limits.exceeded_cap(step.servo_id, degrees, seconds)
+        why = f"its cap is {exceeded}"
+        if not exceeded and is_first:
+            exceeded = self.limits.exceeded_soft_start(degrees, seconds)
+            why = f"from an unknown pose its soft start allows {exceeded}, to which `move` keeps by itself"
+        if exceeded:
+            speed = degrees_per_second(degrees, seconds)
+            raise MotionRefused(
+                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}",
+                reason=Reason.LIMIT,
+            )
 
 
 def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
@@ -27,9 +159,24 @@ def checked_targets(targets: Mapping[int, float]) -> dict[int, float]:
     return {checked_servo_id("move", servo_id): as_number(angle) for servo_id, angle in targets.items()}
 
 
+def missing_servo(servo_id: int) -> NotFound:
+    """Return the error for a movement of a servo that the board does not have."""
+    return NotFound(f"the board has no servo {servo_id}; nothing was moved", QueryServoListRequest())
+
+
+def idle_servos(servo_ids: Sequence[int]) -> RequestRefused:
+    """Return the error for a movement of servos that are stopped or released."""
+    who = f"servos {', '.join(map(str, servo_ids))} are" if len(servo_ids) > 1 else f"servo {servo_ids[0]} is"
+    return RequestRefused(
+        f"{who} stopped or released and would ignore the movement; nothing was sent. "
+        "Add --start (in Python start=True, or set_servo before) to start and hold first",
+        reason=Reason.SERVO_STATE,
+    )
+
+
 def check_limits(
     angles: Mapping[int, int],
-    unit_of: Callable[[int], AngleUnit | None],
+    unit_of: UnitOf,
     limits: MotionLimits,
     speed: Speed | None = None,
     *,

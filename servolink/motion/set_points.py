@@ -7,13 +7,12 @@ from collections.abc import Collection, Mapping
 
 from msgspec import Struct
 
-from servolink.errors import EncodeError, MotionRefused, NotFound, Reason
-from servolink.escaping import quote
+from servolink.errors import EncodeError, MotionRefused, Reason, quote
 from servolink.motion.angles import Angle, Degrees
 from servolink.motion.limits import MotionLimits
 from servolink.motion.movement import INTERVAL_UNIT
-from servolink.numeric import as_number, checked_servo_id, is_number
-from servolink.protocol.records import Step
+from servolink.protocol import Step
+from servolink.support import as_number, checked_servo_id, is_number
 
 FRESH = 0.5
 """Seconds for which a reading or the last target sent says where a servo is."""
@@ -120,14 +119,12 @@ class SetPoints:
         return self.limits.cap_of(servo_id) if soft is None else soft
 
 
-def checked_set_points(targets: Mapping[int, float], servo_ids: Collection[int]) -> dict[int, float]:
-    """Return a copy of `targets`. Raise EncodeError for NaN, infinity and raw angles, NotFound for a missing servo."""
+def checked_set_points(targets: Mapping[int, float]) -> dict[int, float]:
+    """Return a copy of `targets`. Raise EncodeError for NaN, infinity and raw angles."""
     if not targets:
         raise EncodeError("stream: no set-points were given")
     angles = {checked_servo_id("stream", servo_id): as_number(angle) for servo_id, angle in targets.items()}
     for servo_id, angle in angles.items():
-        if servo_id not in servo_ids:
-            raise NotFound(f"the board has no servo {servo_id}")
         is_degree = is_number(angle) and (not isinstance(angle, Angle) or isinstance(angle, Degrees))
         if not is_degree or not abs(angle) < math.inf:
             raise EncodeError(f"servo {servo_id}: a set-point must be a finite angle in degrees, not {quote(angle)}")

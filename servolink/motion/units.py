@@ -7,10 +7,10 @@ from collections.abc import Set as AbstractSet
 from msgspec import Struct, field
 
 from servolink.motion.angles import AngleUnit
-from servolink.protocol.packet import Packet, is_motion
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionRequest,
+    Packet,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
@@ -95,7 +95,7 @@ def carries_angles(packet: Packet) -> bool:
     """
     if isinstance(packet, SetServoParameterRequest):
         return False
-    return is_motion(packet) or isinstance(packet, QueryServoRequest)
+    return packet.is_motion or isinstance(packet, QueryServoRequest)
 
 
 def servos_concerned(packet: Packet) -> AbstractSet[int] | None:

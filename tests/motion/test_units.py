@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from servolink.motion.angles import AngleUnit
 from servolink.motion.units import ServoUnits
-from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
+from servolink.protocol import ALL_SERVOS, SetAngleUnitRequest
 
 SERVOS = (1, 2, 3)
 requests = st.builds(SetAngleUnitRequest, st.sampled_from([*SERVOS, ALL_SERVOS]), st.integers(0, 1))
