@@ -1,4 +1,7 @@
-"""TOML files that people edit: a change by a command leaves everything else byte for byte."""
+"""TOML files that people edit: a change by a command leaves everything else byte for byte.
+
+Modules: servolink.boards.toml_changes, servolink.boards.toml_text.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +14,11 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from servolink.discovery.names import Alias, aliases_path, load_aliases, remove_alias, save_alias
+from servolink.boards.names import Alias, Aliases
+from servolink.boards.profile import BoardProfile, BoardSettings, Evidence, SafetyLimits
+from servolink.boards.store import ProfileFile
+from servolink.boards.toml_text import TextError, changed_toml
 from servolink.errors import ProfileError
-from servolink.profiles.profile import BoardProfile, BoardSettings, Evidence, SafetyLimits
-from servolink.profiles.store import load_profile, profile_path, save_profile
-from servolink.profiles.toml_text import changed_toml
 from tests import processes
 
 NAMES = """\
@@ -75,31 +78,31 @@ def written(path: Path, text: str) -> Path:
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
 def test_a_name_changes_and_everything_else_stays(newline: str, mark: str) -> None:
-    path = written(aliases_path(), mark + NAMES.replace("\n", newline))
-    save_alias("left", Alias("tcp://pi:9001"))
+    path = written(Aliases.path(), mark + NAMES.replace("\n", newline))
+    Aliases.save("left", Alias("tcp://pi:9001"))
     expected = NAMES.replace("'tcp://pi:9000'", '"tcp://pi:9001"')
     assert path.read_bytes().decode() == mark + expected.replace("\n", newline)
-    save_alias("new", Alias("tcp://pi:1"))
+    Aliases.save("new", Alias("tcp://pi:1"))
     assert path.read_bytes().decode() == mark + f'{expected}\n[boards.new]\nurl = "tcp://pi:1"\n'.replace("\n", newline)
 
 
 def test_a_removed_name_leaves_the_comments_of_the_next_one() -> None:
-    path = written(aliases_path(), NAMES)
-    remove_alias("left")
+    path = written(Aliases.path(), NAMES)
+    Aliases.remove("left")
     head, _, rest = NAMES.partition("[boards.left]")
     assert path.read_bytes().decode() == head + rest[rest.index("# never") :]
-    assert list(load_aliases()) == ["right"]
+    assert list(Aliases.load()) == ["right"]
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
 def test_a_setting_changes_and_everything_else_stays(newline: str) -> None:
-    path = written(profile_path("rex"), PROFILE.replace("\n", newline))
-    profile = load_profile("rex")
+    path = written(ProfileFile("rex").path, PROFILE.replace("\n", newline))
+    profile = ProfileFile("rex").load()
     assert profile is not None
     assert profile.limits.angles == {3: (20, 160), 4: (0, 90)}
     settings = BoardSettings(depth=2, byte_order="big", unsupported=profile.settings.unsupported)
     limits = SafetyLimits(angles={**profile.limits.angles, 4: (5, 90)})
-    save_profile("rex", BoardProfile(settings=settings, limits=limits))
+    ProfileFile("rex").save(BoardProfile(settings=settings, limits=limits))
     expected = PROFILE.replace("depth=4", "depth=2").replace("# byte_order =", 'byte_order = "big"')
     expected = expected.replace("4   = [ 0, 90 ]", "4   = [5, 90]").replace("\n", newline)
     assert path.read_bytes().decode().startswith(expected.partition("# end")[0])
@@ -108,18 +111,18 @@ def test_a_setting_changes_and_everything_else_stays(newline: str) -> None:
 
 def test_a_setting_that_becomes_unknown_has_a_line_without_a_value_and_comes_back_there() -> None:
     known = BoardProfile(settings=BoardSettings(depth=4, memory_unit=1024))
-    path = save_profile("rex", known)
+    path = ProfileFile("rex").save(known)
     text = path.read_bytes()
-    save_profile("rex", BoardProfile(settings=BoardSettings(memory_unit=1024)))
+    ProfileFile("rex").save(BoardProfile(settings=BoardSettings(memory_unit=1024)))
     assert path.read_bytes() == text.replace(b"depth = 4", b"# depth =")
-    save_profile("rex", known)
+    ProfileFile("rex").save(known)
     assert path.read_bytes() == text
 
 
 @pytest.mark.parametrize("text", ODD_FORMS)
 def test_each_form_of_a_table_can_be_changed(text: str) -> None:
-    written(profile_path("rex"), text)
-    found = load_profile("rex")
+    written(ProfileFile("rex").path, text)
+    found = ProfileFile("rex").load()
     assert found is not None
     assert (found.settings.depth, found.settings.byte_order) == (4, "big")
     profile = BoardProfile(
@@ -127,17 +130,17 @@ def test_each_form_of_a_table_can_be_changed(text: str) -> None:
         limits=SafetyLimits(speed_caps={3: 90}),
         evidence={"depth": Evidence("certain", 'a "text"\n[settings]\x1b\u202e')},
     )
-    save_profile("rex", profile)
-    assert load_profile("rex") == profile
+    ProfileFile("rex").save(profile)
+    assert ProfileFile("rex").load() == profile
 
 
 def test_the_same_profile_changes_nothing() -> None:
-    path = save_profile("rex", BoardProfile(settings=BoardSettings(depth=4)))
+    path = ProfileFile("rex").save(BoardProfile(settings=BoardSettings(depth=4)))
     text = path.read_bytes() + b"\n# mine"
     path.write_bytes(text)
-    found = load_profile("rex")
+    found = ProfileFile("rex").load()
     assert found is not None
-    save_profile("rex", found)
+    ProfileFile("rex").save(found)
     assert path.read_bytes() == text + b"\n"
 
 
@@ -148,11 +151,11 @@ def test_a_flag_is_left_or_changed(flag: bool) -> None:
 
 
 def test_a_file_that_cannot_be_changed_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    path = save_profile("rex", BoardProfile())
+    path = ProfileFile("rex").save(BoardProfile())
     text = path.read_bytes()
-    monkeypatch.setattr("servolink.profiles.store.changed_toml", lambda text, _: text)
+    monkeypatch.setattr("servolink.boards.store.changed_toml", lambda text, _: text)
     with pytest.raises(ProfileError, match="has a form that cannot be changed by a command"):
-        save_profile("rex", BoardProfile(settings=BoardSettings(depth=4)))
+        ProfileFile("rex").save(BoardProfile(settings=BoardSettings(depth=4)))
     assert path.read_bytes() == text
 
 
@@ -172,5 +175,16 @@ def test_any_tables_become_any_others(before: dict[str, Any], after: dict[str, A
 
 
 def test_tomlkit_is_loaded_only_when_a_file_is_written() -> None:
-    program = "import sys, servolink.discovery.names, servolink.profiles.store; print('tomlkit' in sys.modules)"
+    program = "import sys, servolink.boards.names, servolink.boards.store; print('tomlkit' in sys.modules)"
     assert processes.run([sys.executable, "-c", program], check=True).stdout == "False\n"
+
+
+LINES = "# c\n[a]\nx = [\n 1,\n]\ny = '''\nq = 1\n'''\n[a.b]\nz.w = 3\n"
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+@pytest.mark.parametrize(
+    ("path", "line"), [("a", 2), ("a x", 3), ("a y", 6), ("a b", 9), ("a b z w", 10), ("a b none", 9), ("q", 1)]
+)
+def test_a_value_has_the_number_of_its_first_line(newline: str, path: str, line: int) -> None:
+    assert TextError.at(path.split(), LINES.replace("\n", newline), "is wrong").line == line

@@ -6,8 +6,9 @@ import asyncio
 
 from msgspec import Struct
 
-from servolink.files import is_name
-from servolink.profiles.listing import profile_names
+from servolink.boards.names import resolve, resolve_exclusive
+from servolink.boards.store import ProfileFile
+from servolink.support import is_name
 
 
 class Resolved(Struct, frozen=True):
@@ -30,15 +31,15 @@ async def resolve_board(board: str | None, *, through_hub: bool = True) -> Resol
         InvalidAddress: The name is unknown.
 
     """
-    if through_hub and board is not None and not is_name(board) and not profile_names():
+    board = board and board.strip()  # as pasted
+    if through_hub and board is not None and not is_name(board) and not ProfileFile.names():
         return Resolved(board, None)
-    from servolink.discovery.names import resolve, resolve_exclusive  # late: most programs give an address
 
     return Resolved(*await asyncio.to_thread(resolve if through_hub else resolve_exclusive, board))
 
 
 async def resolve_url(board: str | None, *, through_hub: bool = True) -> str:
     """Return the address of `board`, resolved by `resolve_board`."""
-    if through_hub and board is not None and not is_name(board):
+    if through_hub and board is not None and not is_name(board.strip()):
         return board
     return (await resolve_board(board, through_hub=through_hub)).url

@@ -5,22 +5,19 @@ None means unknown. Fields have the same names as in the file; `FieldHelp` has t
 
 from __future__ import annotations
 
-import inspect
+import re
 from collections.abc import Callable, Iterable, Sequence
 from datetime import datetime
 from functools import cache
 from itertools import groupby
-from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_type_hints
 
 from msgspec import Meta, Struct, ValidationError, convert
 from msgspec.structs import asdict, force_setattr, replace
 
-from servolink.escaping import quote
-from servolink.motion.limits import MotionLimits
-from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.caption import check_encoding
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.packet import Query
+from servolink.errors import quote
+from servolink.motion import MotionLimits
+from servolink.protocol import PACKETS, ByteOrder, Codec, Query
 
 MOST_DEPTH = 64
 
@@ -35,16 +32,20 @@ class FieldHelp(Struct, frozen=True):
     check: Callable[[Any], object] = lambda value: None
     """Further check, which raises ValueError for a wrong value of the right type."""
 
+    @staticmethod
+    def in_shell(text: str) -> str:
+        """Return a description of values as written in a shell, without the quotes and brackets of TOML."""
+        return re.sub(r'["\[\]]', "", text)
+
 
 @cache
 def query_names() -> frozenset[str]:
     """Return the names of all queries, such as `QueryMemorySize`."""
-    found = [kind for module in (settings, servos, editing, joystick) for kind in vars(module).values()]
-    return frozenset(
-        kind.__name__.removesuffix("Request")
-        for kind in found
-        if inspect.isclass(kind) and issubclass(kind, Query) and kind is not Query
-    )
+    return frozenset(kind.__name__.removesuffix("Request") for kind in PACKETS.values() if issubclass(kind, Query))
+
+
+def _check_encoding(name: str) -> None:
+    Codec(caption_encoding=name)
 
 
 def _check_unsupported(names: tuple[str, ...]) -> None:
@@ -134,7 +135,7 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     )
     caption_encoding: Annotated[
         str | None,
-        FieldHelp('encoding of captions, such as "utf-8" or "big5"', "the name of an encoding", check_encoding),
+        FieldHelp('encoding of captions, such as "utf-8" or "big5"', "the name of an encoding", _check_encoding),
     ] = None
     power_up_mode: Annotated[
         Literal[0, 1] | None,
@@ -169,6 +170,10 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         bool | None,
         FieldHelp("whether the board may answer a request twice", "true or false"),
     ] = None
+    late_copies: Annotated[
+        bool | None,
+        FieldHelp("whether copies of responses may come later", "true or false"),
+    ] = None
     ignore_extra: Annotated[
         bool | None,
         FieldHelp("whether to ignore content beyond the document", "true or false"),
@@ -199,6 +204,12 @@ class BoardSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             '"stays" or "turns"',
         ),
     ] = None
+
+    @classmethod
+    def help_in_shell(cls) -> dict[str, str]:
+        """Return meaning and possible values of each setting, written as in a shell."""
+        described = {name: help_ for name, (_, help_) in fields_of(cls).items()}
+        return {name: each.in_shell(f"{each.meaning} ({each.expected})") for name, each in described.items()}
 
 
 class SafetyLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -243,6 +254,8 @@ class Evidence(Struct, frozen=True, forbid_unknown_fields=True):
     text: Annotated[str, FieldHelp("", "text")]
     """Observation, in one sentence with figures."""
     learnt_at: Annotated[datetime | None, FieldHelp("", "a date and time such as 2026-01-31T12:00:00Z")] = None
+    BY_HAND: ClassVar[str] = "set with `servolink board set`"
+    """Text of the evidence for a value set by the user."""
 
 
 def _check_setting(name: str) -> None:
@@ -251,10 +264,6 @@ def _check_setting(name: str) -> None:
 
 
 SettingName = Annotated[str, FieldHelp("", "the name of a setting", _check_setting)]
-
-
-BY_HAND = "set with `servolink board set`"
-"""Evidence text of a setting made by the user."""
 
 
 class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -278,6 +287,19 @@ class BoardProfile(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         dict[SettingName, Evidence],
         FieldHelp("Evidence for each setting, by name, with confidence and time.", "a table"),
     ] = {}
+
+    def merged(self, measured: Iterable[Measured], identity: BoardIdentityRecord, now: datetime) -> Self:
+        """Return this profile with measured settings; limits, and settings without a new measurement, stay.
+
+        An old value is replaced, except by the same value with weaker evidence, and except if the user has set another
+        value and the measurement is not certain.
+        """
+        settings, evidence = self.settings, dict(self.evidence)
+        for each in measured:
+            if each.value is not None and _replaces(each, getattr(settings, each.setting), evidence.get(each.setting)):
+                settings = replace(settings, **{each.setting: each.value})
+                evidence[each.setting] = Evidence(each.confidence, each.evidence, now)
+        return replace(self, identity=_merged(self.identity, identity), settings=settings, evidence=evidence)
 
 
 class ProfileInUse(NamedTuple):
@@ -347,26 +369,10 @@ class Measured(Struct, frozen=True):
             force_setattr(self, "value", None)
 
 
-def merge_profile(
-    profile: BoardProfile, measured: Iterable[Measured], identity: BoardIdentityRecord, now: datetime
-) -> BoardProfile:
-    """Return `profile` with measured settings; limits, and settings without a new measurement, stay.
-
-    An old value is replaced, except by the same value with weaker evidence, and except if the user has set another
-    value and the measurement is not certain.
-    """
-    settings, evidence = profile.settings, dict(profile.evidence)
-    for each in measured:
-        if each.value is not None and _replaces(each, getattr(settings, each.setting), evidence.get(each.setting)):
-            settings = replace(settings, **{each.setting: each.value})
-            evidence[each.setting] = Evidence(each.confidence, each.evidence, now)
-    return replace(profile, identity=_merged(profile.identity, identity), settings=settings, evidence=evidence)
-
-
 def _replaces(measured: Measured, value: object, evidence: Evidence | None) -> bool:
     if value is None:
         return True
-    if evidence is None or evidence.text == BY_HAND:
+    if evidence is None or evidence.text == Evidence.BY_HAND:
         return measured.confidence == "certain" or measured.value == value
     return measured.value != value or _RANKS[measured.confidence] >= _RANKS[evidence.confidence]
 

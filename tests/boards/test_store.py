@@ -1,7 +1,6 @@
 """A profile is kept whole, read back as it was, and refused by file and line when it is damaged.
 
-Module: servolink.profiles.profile.
-Module: servolink.profiles.listing.
+Module: servolink.boards.profile.
 """
 
 from __future__ import annotations
@@ -16,10 +15,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from servolink.errors import ProfileError
-from servolink.escaping import escape
-from servolink.profiles.listing import profile_names
-from servolink.profiles.profile import (
+from servolink.boards.profile import (
     BoardIdentityRecord,
     BoardProfile,
     BoardSettings,
@@ -28,16 +24,10 @@ from servolink.profiles.profile import (
     fields_of,
     query_names,
 )
-from servolink.profiles.store import (
-    format_profile,
-    load_profile,
-    parse_profile,
-    profile_path,
-    remove_profile,
-    save_profile,
-)
-from servolink.profiles.toml_text import TextError
-from tests.platforms.homeless import lose_home
+from servolink.boards.store import ProfileFile, format_profile, parse_profile
+from servolink.boards.toml_text import TextError
+from servolink.errors import ProfileError, escape
+from tests.support.platforms.homeless import lose_home
 
 FULL = BoardProfile(
     identity=BoardIdentityRecord(
@@ -79,17 +69,17 @@ TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
 @pytest.fixture(autouse=True)
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    path = profile_path("rex")
+    path = ProfileFile("rex").path
     assert path.is_relative_to(tmp_path)
     return path
 
 
 @pytest.mark.parametrize("profile", [BoardProfile(), FULL, BoardProfile(identity=BoardIdentityRecord())])
 def test_a_profile_is_read_as_it_was_written(profile: BoardProfile, path: Path) -> None:
-    assert load_profile("rex") is None
-    assert save_profile("rex", profile) == path
-    assert load_profile("rex") == profile
-    assert profile_names() == ["rex"]
+    assert ProfileFile("rex").load() is None
+    assert ProfileFile("rex").save(profile) == path
+    assert ProfileFile("rex").load() == profile
+    assert ProfileFile.names() == ["rex"]
     assert [file.name for file in path.parent.iterdir()] == [path.name]
 
 
@@ -104,11 +94,11 @@ def test_every_setting_has_a_comment_and_a_place(path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="permissions of POSIX")
 def test_a_profile_is_for_its_owner(path: Path) -> None:
-    save_profile("rex", FULL)
+    ProfileFile("rex").save(FULL)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
     path.chmod(0o644)
-    save_profile("rex", FULL)
+    ProfileFile("rex").save(FULL)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
 
 
@@ -172,17 +162,17 @@ def test_a_damaged_profile_is_refused_by_file_and_line(text: str, line: int, rea
     path.parent.mkdir(parents=True)
     path.write_text(text, encoding="utf-8", newline="")
     with pytest.raises(ProfileError) as refused:
-        load_profile("rex")
+        ProfileFile("rex").load()
     assert str(refused.value).startswith(f"{path}, line {line}: {reason}")
 
 
 def test_other_bytes_than_text_are_refused(path: Path) -> None:
     path.parent.mkdir(parents=True)
     path.write_bytes(b"\xef\xbb\xbf[settings]\ndepth = 2\n")
-    assert load_profile("rex") == BoardProfile(settings=BoardSettings(depth=2))
+    assert ProfileFile("rex").load() == BoardProfile(settings=BoardSettings(depth=2))
     path.write_bytes(b"[settings]\n# \xff\n")
     with pytest.raises(ProfileError, match=r"rex\.toml, line 2: is not text in UTF-8; save the file as UTF-8$"):
-        load_profile("rex")
+        ProfileFile("rex").load()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links and pipes of POSIX")
@@ -196,7 +186,7 @@ def test_what_is_no_file_is_refused_at_once(path: Path) -> None:
     path.symlink_to(path)
     _refused("Too many levels of symbolic links")
     with pytest.raises(ProfileError, match="cannot be written: Too many levels"):
-        save_profile("rex", FULL)
+        ProfileFile("rex").save(FULL)
     path.unlink()
     path.symlink_to("nothing")
     _refused("the link leads to no file")
@@ -211,8 +201,8 @@ def test_what_is_no_file_is_refused_at_once(path: Path) -> None:
 
 def _refused(why: str) -> None:
     with pytest.raises(ProfileError) as refused:
-        load_profile("rex")
-    assert str(refused.value).startswith(f"{profile_path('rex')} cannot be used: {why}")
+        ProfileFile("rex").load()
+    assert str(refused.value).startswith(f"{ProfileFile('rex').path} cannot be used: {why}")
 
 
 @given(st.data())
@@ -241,35 +231,35 @@ def _damaged_line(text: str) -> int:
     ],
 )
 def test_what_could_not_be_read_again_is_not_written(profile: BoardProfile, path: Path) -> None:
-    save_profile("rex", FULL)
+    ProfileFile("rex").save(FULL)
     with pytest.raises(ValueError, match=r"must be 1\.\.64|no angle is within|is not a setting"):
-        save_profile("rex", profile)
-    assert load_profile("rex") == FULL
+        ProfileFile("rex").save(profile)
+    assert ProfileFile("rex").load() == FULL
 
 
 def test_a_profile_is_removed_damaged_or_not(path: Path) -> None:
-    assert not remove_profile("rex")
-    save_profile("rex", FULL)
+    assert not ProfileFile("rex").remove()
+    ProfileFile("rex").save(FULL)
     path.write_text("damaged")
-    assert remove_profile("rex")
-    assert load_profile("rex") is None
+    assert ProfileFile("rex").remove()
+    assert ProfileFile("rex").load() is None
     path.mkdir()
     with pytest.raises(ProfileError, match="cannot be removed"):
-        remove_profile("rex")
+        ProfileFile("rex").remove()
 
 
 @pytest.mark.parametrize("name", ["", "../rex", "a/b", "x.toml", "COM3", "\x1b"])
 def test_a_profile_has_the_name_of_a_board(name: str) -> None:
     with pytest.raises(ProfileError, match="cannot be a board's name: names have only letters"):
-        load_profile(name)
+        ProfileFile(name).load()
 
 
 def test_a_user_without_a_home_has_no_profiles(monkeypatch: pytest.MonkeyPatch) -> None:
     lose_home(monkeypatch)
-    assert load_profile("rex") is None
-    assert profile_names() == []
+    assert ProfileFile("rex").load() is None
+    assert ProfileFile.names() == []
     with pytest.raises(ProfileError, match=r"profiles of boards cannot be stored: could not .* set HOME"):
-        save_profile("rex", FULL)
+        ProfileFile("rex").save(FULL)
 
 
 def test_all_queries_are_known() -> None:

@@ -6,6 +6,7 @@ The system releases the lock with the process: a file without a lock is left ove
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -13,11 +14,8 @@ from typing import BinaryIO
 
 import msgspec
 
-from servolink.files import open_file
-from servolink.platforms.locks import lock, remove_locked
-from servolink.platforms.private_files import is_own, private_folder
-from servolink.platforms.user_folders import user_folder
-from servolink.transports.device_info import DeviceInfo
+from servolink.support import LockedFile, lock, open_file, private_folder
+from servolink.transports import DeviceInfo
 
 _SUFFIX = ".board"
 _MOST_BYTES = 65536
@@ -40,8 +38,7 @@ def candidates() -> list[DeviceInfo]:
 def read_all(suffix: str) -> list[DeviceInfo]:
     """Return the boards announced in files with `suffix`; remove files of ended programs."""
     try:
-        folder = user_folder("runtime")
-        names = sorted(folder.glob(f"*{suffix}")) if is_own(folder.lstat()) else []
+        names = sorted(private_folder(create=False).glob(f"*{suffix}"))
     except OSError:
         return []
     return [board for name in names if (board := _read(name)) is not None]
@@ -56,8 +53,6 @@ def write(board: DeviceInfo, file: BinaryIO) -> None:
 
 def _write(board: DeviceInfo, folder: Path, stack: ExitStack) -> None:
     """Write an announcement, to be removed by `stack`."""
-    import tempfile  # imported late: slow to load, and needed for announcing only
-
     number, name = tempfile.mkstemp(_SUFFIX, dir=folder)
     stack.callback(Path(name).unlink, missing_ok=True)
     file = stack.enter_context(os.fdopen(number, "wb", buffering=0))
@@ -72,7 +67,7 @@ def _read(path: Path) -> DeviceInfo | None:
             content = file.read(_MOST_BYTES)
             is_stale = bool(content) and lock(file, wait=False)  # an empty file is about to be written
             if is_stale:
-                remove_locked(path, file)
+                LockedFile(path, file).remove()
                 return None
         return msgspec.json.decode(content, type=DeviceInfo)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError):

@@ -1,7 +1,4 @@
-"""The search finds every kind and opens nothing; devices of one board are one board, and a single one is taken.
-
-Modules: servolink.transports.device_info, servolink.transports.serial_ports.
-"""
+"""The search finds every kind and opens nothing; devices of one board are one board, and a single one is taken."""
 
 from __future__ import annotations
 
@@ -13,51 +10,15 @@ from types import SimpleNamespace
 
 import pytest
 import serial  # type: ignore[import-untyped]
-from serial.tools import list_ports, list_ports_common  # type: ignore[import-untyped]
 
-from servolink.discovery import search
-from servolink.discovery.announcements import announced
-from servolink.discovery.search import boards, only
-from servolink.doctor.examine import examine
-from servolink.doctor.system import SystemFacts
+from servolink.boards import searching as search
+from servolink.boards.announcements import announced
+from servolink.boards.searching import boards, only
+from servolink.doctor import SystemFacts, examine
 from servolink.errors import OpenError
-from servolink.transports import serial_ports
-from servolink.transports.device_info import DeviceInfo, PortIdentity
-from servolink.transports.serial_ports import PortTracker
+from servolink.transports import DeviceInfo, PortIdentity
+from tests.transports.listed_ports import listed, port
 from tests.virtual_time import run
-
-
-def port(
-    device: str, vid: int | None = None, product: str | None = None, number: str | None = None, location: str = ""
-) -> object:
-    found = list_ports_common.ListPortInfo(device)
-    found.vid, found.product, found.serial_number, found.location = vid, product, number, location
-    return found
-
-
-def followed(url: str, monkeypatch: pytest.MonkeyPatch, *looks: list[object]) -> list[str]:
-    """Return where the board that was at `url` at the first look is at each further one."""
-
-    async def follow() -> list[str]:
-        tracker = PortTracker(url)
-        monkeypatch.setattr(list_ports, "comports", lambda: looks[0])
-        await tracker.learn()
-        urls: list[str] = []
-        for look in looks[1:]:
-            monkeypatch.setattr(list_ports, "comports", lambda look=look: look)
-            urls.append(await tracker.url())
-        return urls
-
-    return run(follow())
-
-
-def test_serial_ports_on_usb_can_be_boards(monkeypatch: pytest.MonkeyPatch) -> None:
-    ports = [port("COM4", 1, "board", "A1"), port("COM1"), port("COM%3", 1)]
-    monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    assert serial_ports.candidates() == [
-        DeviceInfo("serial://COM4", "board", PortIdentity(1, None, "A1")),
-        DeviceInfo("serial://COM%253", identity=PortIdentity(1)),
-    ]
 
 
 def test_the_identity_of_the_port_at_an_address(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,53 +33,6 @@ def test_the_identity_of_the_port_at_an_address(monkeypatch: pytest.MonkeyPatch)
         assert search.identity_of(url) == identity
     for url in ("COM5", "hid://1:3/A1", "tcp://pi:9000", "virtual://"):
         assert search.identity_of(url) is None
-
-
-def test_a_board_is_followed_to_another_port_with_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    url = "serial://COM4?baudrate=9600"
-    here, moved, other = (
-        port(name, 1, "board", number) for name, number in (("COM4", "A"), ("COM 7", "A"), ("COM5", "B"))
-    )
-    assert followed(url, monkeypatch, [here], [moved, other], [other], [moved, here], [here]) == [
-        "serial://COM%207?baudrate=9600",
-        url,  # it is not here
-        url,  # two cannot be told apart
-        url,
-    ]
-
-
-def test_each_port_of_a_board_with_several_is_followed_wherever_it_is_plugged_in(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    before = [port(f"COM{4 + number}", 1, "board", "A", f"1-1:1.{number}") for number in range(2)]
-    after = [port(f"COM{9 - number}", 1, "board", "A", f"1-4.2:1.{number}") for number in range(2)]
-    assert followed("COM5", monkeypatch, before, after) == ["serial://COM8"]
-
-
-@pytest.mark.parametrize("url", ["COM4", "tcp://COM4:1", "no address", "serial://COM9"])
-def test_only_a_port_with_a_serial_number_is_followed(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert followed(url, monkeypatch, [port("COM4", 1)], [port("COM7", 1)]) == [url]
-
-
-def test_a_device_that_vanishes_while_ports_are_listed_hides_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    looks: list[Exception | None] = [TypeError("int() can't convert non-string with explicit base"), None]
-
-    def comports() -> list[object]:
-        if error := looks.pop(0):
-            raise error
-        return [port("COM4", 1)]
-
-    monkeypatch.setattr(list_ports, "comports", comports)
-    assert serial_ports.candidates() == [DeviceInfo("serial://COM4", identity=PortIdentity(1))]
-    looks[:] = [OSError()] * 3
-    assert serial_ports.list_ports() == []
-
-
-def test_a_port_that_may_not_be_opened_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(list_ports, "comports", lambda: [port(os.devnull, 1)])
-    assert serial_ports.candidates()[0].problem == ""
-    monkeypatch.setattr(serial_ports, "is_accessible", lambda path: False)
-    assert "servolink doctor" in serial_ports.candidates()[0].problem
 
 
 def test_every_kind_is_searched() -> None:
@@ -206,7 +120,7 @@ def test_nothing_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:
     def opened(self: object) -> None:
         raise AssertionError
 
-    monkeypatch.setattr(list_ports, "comports", lambda: [port(os.devnull, 1)])
+    listed(monkeypatch, port(os.devnull, 1))
     monkeypatch.setattr(serial.Serial, "open", opened)
     with announced(DeviceInfo("tcp://127.0.0.1:1")):
         found = {candidate.url for candidate in search.search()}

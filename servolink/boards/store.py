@@ -11,89 +11,96 @@ from typing import Any, TypeVar, get_args
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ProfileError
-from servolink.escaping import escape, quote
-from servolink.files import is_name, read_file, reason, write_atomically
-from servolink.profiles.listing import ENDING, profiles_folder
-from servolink.profiles.profile import BoardProfile, BoardSettings, about, fields_of
-from servolink.profiles.toml_text import TextError, changed_toml, line_of, read_toml
+from servolink.boards.profile import BoardProfile, BoardSettings, about, fields_of
+from servolink.boards.toml_text import TextError, changed_toml, read_toml
+from servolink.errors import ProfileError, escape, quote
+from servolink.support import is_name, read_file, read_text, reason, user_folder, write_atomically
 
 S = TypeVar("S", bound=Struct)
 
+_ENDING = ".toml"
 _MOST_BYTES = 0x10000
 _MARK = "\ufeff"  # put by some editors before a text
 
 
-def profile_path(name: str) -> Path:
-    """Return the path of the profile of the board `name`. Raise ProfileError for a user without a home."""
-    if not is_name(name):
-        raise ProfileError(f"{quote(name)} cannot be a board's name: names have only letters, digits, - and _")
-    return _folder() / f"{name}{ENDING}"
+class ProfileFile:
+    """File with the profile of a board, which need not exist."""
 
+    def __init__(self, name: str) -> None:
+        """Name the board. Raise ProfileError for anything but a name."""
+        if not is_name(name):
+            raise ProfileError(f"{quote(name)} cannot be a board's name: names have only letters, digits, - and _")
+        self.name = name
 
-def load_profile(name: str) -> BoardProfile | None:
-    """Return the profile of the board `name`, None without a profile.
+    @staticmethod
+    def names() -> list[str]:
+        """Return the names of all boards with a profile; empty for a user without a home."""
+        with suppress(OSError):
+            files = _folder().iterdir()
+            return sorted(file.stem for file in files if file.suffix == _ENDING and is_name(file.stem))
+        return []
 
-    Raise ProfileError, with file and line, for an unusable profile.
-    """
-    try:
-        path = profile_path(name)
-    except ProfileError:
-        if is_name(name):
+    @property
+    def path(self) -> Path:
+        """Path of the file. Raise ProfileError for a user without a home."""
+        try:
+            return _folder() / f"{self.name}{_ENDING}"
+        except OSError as error:
+            raise ProfileError(f"profiles of boards cannot be stored: {reason(error)}") from error
+
+    def load(self) -> BoardProfile | None:
+        """Return the profile, None without a file. Raise ProfileError, with file and line, for an unusable profile."""
+        try:
+            path = self.path
+        except ProfileError:
             return None  # a user without a home
-        raise
-    try:
-        text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
-    except FileNotFoundError as error:
-        if path.is_symlink():
-            raise ProfileError(
-                f"{path} cannot be used: the link leads to no file; correct or remove the link"
-            ) from error
-        return None
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise ProfileError(f"{path}, line {line}: is not text in UTF-8; save the file as UTF-8") from error
-    except OSError as error:
-        raise ProfileError(f"{path} cannot be used: {reason(error)}; correct or remove the file") from error
-    try:
-        return parse_profile(text)
-    except TextError as error:
-        raise ProfileError(f"{path}, line {error.line}: {error.text}") from None
+        try:
+            text = read_text(path, _MOST_BYTES)
+        except FileNotFoundError as error:
+            if path.is_symlink():
+                raise ProfileError(
+                    f"{path} cannot be used: the link leads to no file; correct or remove the link"
+                ) from error
+            return None
+        except UnicodeDecodeError as error:
+            line = error.object[: error.start].count(b"\n") + 1
+            raise ProfileError(f"{path}, line {line}: is not text in UTF-8; save the file as UTF-8") from error
+        except OSError as error:
+            raise ProfileError(f"{path} cannot be used: {reason(error)}; correct or remove the file") from error
+        try:
+            return parse_profile(text)
+        except TextError as error:
+            raise ProfileError(f"{path}, line {error.line}: {error.text}") from None
 
+    def save(self, profile: BoardProfile) -> Path:
+        """Write the profile atomically; return the path of the file.
 
-def save_profile(name: str, profile: BoardProfile) -> Path:
-    """Write the profile of the board `name` atomically; return the path of the file.
+        Raise ProfileError if the file cannot be written, ValueError for a profile that could not be read again.
+        """
+        path = self.path
+        text = _changed(path, self.name, profile)
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            write_atomically(path, text.encode(), private=True)
+            path.chmod(0o600)  # an editor may have made the file readable for others
+        except OSError as error:
+            raise ProfileError(f"{path} cannot be written: {reason(error)}") from error
+        return path
 
-    Raise ProfileError if the file cannot be written, ValueError for a profile that could not be read again.
-    """
-    path = profile_path(name)
-    text = _changed(path, name, profile)
-    try:
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        write_atomically(path, text.encode(), private=True)
-        path.chmod(0o600)  # an editor may have made the file readable for others
-    except OSError as error:
-        raise ProfileError(f"{path} cannot be written: {reason(error)}") from error
-    return path
-
-
-def remove_profile(name: str) -> bool:
-    """Remove the profile of the board `name`, damaged or not. Return whether a profile existed."""
-    path = profile_path(name)
-    try:
-        path.unlink()
-    except FileNotFoundError:
-        return False
-    except OSError as error:
-        raise ProfileError(f"{path} cannot be removed: {reason(error)}") from error
-    return True
+    def remove(self) -> bool:
+        """Remove the file, damaged or not. Return whether there was a file."""
+        path = self.path
+        try:
+            path.unlink()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise ProfileError(f"{path} cannot be removed: {reason(error)}") from error
+        return True
 
 
 def _folder() -> Path:
-    try:
-        return Path(profiles_folder())
-    except OSError as error:
-        raise ProfileError(f"profiles of boards cannot be stored: {reason(error)}") from error
+    return user_folder("config") / "profiles"
 
 
 # --- reading --------------------------------------------------------------------------------------------------------
@@ -104,7 +111,7 @@ def parse_profile(text: str) -> BoardProfile:
     try:
         return _struct(BoardProfile, read_toml(text), ())
     except _Fault as fault:
-        raise TextError(fault.text, line_of(text, fault.path)) from None
+        raise TextError.at(fault.path, text, fault.text) from None
 
 
 _BOOLEANS = {"true": True, "false": False}
@@ -127,12 +134,7 @@ def setting_from_text(name: str, text: str) -> Any:
         return _leaf(hint, value, (name,))
     except _Fault as fault:
         problem = fault.text.removeprefix(f"{name} ").removeprefix(f"{name}: ")
-        raise ValueError(problem.replace(described.expected, in_shell(described.expected), 1)) from None
-
-
-def in_shell(text: str) -> str:
-    """Return a description of values as written in a shell, without the quotes and brackets of TOML."""
-    return re.sub(r'["\[\]]', "", text)
+        raise ValueError(problem.replace(described.expected, described.in_shell(described.expected), 1)) from None
 
 
 class _Fault(Exception):

@@ -11,16 +11,14 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from servolink.errors import InvalidAddress, OpenError, Reason, SeveralBoards, TransportError
-from servolink.transports.address import Address
-from servolink.transports.device_info import DeviceInfo, PortIdentity
-from servolink.transports.registry import DISCOVERY, PlugIn, plug_ins
+from servolink.transports import Address, DeviceInfo, PlugIn, PortIdentity
 
 _KINDS = (
     "servolink.transports.serial_ports",
     "servolink.transports.hid_devices",
     "servolink.transports.usb_devices",
-    "servolink.discovery.announcements",
-    "servolink.discovery.hubs",
+    "servolink.boards.announcements",
+    "servolink.boards.hubs",
 )
 """Modules with a function `candidates`, in order of preference for a board found by several."""
 _MODULE_OF = dict(zip(("serial", "hid", "usb"), _KINDS, strict=False))
@@ -53,7 +51,7 @@ def search() -> list[DeviceInfo]:
 def find_devices() -> SearchResult:
     """Search with the built-in modules, then with the plug-ins of other packages, whose errors are collected."""
     found = SearchResult([device for kind in _KINDS for device in _find_kind(kind)], [])
-    for plug_in in plug_ins(DISCOVERY):
+    for plug_in in PlugIn.all_in(PlugIn.DISCOVERY):
         try:
             found.devices.extend(_find_with(plug_in))
         except TransportError as error:

@@ -1,7 +1,7 @@
 """Names are kept safely, lead to their board on any port, and no name at all leads to the only board.
 
-Module: servolink.platforms.locks.
-Module: servolink.discovery.resolving.
+Module: servolink.support.platforms.locks.
+Module: servolink.boards.resolving.
 """
 
 from __future__ import annotations
@@ -21,25 +21,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import servolink
-from servolink.discovery import names, search
-from servolink.discovery.names import (
-    Alias,
-    _changed,
-    alias_for,
-    aliases_path,
-    current_url,
-    load_aliases,
-    save_alias,
-)
-from servolink.discovery.resolving import resolve_url
+from servolink.boards import names
+from servolink.boards import searching as search
+from servolink.boards.names import Alias, Aliases, _changed, current_url
+from servolink.boards.resolving import resolve_url
 from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
-from servolink.files import is_name
-from servolink.hub.serving import serve_board
-from servolink.platforms.locks import lock
-from servolink.transports.device_info import DeviceInfo, PortIdentity
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import BOARDS
-from tests.platforms.homeless import lose_home
+from servolink.hub import serve_board
+from servolink.support import is_name, lock
+from servolink.transports import DeviceInfo, PortIdentity
+from servolink.virtual import BOARDS, VirtualBoard
+from tests.support.platforms.homeless import lose_home
 
 TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
 
@@ -47,7 +38,7 @@ TEXTS = st.text(st.characters(exclude_categories=["Cs"]))
 @pytest.fixture(autouse=True)
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    path = aliases_path()
+    path = Aliases.path()
     assert path.is_relative_to(tmp_path)
     return path
 
@@ -65,11 +56,11 @@ def test_an_address_is_no_name(text: str) -> None:
 
 
 def test_names_are_kept(path: Path) -> None:
-    assert load_aliases() == {}
-    save_alias("left", Alias("serial:///dev/ttyACM0?baudrate=9600", "A1"))
-    save_alias("right", Alias("tcp://pi:9000"))
-    save_alias("left", Alias("serial:///dev/ttyACM1", "A2"))
-    assert load_aliases() == {"left": Alias("serial:///dev/ttyACM1", "A2"), "right": Alias("tcp://pi:9000")}
+    assert Aliases.load() == {}
+    Aliases.save("left", Alias("serial:///dev/ttyACM0?baudrate=9600", "A1"))
+    Aliases.save("right", Alias("tcp://pi:9000"))
+    Aliases.save("left", Alias("serial:///dev/ttyACM1", "A2"))
+    assert Aliases.load() == {"left": Alias("serial:///dev/ttyACM1", "A2"), "right": Alias("tcp://pi:9000")}
     assert {file.name for file in path.parent.iterdir()} == {path.name, "boards.lock"}
 
 
@@ -81,7 +72,7 @@ def test_names_given_by_two_programs_at_once_are_all_kept(path: Path, monkeypatc
         return lock(file, wait=wait)
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    other = threading.Thread(target=save_alias, args=("left", Alias("tcp://pi:9000")))
+    other = threading.Thread(target=Aliases.save, args=("left", Alias("tcp://pi:9000")))
     with path.with_suffix(".lock").open("ab", buffering=0) as file:
         assert lock(file, wait=True)
         monkeypatch.setattr(names, "lock", lock_slowly)
@@ -89,38 +80,45 @@ def test_names_given_by_two_programs_at_once_are_all_kept(path: Path, monkeypatc
         assert waits.wait(60)
         path.write_text('[boards.right]\nurl = "tcp://pi:9001"\n', encoding="utf-8")
     other.join()
-    assert set(load_aliases()) == {"left", "right"}
+    assert set(Aliases.load()) == {"left", "right"}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes and permissions of POSIX")
-def test_names_are_for_their_owner_and_are_not_waited_for(path: Path) -> None:
-    save_alias("left", Alias("tcp://pi:9000"))
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+def test_names_are_for_their_owner_and_are_not_waited_for(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = path.parent / "new" / path.name
+    monkeypatch.setattr(Aliases, "path", staticmethod(lambda: path))
+    before = os.umask(0)
+    try:
+        Aliases.save("left", Alias("tcp://pi:9000"))
+    finally:
+        os.umask(before)
+    modes = [stat.S_IMODE(each.stat().st_mode) for each in (path.parent, path, path.with_suffix(".lock"))]
+    assert modes == [0o700, 0o600, 0o600]
     path.unlink()
     os.mkfifo(path)
     with pytest.raises(
         TransportUnavailable, match=r"boards\.toml cannot be used: is not a regular file; correct or remove the file"
     ):
-        load_aliases()
+        Aliases.load()
     path.unlink()
     path.write_bytes(b"#" * (1 << 20) + b"\n")
     with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used: is larger than 1 MiB"):
-        load_aliases()
+        Aliases.load()
 
 
 def test_a_user_without_a_home_has_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
     lose_home(monkeypatch)
-    assert load_aliases() == {}
+    assert Aliases.load() == {}
     with pytest.raises(TransportUnavailable, match=r"neither an address nor a name \(none is known\)"):
         asyncio.run(resolve_url("left"))
     with pytest.raises(TransportUnavailable, match=r"names for boards cannot be stored: could not .* set HOME"):
-        save_alias("left", Alias("tcp://pi:9000"))
+        Aliases.save("left", Alias("tcp://pi:9000"))
 
 
 def test_what_editors_put_before_a_text_is_no_part_of_it(path: Path) -> None:
     path.parent.mkdir(parents=True)
     path.write_text('[boards.left]\nurl = "tcp://pi:9000"\n', encoding="utf-8-sig")
-    assert load_aliases() == {"left": Alias("tcp://pi:9000")}
+    assert Aliases.load() == {"left": Alias("tcp://pi:9000")}
 
 
 @given(TEXTS, TEXTS)
@@ -130,24 +128,24 @@ def test_any_text_of_a_device_can_be_kept(url: str, serial_number: str) -> None:
 
 
 def test_what_a_terminal_would_obey_is_escaped_in_the_file(path: Path) -> None:
-    save_alias("left", Alias("serial:///dev/\x9b2J\u202e", "臂"))
+    Aliases.save("left", Alias("serial:///dev/\x9b2J\u202e", "臂"))
     assert path.read_text(encoding="utf-8").endswith(
         '[boards.left]\nurl = "serial:///dev/\\U0000009b2J\\U0000202e"\nserial_number = "臂"\n'
     )
 
 
 def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
-    save_alias("left", Alias("tcp://pi:9000"))
+    Aliases.save("left", Alias("tcp://pi:9000"))
     with pytest.raises(TransportUnavailable, match=r"/dev/\\xff: holds bytes outside UTF-8; write each byte as in %FF"):
-        save_alias("right", Alias("serial:///dev/\udcff"))
-    assert load_aliases() == {"left": Alias("tcp://pi:9000")}
+        Aliases.save("right", Alias("serial:///dev/\udcff"))
+    assert Aliases.load() == {"left": Alias("tcp://pi:9000")}
 
 
 @pytest.mark.parametrize(
     ("content", "named"),
     [
         (b"[boards", "at end of document"),
-        (b"\xff", "utf-8"),
+        (b"\xff", "save the file as UTF-8"),
         (b"boards = 3", "$.boards"),
         (b"[boards.a]\nurl = 3", "$.boards"),
         (b"[boards.a]\nport = 'x'", "port"),
@@ -160,7 +158,7 @@ def test_an_address_that_is_no_text_is_refused(path: Path) -> None:
 def test_a_damaged_file_is_one_clear_error_and_is_left_alone(content: bytes, named: str, path: Path) -> None:
     path.parent.mkdir()
     path.write_bytes(content)
-    for use in (load_aliases, lambda: save_alias("b", Alias("virtual://"))):
+    for use in (Aliases.load, lambda: Aliases.save("b", Alias("virtual://"))):
         with pytest.raises(TransportUnavailable) as refused:
             use()
         assert str(path) in str(refused.value)
@@ -169,14 +167,14 @@ def test_a_damaged_file_is_one_clear_error_and_is_left_alone(content: bytes, nam
 
 
 def test_a_write_that_fails_leaves_the_file_as_it_was(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    save_alias("left", Alias("virtual://"))
+    Aliases.save("left", Alias("virtual://"))
 
     def no_space(self: Path, target: Path) -> Path:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", no_space)
     with pytest.raises(ServolinkError, match=r"boards\.toml cannot be written: No space left on device; names need"):
-        save_alias("right", Alias("virtual://"))
+        Aliases.save("right", Alias("virtual://"))
     monkeypatch.undo()
     assert {file.name for file in path.parent.iterdir()} == {path.name, "boards.lock"}
 
@@ -199,7 +197,7 @@ def test_an_address_is_left_as_it_is(address: str) -> None:
 
 
 def test_a_name_follows_its_board_and_keeps_its_options(here: Callable[..., None]) -> None:
-    save_alias("left", alias_for("serial:///dev/ttyACM0?baudrate=9600", [BOARD]))
+    Aliases.save("left", Alias.at("serial:///dev/ttyACM0?baudrate=9600", [BOARD]))
     here(DeviceInfo("hid://1:2/A1", "board", PortIdentity(serial_number="A1")), MOVED)
     assert asyncio.run(resolve_url("left")) == "serial:///dev/ttyACM7?baudrate=9600"
 
@@ -208,13 +206,13 @@ def test_a_bare_device_path_is_the_same_device(tmp_path: Path) -> None:
     link = tmp_path / "by-id"
     link.symlink_to("/dev/ttyACM0")
     for url in ("/dev/ttyACM0", f"serial://{link}", str(link)):
-        assert alias_for(url, [BOARD]).serial_number == "A1"
-    assert alias_for("COM3", [DeviceInfo("serial://COM3", "", PortIdentity(serial_number="C3"))]).serial_number == "C3"
+        assert Alias.at(url, [BOARD]).serial_number == "A1"
+    assert Alias.at("COM3", [DeviceInfo("serial://COM3", "", PortIdentity(serial_number="C3"))]).serial_number == "C3"
 
 
 @pytest.mark.parametrize("url", ["tcp://pi:9000", "hid://1:2/A1", "serial:///dev/ttyUSB5"])
 def test_what_has_no_number_or_needs_none_is_kept_by_its_address(url: str) -> None:
-    assert alias_for(url, [BOARD]) == Alias(url)
+    assert Alias.at(url, [BOARD]) == Alias(url)
     assert current_url("x", Alias(url), [BOARD]) == url
 
 
@@ -232,14 +230,19 @@ def test_a_name_is_of_one_port_of_one_device() -> None:
         for number, interface in ((0, 0), (1, 2), (7, 2))
     )
     other = DeviceInfo("serial:///dev/ttyACM2", "adapter", PortIdentity(0x0403, 0x6001, "A1", 2))
-    save_alias("left", alias_for(second.url, [first, second, other]))
-    assert current_url("left", load_aliases()["left"], [first, moved, other]) == moved.url
+    Aliases.save("left", Alias.at(second.url, [first, second, other]))
+    assert current_url("left", Aliases.load()["left"], [first, moved, other]) == moved.url
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    save_alias("left", Alias("virtual://"))
+    Aliases.save("left", Alias("virtual://"))
     with pytest.raises(InvalidAddress, match=r"known: left\).*servolink use lfet BOARD"):
         asyncio.run(resolve_url("lfet"))
+
+
+def test_blanks_around_a_name_are_no_part_of_it() -> None:
+    Aliases.save("left", Alias("virtual://"))
+    assert asyncio.run(resolve_url(" left\n")) == "virtual://"
 
 
 def test_nothing_at_all_is_the_only_board(here: Callable[..., None]) -> None:
@@ -252,7 +255,7 @@ def test_nothing_at_all_is_the_only_board(here: Callable[..., None]) -> None:
 
 def test_the_hub_of_the_only_board_has_its_name(here: Callable[..., None], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(BOARDS, "here", VirtualBoard(2))
-    monkeypatch.setattr("servolink.discovery.hubs.is_new_board", lambda url: False)
+    monkeypatch.setattr("servolink.boards.hubs.is_new_board", lambda url: False)
     here(DeviceInfo("virtual://here"))
 
     async def name() -> str:
@@ -260,22 +263,22 @@ def test_the_hub_of_the_only_board_has_its_name(here: Callable[..., None], monke
             return hub.name
 
     assert asyncio.run(name()) == "here"
-    save_alias("left", Alias("virtual://here"))
+    Aliases.save("left", Alias("virtual://here"))
     assert asyncio.run(name()) == "left"
-    save_alias("arm", Alias("virtual://here"))
-    assert names.name_at("virtual://here") is None, "two names"
+    Aliases.save("arm", Alias("virtual://here"))
+    assert names.Aliases.name_at("virtual://here") is None, "two names"
 
 
 def test_a_board_with_a_number_is_known_by_it_on_any_port(here: Callable[..., None]) -> None:
-    save_alias("left", alias_for(BOARD.url, [BOARD]))
+    Aliases.save("left", Alias.at(BOARD.url, [BOARD]))
     here(MOVED, DeviceInfo("serial:///dev/ttyACM0"))
-    assert names.name_at(MOVED.url) == "left"
-    assert names.name_at("serial:///dev/ttyACM0") is None
+    assert names.Aliases.name_at(MOVED.url) == "left"
+    assert names.Aliases.name_at("serial:///dev/ttyACM0") is None
 
 
 def test_programs_connect_to_the_only_board_and_by_name(here: Callable[..., None]) -> None:
     here(DeviceInfo("virtual://?servos=5"))
-    save_alias("toy", Alias("virtual://?servos=2"))
+    Aliases.save("toy", Alias("virtual://?servos=2"))
 
     async def count() -> tuple[int, int]:
         async with servolink.connect() as board, servolink.connect("toy") as toy:

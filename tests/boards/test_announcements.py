@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.discovery.announcements import announced, candidates
-from servolink.transports.device_info import DeviceInfo
+from servolink.boards.announcements import announced, candidates
+from servolink.transports import DeviceInfo
 from tests.cli.programs import finished, started
 
 BOARD = DeviceInfo("tcp://127.0.0.1:9000", "virtual board")

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from servolink.discovery import search
-from servolink.discovery.announcements import announced
-from servolink.discovery.hubs import claim_hub
-from servolink.discovery.names import Alias, save_alias
-from servolink.doctor.environment import check_holders
-from servolink.doctor.system import SystemFacts
-from servolink.transports.device_info import DeviceInfo
+from servolink.boards import searching as search
+from servolink.boards.announcements import announced
+from servolink.boards.hubs import HubClaim
+from servolink.boards.names import Alias, Aliases
+from servolink.doctor import SystemFacts, check_holders
+from servolink.transports import DeviceInfo
 from tests.cli.programs import call
 
 URL = "tcp://127.0.0.1:1"
@@ -26,8 +25,8 @@ SHARED = f"shared by a hub (pid {os.getpid()})"
 def _hub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for name in ("XDG_RUNTIME_DIR", "XDG_CONFIG_HOME"):
         monkeypatch.setenv(name, str(tmp_path))
-    save_alias("lab", Alias(URL))
-    with asyncio.run(claim_hub("rex")) as claim:
+    Aliases.save("lab", Alias(URL))
+    with asyncio.run(HubClaim.of("rex")) as claim:
         claim.announce(URL)
         yield
 
@@ -63,7 +62,7 @@ def test_the_doctor_wants_no_hub_to_be_killed() -> None:
 
 def test_a_shared_board_is_one_board(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """The doctor queries it through its hub, as every command does."""
-    monkeypatch.setattr(search, "_KINDS", ("servolink.discovery.announcements", "servolink.discovery.hubs"))
+    monkeypatch.setattr(search, "_KINDS", ("servolink.boards.announcements", "servolink.boards.hubs"))
     with announced(DeviceInfo(URL, "virtual board")):
         said = call(capsys, "doctor")
     assert "2 boards are here" not in said.out

@@ -10,16 +10,13 @@ import asyncio
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Self
 
-from servolink.discovery.announcements import read_all, write
-from servolink.discovery.search import identity_of, is_same_place
-from servolink.errors import OpenError, Reason
-from servolink.escaping import quote
-from servolink.files import is_name, reason
-from servolink.platforms.locks import open_locked, remove_locked
-from servolink.platforms.private_files import private_folder
-from servolink.transports.device_info import ANY_DEVICE, DeviceInfo
+from servolink.boards.announcements import read_all, write
+from servolink.boards.searching import identity_of, is_same_place
+from servolink.errors import OpenError, Reason, quote
+from servolink.support import LockedFile, is_name, private_folder, reason
+from servolink.transports import DeviceInfo, PortIdentity
 
 _SUFFIX = ".hub"
 _PRIVATE = 0o700
@@ -32,11 +29,29 @@ _TRIES, _PAUSE = (
 class HubClaim:
     """Claim to the name of a hub, released at the end of its context."""
 
-    def __init__(self, name: str, folder: Path, file: BinaryIO) -> None:
+    def __init__(self, name: str, folder: Path, file: LockedFile) -> None:
         self.name = name
         self.folder = folder
         """Folder where only the user can create files."""
         self._file = file
+
+    @classmethod
+    async def of(cls, name: str) -> Self:
+        """Claim a name for a hub. Raise OpenError, with the current owner of the name."""
+        if not is_name(name):
+            raise OpenError(f"{quote(name)} cannot be the name of a hub: use up to 64 letters, digits, - and _")
+        try:
+            folder = private_folder()
+            folder.chmod(_PRIVATE)  # an earlier version or another program may have made the folder readable for others
+            file = await _locked(_file_of(name, folder))
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
+        if file is None:
+            server = await asyncio.to_thread(_described, name)
+            text = f"share://{name} is {server} already: use that hub, or choose another name with --name"
+            raise OpenError(text, reason=Reason.IN_USE)
+        return cls(name, folder, file)
 
     def __enter__(self) -> Self:
         """Return the claim."""
@@ -45,7 +60,7 @@ class HubClaim:
     def __exit__(self, *_: object) -> None:
         """Release the name, and stop announcing the hub."""
         with suppress(OSError):  # a file without a lock counts as left over
-            remove_locked(_file_of(self.name, self.folder), self._file)
+            self._file.remove()
 
     @property
     def url(self) -> str:
@@ -58,36 +73,18 @@ class HubClaim:
         Call when programs can connect. Blocks for some milliseconds. Raise OpenError if another hub shares the board,
         or if the file cannot be written.
         """
-        identity = identity_of(url) or ANY_DEVICE
+        identity = identity_of(url) or PortIdentity()
         product = f"shared by a hub (pid {os.getpid()})"
         try:
-            write(DeviceInfo(self.url, product, identity, shares=url), self._file)
+            write(DeviceInfo(self.url, product, identity, shares=url), self._file.file)
         except OSError as error:
-            where = _file_of(self.name, self.folder)
+            where = self._file.path
             raise OpenError(f"{self.url}: the hub cannot be announced to programs: {where}: {reason(error)}") from error
         # Checked after the file was written: of two hubs starting together, at least one finds the other.
         if (other := hub_of(url, but=self.url)) is not None:
             raise OpenError(
                 f"{url} is {other.product} already: use {other.url}, or end the other hub first", reason=Reason.IN_USE
             )
-
-
-async def claim_hub(name: str) -> HubClaim:
-    """Claim a name for a hub. Raise OpenError, with the current owner of the name."""
-    if not is_name(name):
-        raise OpenError(f"{quote(name)} cannot be the name of a hub: use up to 64 letters, digits, - and _")
-    try:
-        folder = private_folder()
-        folder.chmod(_PRIVATE)  # an earlier version or another program may have made the folder readable for others
-        file = await _locked(_file_of(name, folder))
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        raise OpenError(f"share://{name}: no hub can run here: {where}{reason(error)}") from error
-    if file is None:
-        server = await asyncio.to_thread(_described, name)
-        text = f"share://{name} is {server} already: use that hub, or choose another name with --name"
-        raise OpenError(text, reason=Reason.IN_USE)
-    return HubClaim(name, folder, file)
 
 
 def candidates() -> list[DeviceInfo]:
@@ -119,11 +116,11 @@ def _file_of(name: str, folder: Path) -> Path:
     return folder / f"{name}{_SUFFIX}"
 
 
-async def _locked(path: Path) -> BinaryIO | None:
+async def _locked(path: Path) -> LockedFile | None:
     """Return the file, empty and locked, None if locked by another program. Raise OSError for any other failure."""
     for _ in range(_TRIES):
-        if (file := open_locked(path)) is not None:
-            file.truncate()
+        if (file := LockedFile.open(path)) is not None:
+            file.file.truncate()
             return file
         await asyncio.sleep(
             _PAUSE

@@ -1,1 +1,0 @@
-"""Search for boards, and names for them."""

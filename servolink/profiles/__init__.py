@@ -1,1 +1,0 @@
-"""Profiles: settings, limits and evidence of boards, by given name."""
