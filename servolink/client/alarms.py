@@ -11,8 +11,8 @@ from msgspec import Struct
 from msgspec.structs import force_setattr
 
 from servolink.client.servo_state import Servo
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_integer
+from servolink.errors import quote
+from servolink.support import as_number, is_integer
 
 Quantity: TypeAlias = Literal["current_raw", "temperature_raw"]
 """Raw readings of a servo (3.2.2); the document gives no units for them."""

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
 
 from servolink.client.all_servos import AllServos
 from servolink.client.session import Session
-from servolink.connection.explain import timed_out
-from servolink.errors import EncodeError, OutcomeUnknown, Rejected
-from servolink.escaping import quote
-from servolink.motion.angles import AngleUnit
-from servolink.motion.units import ServoUnits, is_accepted, unit_request
-from servolink.numeric import check_seconds
-from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
-
-if TYPE_CHECKING:
-    from servolink.connection.packet_connection import PacketConnection
+from servolink.connection import PacketConnection, timed_out
+from servolink.errors import EncodeError, OutcomeUnknown, Rejected, quote
+from servolink.motion import AngleUnit, ServoUnits, is_accepted, unit_request
+from servolink.protocol import ALL_SERVOS, SetAngleUnitRequest, SetAngleUnitResponse
+from servolink.support import check_seconds
 
 
 class AngleUnits:

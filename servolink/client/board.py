@@ -3,58 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Coroutine, Iterable
+from copy import copy
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
+from servolink.boards import ProfileInUse
+from servolink.client.alarms import Alarm, checked_alarms
+from servolink.client.board_records import RecordStore
 from servolink.client.board_servos import ServoController
+from servolink.client.button_events import ButtonEvents, ButtonSubscription
+from servolink.client.captions import Targets
+from servolink.client.playing import Playback, Playing
+from servolink.client.projects import ProjectTransfers
+from servolink.client.raw_packets import RawPackets
+from servolink.client.servo_readings import ServoReadings, ServoWatch
 from servolink.client.servo_state import Servo
+from servolink.client.servo_stream import ServoStream, stream_on
 from servolink.client.session import Session
-from servolink.connection.connection import Connection
-from servolink.connection.stats import Stats
-from servolink.escaping import escape, html_table
-from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import MotionLimits
-from servolink.motion.movement import INTERVAL_UNIT, Speed
-from servolink.motion.ticket import Ticket
-from servolink.motion.units import ServoUnits
-from servolink.numeric import as_number
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Packet, Query, Request, Response
-from servolink.protocol.record_types import ACTION, MACRO, TABLE
-from servolink.protocol.records import (
+from servolink.client.stored_runs import StoredRuns
+from servolink.connection import Connection, Stats
+from servolink.control import ConnectionState
+from servolink.errors import escape, html_table
+from servolink.motion import AngleUnit, MotionLimits, MotionPlanner, ServoUnits, Speed, Ticket
+from servolink.project import ApplyResult, Plan, ProgressCallback, Project
+from servolink.protocol import (
+    ACTION,
+    ALL_SERVOS,
+    MACRO,
+    TABLE,
     Action,
     ActionEntry,
+    Codec,
+    Command,
     JoystickTable,
     JoystickTableEntry,
     Macro,
     MacroEntry,
-    ServoParameter,
-)
-from servolink.protocol.servos import ALL_SERVOS
-from servolink.protocol.settings import (
+    Packet,
+    Query,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
     QueryRemainPowerRequest,
+    Request,
+    Response,
     SendDummyDataRequest,
+    ServoParameter,
+    SetServoParameterRequest,
 )
-
-if TYPE_CHECKING:  # imported at first use: few programs use most of these modules
-    from pathlib import Path
-
-    from servolink.client.alarms import Alarm
-    from servolink.client.board_records import RecordStore
-    from servolink.client.button_events import ButtonEvents, ButtonSubscription
-    from servolink.client.captions import Targets
-    from servolink.client.playing import Playback, Playing
-    from servolink.client.projects import ProjectTransfers
-    from servolink.client.raw_packets import RawPackets
-    from servolink.client.servo_readings import ServoReadings, ServoWatch
-    from servolink.client.servo_stream import ServoStream
-    from servolink.client.stored_runs import StoredRuns
-    from servolink.control.status import ConnectionState
-    from servolink.profiles.profile import ProfileInUse
-    from servolink.project.model import Project
-    from servolink.project.transfer.results import ApplyResult, Plan, ProgressCallback
+from servolink.support import as_number
 
 R = TypeVar("R", bound=Response)
 
@@ -101,57 +98,41 @@ class Board:
         self,
         session: Session,
         angle_unit: AngleUnit | None,
-        limits: MotionLimits,
-        interval_unit: float = INTERVAL_UNIT,
+        planner: MotionPlanner,
+        shared: ServoController | None = None,
     ) -> None:
         """Use `connect` instead."""
         self._session = session
-        self._limits = limits
-        self._servos = ServoController(session, angle_unit, limits, interval_unit)
-        self._interval_unit = interval_unit
+        self._servos = ServoController(session, angle_unit, planner, shared)
         self._ticket: Ticket | None = None  # ticket for all motions; None for a new ticket in each call
 
     @cached_property
     def _packets(self) -> RawPackets:
-        from servolink.client.raw_packets import RawPackets
-
-        return RawPackets(self._session, self._servos, lambda: self._runs, self._limits)
+        return RawPackets(self._session, self._servos, lambda: self._runs)
 
     @cached_property
     def _records(self) -> RecordStore:
-        from servolink.client.board_records import RecordStore
-
         return RecordStore(self._session)
 
     @cached_property
     def _buttons(self) -> ButtonSubscription:
-        from servolink.client.button_events import ButtonSubscription
-
         return ButtonSubscription(self._session)
 
     @cached_property
     def _watch(self) -> ServoWatch:
-        from servolink.client.servo_readings import ServoWatch
-
         return ServoWatch(self._session, self._servos)
 
     @cached_property
     def _projects(self) -> ProjectTransfers:
-        from servolink.client.projects import ProjectTransfers
-
         return ProjectTransfers(self._session)
 
     @cached_property
     def _runs(self) -> StoredRuns:
-        from servolink.client.stored_runs import StoredRuns
-
-        return StoredRuns(self._session, self._servos, self._records, self._limits, self._interval_unit)
+        return StoredRuns(self._session, self._servos, self._records)
 
     @cached_property
     def _playing(self) -> Playing:
-        from servolink.client.playing import Playing
-
-        return Playing(self._session, self._servos, self._runs, self._interval_unit)
+        return Playing(self._session, self._servos, self._runs)
 
     def __repr__(self) -> str:
         """Return name, address and state, such as `<Board "rex" virtual:// connected>`."""
@@ -183,7 +164,7 @@ class Board:
     @property
     def limits(self) -> MotionLimits:
         """The limits of movements: those given to `connect`, tightened by the profile's. Falsy without limits."""
-        return self._limits
+        return self._servos.planner.limits
 
     @property
     def connection(self) -> Connection:
@@ -244,6 +225,8 @@ class Board:
         Return None for requests without a readable effect: motions, angle units, the transmission mode and the event
         subscription.
         """
+        if isinstance(request, SetServoParameterRequest):
+            return await self._servos.all.is_set(request)
         return await self._records.took_effect(request)
 
     async def close(self) -> None:
@@ -319,9 +302,6 @@ class Board:
                 (see `connect`) makes more possible.
             alarms: Alarms to compare with each reading. An alarm with `stops` stops all servos at once.
         """
-        from servolink.client.alarms import checked_alarms
-        from servolink.client.servo_readings import ServoReadings
-
         return ServoReadings(self._watch, as_number(hz), checked_alarms(alarms))
 
     async def servo(self, servo_id: int | str) -> Servo:
@@ -377,33 +357,45 @@ class Board:
         speed: Speed | None = None,
         wait: bool = False,
         dry_run: bool = False,
+        start: bool = False,
+        any_angle: bool = False,
     ) -> float:
         """Move servos together to angles in degrees (or `Adc`), and return the duration in seconds (3.2.5).
 
         Returns when the movement is sent, or with `wait`, when all servos have arrived. The board reports no errors of
-        movements, and a servo turns only as far as the robot lets it.
+        movements, so a movement that servos would ignore is refused before anything is sent. The list of servos is
+        read once for that; further queries are sent only before a refusal, and the servos are read after a stop.
 
         The first movement of a servo is the first on a new connection, or after a stop or release of the servo, and
         lasts until its planned end. With `soft_start`, the whole movement takes longer if a servo in its first movement
         would be too fast.
 
         Args:
-            targets: Angles by id or caption. Without `angle_limits` any angle is sent, as the protocol gives no range.
+            targets: Angles by id or caption.
             duration: Seconds, 0.01..327.67. Give either `duration` or `speed`.
             speed: Degrees per second for all servos, or by servo id. The present angles are read first.
             wait: Whether to wait until the servos are within 2 degrees of their targets.
             dry_run: Whether to check and return the duration, and send nothing.
+            start: Whether to start and hold servos first that are stopped or released.
+            any_angle: Whether angles beyond ±360 degrees are sent to servos without `angle_limits`.
 
         Raises:
-            MotionRefused: An angle is outside `angle_limits` or a speed above `speed_cap`, or another program moves the
-                board. Nothing moved.
+            NotFound: The board has no such servo.
+            MotionRefused: An angle is outside `angle_limits` or beyond a whole turn, a speed is above `speed_cap`, or
+                another program moves the board. Nothing moved.
+            RequestRefused: A servo is stopped or released, by this program or as a reading has shown.
             TargetNotReached: With `wait`, a servo has not arrived a second after the planned end.
         """
-        return await self._servos.move(
-            targets, duration=duration, speed=speed, wait=wait, dry_run=dry_run, ticket=self._ticket
-        )
+        servos, ticket = self._servos, self._ticket or self._session.ticket()
+        movement = await servos.movement(targets, duration=duration, speed=speed, any_angle=any_angle)
+        if dry_run:
+            return (await servos.plan(movement, ticket, start=start)).seconds
+        plan = await servos.move(movement, ticket, start=start)
+        if wait:
+            await servos.until_over(plan, ticket)
+        return plan.seconds
 
-    def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
+    def stream(self, hz: float = 50.0, *, gap: float = 0.5, any_angle: bool = False) -> ServoStream:
         """Return a stream of set-points (3.2.5), as from a gamepad or a policy.
 
         `await stream.send({1: 30.5})` turns servos toward angles in degrees, and returns the angles sent. Limits
@@ -417,10 +409,9 @@ class Board:
         Args:
             hz: Most set-points per second, above 0 and at most 100.
             gap: Seconds without a set-point that end the stream, above 0 and at most 10.
+            any_angle: Whether set-points beyond ±360 degrees are sent to servos without `angle_limits`.
         """
-        from servolink.client.servo_stream import stream_on
-
-        return stream_on(self._session, self._servos, self._limits, hz, gap, self._interval_unit, self._ticket)
+        return stream_on(self._session, self._servos, hz, gap, self._ticket, any_angle=any_angle)
 
     def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
@@ -457,7 +448,14 @@ class Board:
         return await self._runs.run_action(action_id, wait=wait, dry_run=dry_run, ticket=self._ticket)
 
     async def play(
-        self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
+        self,
+        project: Project,
+        name: int | str,
+        *,
+        playback: Playback | None = None,
+        dry_run: bool = False,
+        start: bool = False,
+        any_angle: bool = False,
     ) -> float:
         """Play an action or a macro of a project without storing it (3.2.5), and return its duration in seconds.
 
@@ -471,17 +469,21 @@ class Board:
             playback: Control of the run: `playback.pause()` lets the servos finish the present steps, and
                 `playback.resume()` continues.
             dry_run: Whether to check and return the duration, and send nothing.
+            start: As for `move`.
+            any_angle: As for `move`.
 
         Raises:
             ProjectError: The project has no such record.
             NotFound: A record or a servo in the run is missing.
             EncodeError: A value does not fit the protocol.
-            MotionRefused: A step is beyond a limit. Nothing moved.
+            MotionRefused: A step is beyond a limit or a whole turn. Nothing moved.
             RequestRefused: A servo is stopped, released or set to ADC, a macro never ends, a stop ended the run, or an
                 angle unit was set meanwhile.
             ConnectionLost: The connection was lost during the run.
         """
-        return await self._playing.play(project, name, playback=playback, dry_run=dry_run)
+        return await self._playing.play(
+            project, name, playback=playback, dry_run=dry_run, start=start, any_angle=any_angle
+        )
 
     # --- 3.3 stored records -------------------------------------------------------------------------------------
 
@@ -603,8 +605,6 @@ class Board:
         Args:
             limit: Most unread events to keep; then the oldest are dropped and counted.
         """
-        from servolink.client.button_events import ButtonEvents
-
         return ButtonEvents(self._buttons, limit)
 
     # --- 4 projects: everything stored on the board at once --------------------------------------------------------
@@ -702,8 +702,6 @@ def servos_of(board: Board) -> ServoController:
 
 def with_ticket(board: Board, ticket: Ticket) -> Board:
     """Return `board` with `ticket` for all motions, in place of a new ticket at each call."""
-    from copy import copy  # late: few programs share a board
-
     one = copy(board)
     one._ticket = ticket  # noqa: SLF001 - a board that only this function makes
     return one

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
+from servolink.connection import PacketConnection
 from servolink.errors import EncodeError, NotFound, Rejected, RequestTimeout
-from servolink.protocol.editing import QueryProjectIDRequest
-
-if TYPE_CHECKING:
-    from servolink.connection.packet_connection import PacketConnection
+from servolink.protocol import QueryProjectIDRequest
 
 _NOT_DONE = (EncodeError, Rejected, RequestTimeout)
 """After these errors the board is unchanged: nothing was sent, or the board says so."""

@@ -11,15 +11,21 @@ from msgspec.structs import replace
 
 from servolink.client.captions import record_id as id_of_record
 from servolink.client.session import Session
-from servolink.errors import EncodeError, NotFound
-from servolink.escaping import quote
-from servolink.protocol.editing import AddServoParameterRequest, QueryServoParameterRequest, WriteProjectIDRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest, SetActiveJoystickTableRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
-from servolink.protocol.records import RecordRef, ServoParameter
-from servolink.protocol.servos import QueryServoRequest, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
+from servolink.errors import EncodeError, NotFound, quote
+from servolink.protocol import (
+    RECORD_TYPES,
+    TABLE,
+    AddServoParameterRequest,
+    ClearAllDataRequest,
+    Packet,
+    QueryActiveJoystickTableRequest,
+    QueryServoParameterRequest,
+    RecordRef,
+    RecordType,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
+    WriteProjectIDRequest,
+)
 
 T = TypeVar("T", bound=Struct)
 
@@ -103,8 +109,6 @@ class RecordStore:
                 return None if project_id is None else project_id == request.project_id
             case SetActiveJoystickTableRequest():
                 return (await self.active_table() or 0) == request.table_id
-            case SetServoParameterRequest():
-                return await self._is_set(request)
             case ClearAllDataRequest():
                 return not any([await self.entries(record_type) for record_type in RECORD_TYPES])
             case _:
@@ -117,11 +121,6 @@ class RecordStore:
     async def _free_id(self, record_type: RecordType[Any]) -> int:
         used_ids = {record_type.id_of(entry) for entry in await self.entries(record_type)}
         return next(record_id for record_id in range(1, len(used_ids) + 2) if record_id not in used_ids)
-
-    async def _is_set(self, request: SetServoParameterRequest) -> bool:
-        states = (await self._session.request(QueryServoRequest(request.servo_id))).servos
-        expected = (request.is_start, request.is_hold)
-        return bool(states) and all((state.is_start, state.is_hold) == expected for state in states)
 
 
 def _check_references(record_type: RecordType[T], record: T) -> None:

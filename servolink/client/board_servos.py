@@ -3,49 +3,55 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncGenerator, Iterable, Mapping
+from collections.abc import AsyncGenerator, Callable, Hashable, Iterable, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from functools import partial
 
 from msgspec.structs import replace
 
-from servolink.client.all_servos import AllServos
+from servolink.client.all_servos import AllServos, KnownServos
 from servolink.client.angle_units import AngleUnits
-from servolink.client.servo_state import Servo, Servos, angles_of, until_arrived
+from servolink.client.captions import Targets
+from servolink.client.servo_state import Servo, Servos, angles_of, servo_of, until_arrived, until_over
 from servolink.client.session import Session
 from servolink.client.soft_start import SoftStart
-from servolink.connection.gates import UnitsChanged
+from servolink.connection import UnitsChanged
 from servolink.errors import (
     ConnectionLost,
     DecodeError,
+    EncodeError,
     MotionRefused,
     NotFound,
     OutcomeUnknown,
     Reason,
     Rejected,
+    RequestRefused,
     RequestTimeout,
     TransportError,
+    quote,
 )
-from servolink.motion.angles import AngleUnit, in_unit, wire_angles
-from servolink.motion.limits import MotionLimits, degrees_per_second
-from servolink.motion.movement import INTERVAL_UNIT, Speed, check_limits, check_pace, checked_targets, intervals_for
-from servolink.motion.ticket import Ticket
-from servolink.numeric import checked_flag, is_number
-from servolink.platforms.time_asleep import time_with_sleep
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.motion import (
+    FRESH,
+    AngleUnit,
+    MotionPlan,
+    MotionPlanner,
+    Movement,
+    SetPoints,
+    Speed,
+    Ticket,
+    check_pace,
+    checked_targets,
+    in_unit,
+)
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
-    ServoState,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
-
-if TYPE_CHECKING:
-    from servolink.client.captions import Targets
-    from servolink.motion.set_points import SetPoints
+from servolink.support import time_with_sleep
 
 _STOP_TRIES = 3
 _ALL = "all"  # as in `captions`, which is loaded for captions only
@@ -58,23 +64,26 @@ class ServoController:
         self,
         session: Session,
         angle_unit: AngleUnit | None,
-        limits: MotionLimits,
-        interval_unit: float = INTERVAL_UNIT,
+        planner: MotionPlanner,
+        shared: ServoController | None = None,
     ) -> None:
         """Set all servos to `angle_unit` before the first command with an angle; None changes no unit.
 
-        An interval of 1 (3.2.5) stands for `interval_unit` seconds.
+        Movements are planned by `planner`. What is known of the servos is that of `shared`, for the programs of a hub.
         """
-        self.all = AllServos(session)
+        self.all = AllServos(session, None if shared is None else shared.known)
+        self.known: KnownServos = self.all.known
         self.units = AngleUnits(session, self.all, angle_unit)
-        self.soft_start = SoftStart(session, limits)
+        self.soft_start: SoftStart = SoftStart(session) if shared is None else shared.soft_start
+        self.planner = planner
         self._session = session
-        self._limits = limits
-        self._interval_unit = interval_unit
 
     async def servo_ids(self) -> tuple[int, ...]:
         """Return the ids of all servos (3.2.1)."""
-        return (await self._session.request(QueryServoListRequest())).servo_id_list
+        listed = (await self._session.request(QueryServoListRequest())).servo_id_list
+        servo_ids = tuple(dict.fromkeys(listed))  # some boards list an id twice
+        self.known.take_list(servo_ids)
+        return servo_ids
 
     async def servos(self) -> tuple[Servo, ...]:
         """Return the state of all servos (3.2.2)."""
@@ -92,7 +101,7 @@ class ServoController:
 
     async def set_servo(self, which: int | str, *, start: bool, hold: bool, ticket: Ticket | None = None) -> None:
         """Start or stop, hold or release a servo (3.2.3). Raise Rejected if the board reports another state."""
-        is_start, is_hold = checked_flag("start", start), checked_flag("hold", hold)
+        is_start, is_hold = _checked_flag("start", start), _checked_flag("hold", hold)
         ticket = ticket or self._session.ticket()
         servo_id = await self.all.id_of(which)
         request = SetServoParameterRequest(servo_id, is_start, is_hold)
@@ -134,50 +143,75 @@ class ServoController:
         ticket: Ticket | None = None,
     ) -> SetServoParameterResponse:
         """Send a packet to start, stop, hold or release, and return the response without a check."""
+        readies = bool(packet.is_start and packet.is_hold)
         try:
-            return await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
-        finally:
-            self.soft_start.forget(packet)  # answered or not: the request may have been executed
+            response = await self._session.request(packet, timeout=timeout, unchecked=unchecked, ticket=ticket)
+            if readies and response == SetServoParameterResponse(packet.servo_id, 1, 1):
+                self.known.set(packet.servo_id, is_idle=False)
+            return response
+        finally:  # answered or not: the request may have been executed
+            self.soft_start.forget(packet)
+            if not readies:
+                self.known.set(packet.servo_id, is_idle=True)
 
-    async def move(
+    async def movement(
         self,
         targets: Targets,
         *,
         duration: float | None = None,
         speed: Speed | None = None,
-        wait: bool = False,
-        dry_run: bool = False,
-        ticket: Ticket | None = None,
-    ) -> float:
-        """Move servos together (see `Board.move`)."""
+        any_angle: bool = False,
+    ) -> Movement:
+        """Return a movement with its captions replaced by ids. Raise the errors that need no units (see `move`)."""
+        check_pace(duration, speed, self.planner.interval_unit)  # refuse an impossible pace before anything is sent
+        by_id = checked_targets(await self.all.targets_by_id(targets))  # a copy: callers change theirs
+        return Movement(by_id, duration, speed, any_angle)
+
+    async def plan(
+        self, movement: Movement, ticket: Ticket, *, start: bool = False, planner: MotionPlanner | None = None
+    ) -> MotionPlan:
+        """Return the plan of a movement, without sending anything. Raise as `move`."""
+        planner = planner or self.planner
+        await self._idle(movement, ticket, planner, start=start)
+        return (await self._planned(movement, planner))[0]
+
+    async def move(
+        self, movement: Movement, ticket: Ticket, *, start: bool = False, planner: MotionPlanner | None = None
+    ) -> MotionPlan:
+        """Plan a movement and send it (see `Board.move`). Return the plan that was sent.
+
+        A hub plans the movements of a program with the `planner` for its limits.
+        """
+        planner = planner or self.planner
+        if idle := await self._idle(movement, ticket, planner, start=start):
+            await self._planned(movement, planner)  # no servo is started for a refused movement
+        for servo_id in idle:
+            await self.set_servo(servo_id, start=True, hold=True, ticket=ticket)
         connection = self._session.connection
-        ticket = ticket or connection.stops.ticket()
-        check_pace(duration, speed, self._interval_unit)  # refuse an impossible pace before anything is sent
-        angles = checked_targets(await self.all.targets_by_id(targets))  # a copy: callers change theirs
-        # During a change, only `_planned` knows the units, and only a reading whether a servo is outside its limits.
-        if not self.units.is_changing and not self._are_outside(angles):
-            self._goals(angles, speed, {})
         while True:
-            goals, intervals, moving = await self._planned(angles, duration, speed)
-            steps = tuple(Step(servo_id, int(goal), intervals[servo_id]) for servo_id, goal in goals.items())
-            request = ExecuteActionRequest(steps)
-            longest = round(
-                max(intervals.values()) * self._interval_unit, 9
-            )  # 0.07 s rather than 0.07000000000000001 s
-            if dry_run:
-                return longest
+            plan, moving = await self._planned(movement, planner)
             # The movement may wait for its turn. If a unit is sent meanwhile, its numbers mean other angles.
             with suppress(UnitsChanged):
-                fresh = self._while_fresh(ticket, goals)
-                await connection.send(request, ticket=fresh.checked(connection.units_sent))
+                fresh = _while_fresh(ticket, plan.goals, planner)
+                await connection.send(plan.packet, ticket=fresh.checked(connection.units_sent))
                 break
-        self.soft_start.moved(moving, longest, ticket)
-        if wait:
-            await asyncio.sleep(longest)
-            async for _ in self.until_arrived(goals, 0.0):
-                if refusal := connection.gates.lease(request, ticket):
-                    raise MotionRefused(f"the motion was sent, and then interrupted: {refusal}") from refusal
-        return longest
+        self.soft_start.moved(moving, plan.seconds, ticket)
+        return plan
+
+    async def until_over(self, plan: MotionPlan, ticket: Ticket) -> None:
+        """Wait until the servos of a plan, just sent, have arrived. Raise as `Session.check_goes_on`."""
+        check = partial(self._session.check_goes_on, "the motion", plan.packet, ticket)
+        await until_over(self.servos, plan.goals, plan.seconds, check)
+
+    async def _idle(self, movement: Movement, ticket: Ticket, planner: MotionPlanner, *, start: bool) -> list[int]:
+        """Return the servos to be started first (see `AllServos.ready`). A stop since `ticket` is the better reason."""
+        # During a change, only `_planned` knows the units, and only a reading whether a servo is outside its limits.
+        if not self.units.is_changing:
+            planner.check(movement, self.units.of)
+        try:
+            return await self.all.ready(movement.targets, start=start)
+        except RequestRefused as error:
+            raise self._session.connection.gates.ticket(ExecuteActionRequest(), ticket) or error from None
 
     async def follow(
         self, targets: Targets, seconds: float, *, settle: bool = False
@@ -185,38 +219,31 @@ class ServoController:
         """Yield readings until the servos have arrived (see `Board.follow`)."""
         angles = checked_targets(await self.all.targets_by_id(targets))
         await self.units.ensure()
-        goals = self._in_units(wire_angles(angles, self.units.of))
-        async for servos in self.until_arrived(goals, seconds, settle=settle):
+        goals = self.planner.goals(angles, self.units.of)
+        async for servos in until_arrived(self.servos, goals, seconds, settle=settle):
             yield servos
 
-    def until_at_rest(self, angles: Mapping[int, int]) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Yield readings until servos rest at `angles`, in the unit of each servo."""
-        return self.until_arrived(self._in_units(angles), 0.0, settle=True)
-
-    def until_arrived(
-        self, goals: Mapping[int, int], seconds: float, *, settle: bool = False
-    ) -> AsyncGenerator[tuple[Servo, ...], None]:
-        """Yield readings for `seconds` and until all are at `goals`, in the unit of each servo."""
-        return until_arrived(self.servos, goals, seconds, settle=settle)
+    async def until_at_rest(self, angles: Mapping[int, int], seconds: float, check: Callable[[], None]) -> None:
+        """Wait for `seconds`, and until servos rest at `angles`, in the unit of each servo (see `until_over`)."""
+        goals = {servo_id: in_unit(angle, self.units.of(servo_id)) for servo_id, angle in angles.items()}
+        await until_over(self.servos, goals, seconds, check, settle=True)
 
     async def send(self, packet: ExecuteActionRequest, *, ticket: Ticket | None = None) -> None:
         """Send a movement unchanged. Raise MotionRefused beyond the limits (see `Board.send`)."""
-        connection = self._session.connection
+        connection, planner = self._session.connection, self.planner
         ticket = ticket or connection.stops.ticket()
         angles = {step.servo_id: step.degree for step in packet.steps}
         while True:
             await self.units.ensure()
-            pose, moving = await self._start(angles, needed=self._needs_pose(angles))
+            first = self.soft_start.first_moves(angles, planner.limits)
+            pose, moving = await self._start(angles, needed=planner.limits_need_pose(angles, first))
             units_sent = connection.units_sent
-            check_limits(angles, self.units.of, self._limits, pose=pose)
-            first = self.soft_start.first_moves(moving)
-            for step in packet.steps if pose else ():
-                self._check_speed(step, abs(step.degree - pose[step.servo_id]), is_first=step.servo_id in first)
+            first = self.soft_start.first_moves(moving, planner.limits)
+            planner.check_steps(packet.steps, self.units.of, pose, first)
             with suppress(UnitsChanged):
-                await connection.send(packet, ticket=self._while_fresh(ticket, angles).checked(units_sent))
+                await connection.send(packet, ticket=_while_fresh(ticket, angles, planner).checked(units_sent))
                 break
-        longest = max((step.interval for step in packet.steps), default=0) * self._interval_unit
-        self.soft_start.moved(moving, longest, ticket)
+        self.soft_start.moved(moving, planner.seconds_of(packet.steps), ticket)
 
     async def stream(self, targets: Mapping[int, float], points: SetPoints, ticket: Ticket) -> dict[int, int]:
         """Send a movement toward set-points, shortened by `points` to its limits. Return the angles sent."""
@@ -254,19 +281,24 @@ class ServoController:
             # `set_servo`. So the state of the servos is what counts.
             for servo_id in (ALL_SERVOS, *self.all.separate_ids):
                 await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
+            self.known.set(ALL_SERVOS, is_idle=True)
+            self.known.doubt()
             if connection.hub is not None and connection.is_suspended:
                 await connection.hub.stop()  # the hub reads the servos: no other program may now
                 return
             try:
                 await connection.shake_hands()  # if put off, so that the stop goes first
                 states = await self.all.states(timeout=connection.patience / _STOP_TRIES, first=True)
-            except (RequestTimeout, DecodeError) as error:
+            except (RequestTimeout, DecodeError, RequestRefused) as error:
                 doubt = str(error)
                 continue
             except TransportError as error:
+                if error.reason is Reason.SEVERAL_BOARDS:
+                    doubt = str(error)
+                    continue
                 raise ConnectionLost(f"a stop was sent and could not be confirmed; stop again: {error}") from error
             moving = [state.servo_id for state in states if state.is_start or not state.is_hold]
-            silent = sorted({*self.all.separate_ids} - {state.servo_id for state in states})
+            silent = sorted(self.known.ids - {state.servo_id for state in states})
             if states and not moving and not silent:
                 return
             doubt = f"servos {silent} do not report" if silent and states else "no servo reports"
@@ -280,68 +312,22 @@ class ServoController:
             await self.units.ensure()
             connection = self._session.connection
             units_sent = connection.units_sent
-            if servo_id == ALL_SERVOS:
-                states = await self.all.states()
-            else:
-                states = (await connection.request(QueryServoRequest(servo_id))).servos
+            states = await self.all.states(servo_id)
             # After a unit sent during the query, the unit of the response is unknown: read again.
             if units_sent == connection.units_sent:
-                return Servos(map(self._servo, states))
+                servos = Servos(servo_of(state, self.units.of(state.servo_id)) for state in states)
+                self.known.take_angles({servo.servo_id: servo.angle for servo in servos})
+                return servos
 
-    def _servo(self, state: ServoState) -> Servo:
-        return Servo(
-            state.servo_id,
-            in_unit(state.angle, self.units.of(state.servo_id)),
-            state.current,
-            state.temperature,
-            state.servo_type,
-            bool(state.is_start),
-            bool(state.is_hold),
-        )
-
-    def _goals(self, targets: Mapping[int, float], speed: Speed | None, pose: Mapping[int, int]) -> dict[int, int]:
-        """Return `targets` in the units set now. Raise EncodeError for impossible targets."""
-        angles = wire_angles(targets, self.units.of)
-        check_limits(angles, self.units.of, self._limits, speed, pose=pose)
-        return self._in_units(angles)
-
-    def _in_units(self, angles: Mapping[int, int]) -> dict[int, int]:
-        return {servo_id: in_unit(angle, self.units.of(servo_id)) for servo_id, angle in angles.items()}
-
-    async def _planned(
-        self, targets: Mapping[int, float], duration: float | None, speed: Speed | None
-    ) -> tuple[dict[int, int], dict[int, int], set[int]]:
-        """Return the goals, the time of each servo in intervals and the moving servos, for the units set now."""
+    async def _planned(self, movement: Movement, planner: MotionPlanner) -> tuple[MotionPlan, set[int]]:
+        """Return the plan of a movement for the units set now, and the servos that move."""
         await self.units.ensure()
-        pose, moving = await self._start(targets, needed=speed is not None or self._needs_pose(targets))
-        goals = self._goals(targets, speed, pose)
-        first = self.soft_start.first_moves(moving)
-        intervals = intervals_for(
-            goals, pose, self._limits, duration=duration, speed=speed, unit=self._interval_unit, soft=first
-        )
-        return goals, intervals, moving
-
-    def _needs_pose(self, targets: Mapping[int, float]) -> bool:
-        """Return whether the check of a movement needs the present angles."""
-        if not self._limits:
-            return False
-        has_cap = any(self._limits.cap_of(servo_id) is not None for servo_id in targets)
-        return has_cap or bool(self.soft_start.first_moves(targets)) or self._are_outside(targets)
-
-    def _are_outside(self, targets: Mapping[int, float]) -> bool:
-        """Return whether a target is outside the angle limits of its servo."""
-        return bool(self._limits) and any(
-            is_number(angle) and angle == angle // 1 and self._limits.exceeded_angles(servo_id, angle)
-            for servo_id, angle in targets.items()
-        )
-
-    def _while_fresh(self, ticket: Ticket, targets: Mapping[int, int]) -> Ticket:
-        """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
-        if not self._are_outside(targets):
-            return ticket
-        from servolink.motion.set_points import FRESH  # late: most boards have no limits beyond the document's
-
-        return replace(ticket, until=min(ticket.until, time_with_sleep() + FRESH))
+        if not movement.any_angle:
+            self.known.check_angles(each for each in movement.targets if self.units.of(each) == "degree")
+        first = self.soft_start.first_moves(movement.targets, planner.limits)
+        pose, moving = await self._start(movement.targets, needed=planner.needs_pose(movement, first))
+        first = self.soft_start.first_moves(moving, planner.limits)
+        return planner.plan(movement, self.units.of, pose, first), moving
 
     async def _start(self, servo_ids: Iterable[int], *, needed: bool) -> tuple[dict[int, int], set[int]]:
         """Return the present angles of servos, if needed, and the servos to move.
@@ -354,17 +340,16 @@ class ServoController:
         pose = angles_of(servo_ids, servos)
         return pose, {servo.servo_id for servo in servos if servo.servo_id in pose and servo.is_start and servo.is_hold}
 
-    def _check_speed(self, step: Step, degrees: int, *, is_first: bool) -> None:
-        """Raise MotionRefused for too fast a step of `degrees`."""
-        seconds = step.interval * self._interval_unit
-        exceeded = self._limits.exceeded_cap(step.servo_id, degrees, seconds)
-        why = f"its cap is {exceeded}"
-        if not exceeded and is_first:
-            exceeded = self._limits.exceeded_soft_start(degrees, seconds)
-            why = f"from an unknown pose its soft start allows {exceeded}, to which `move` keeps by itself"
-        if exceeded:
-            speed = degrees_per_second(degrees, seconds)
-            raise MotionRefused(
-                f"servo {step.servo_id}: {degrees} degrees in {seconds:g} s is {speed:.0f} degrees/s; {why}",
-                reason=Reason.LIMIT,
-            )
+
+def _while_fresh(ticket: Ticket, targets: Mapping[int, int], planner: MotionPlanner) -> Ticket:
+    """Return `ticket`; for targets outside the limits it ends with the reading that allows them, just made."""
+    if not planner.are_outside(targets):
+        return ticket
+    return replace(ticket, until=min(ticket.until, time_with_sleep() + FRESH))
+
+
+def _checked_flag(name: str, value: object) -> int:
+    """Return 0 or 1 for False or True. Raise EncodeError, with a text beginning with `name`, for other values."""
+    if isinstance(value, float) or not isinstance(value, Hashable) or value not in {0, 1}:
+        raise EncodeError(f"{name} must be True or False, not {quote(value)}")
+    return int(value == 1)

@@ -7,12 +7,10 @@ from contextlib import suppress
 
 from servolink.client.readers import Reader, SharedIterator, Source
 from servolink.client.session import Session
-from servolink.connection.explain import same
-from servolink.connection.packet_connection import PacketConnection
-from servolink.errors import ConnectionLost, Rejected, ServolinkError
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_integer
-from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.connection import PacketConnection
+from servolink.errors import ConnectionLost, Rejected, ServolinkError, quote
+from servolink.protocol import ButtonEventResponse, SubscribeButtonEventRequest
+from servolink.support import as_number, is_integer
 
 ButtonEvent = ButtonEventResponse
 """A button event: `button_id`, `event` (1 press, 2 long press, 4 up) and `kind`, the event in words."""
@@ -41,7 +39,7 @@ class ButtonSubscription(Source[Reader[ButtonEvent]]):
         """Deliver events to `reader`. Raise Rejected or ConnectionLost if the board sends none."""
         if self._connection.ended is not None:
             reader.ended = self._ended
-            raise same(self._connection.ended)
+            raise self._connection.ended.copy()
         self._readers.add(reader)
         try:
             await self._settle()

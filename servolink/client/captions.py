@@ -10,15 +10,19 @@ from __future__ import annotations
 from collections.abc import Coroutine, Iterable, Mapping
 from typing import Any, Protocol, TypeAlias, TypeVar
 
-from servolink.errors import AmbiguousName, EncodeError, NotFound
-from servolink.escaping import quote
-from servolink.numeric import as_number
-from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
-from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.packet import Request, Response
-from servolink.protocol.record_types import TABLE, RecordType
-from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest
+from servolink.errors import AmbiguousName, EncodeError, NotFound, quote
+from servolink.project import Named, id_or_caption
+from servolink.protocol import (
+    ALL_SERVOS,
+    TABLE,
+    QueryActiveJoystickTableRequest,
+    QueryServoListRequest,
+    QueryServoParameterRequest,
+    RecordType,
+    Request,
+    Response,
+)
+from servolink.support import as_number
 
 ALL = "all"
 """Name of all servos; a servo with this caption is `name:all`."""
@@ -110,11 +114,13 @@ async def record_id(
     if isinstance(name, str):
         found = _the_one(named, record_type.label, name, request)
         if len(same := [one for one in named if one.record_id == found]) > 1:
-            raise AmbiguousName(f"the board lists {listed(same)}, so it is unknown which of them has this id", request)
+            raise AmbiguousName(
+                f"the board lists {Named.listed(same)}, so it is unknown which of them has this id", request
+            )
         return found
     if name not in (one.record_id for one in named):
         raise NotFound(
-            f"the board has no {record_type} {quote(name)}; {closest(named, '', record_type.label)}", request
+            f"the board has no {record_type} {quote(name)}; {Named.closest(named, '', record_type.label)}", request
         )
     return name
 
@@ -146,11 +152,11 @@ def servo_or_caption(servo: int | str) -> int | str:
 
 def _the_one(things: Iterable[Named], label: str, caption: str, request: Request[Any]) -> int:
     things = list(things)
-    found = captioned(things, caption)
+    found = Named.captioned(things, caption)
     if len(found) == 1:
         return found[0].record_id
     if found:
-        text = f"{quote(caption)} may be {listed(found, 'or')}; give the id"
+        text = f"{quote(caption)} may be {Named.listed(found, 'or')}; give the id"
         raise AmbiguousName(text, request)
-    hint = closest(things, caption, label) if things or label != "servo" else "no servo of it has a caption"
+    hint = Named.closest(things, caption, label) if things or label != "servo" else "no servo of it has a caption"
     raise NotFound(f"the board has no {label} {quote(caption)}; {hint}", request)

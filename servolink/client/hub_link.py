@@ -11,23 +11,28 @@ import msgspec
 from msgspec import Raw
 from msgspec.structs import replace
 
-from servolink.connection.connection import Connection
-from servolink.connection.options import ConnectionOptions
-from servolink.connection.sharing import SendPoints
-from servolink.control.channel import open_channel
-from servolink.control.greeting import Greeting, Welcome
-from servolink.control.messages import StreamBegun, StreamSent
-from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, RefusedNotice
-from servolink.control.roles import Role, needed_role
-from servolink.control.share_address import ShareTransport
-from servolink.control.status import BoardState, HoldStatus, LeaseStatus
-from servolink.control.tightening import messages_of
-from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused
-from servolink.escaping import escape
-from servolink.motion.limits import MotionLimits
-from servolink.motion.ticket import Ticket
-from servolink.profiles.profile import BoardProfile, ProfileInUse
-from servolink.protocol.packet import Packet, is_motion
+from servolink.boards import BoardProfile, ProfileInUse
+from servolink.connection import Connection, ConnectionOptions, SendPoints
+from servolink.control import (
+    BoardState,
+    ConnectionNow,
+    Greeting,
+    HoldNotice,
+    HoldStatus,
+    LeaseNotice,
+    LeaseStatus,
+    RefusedNotice,
+    Role,
+    ShareTransport,
+    StreamBegun,
+    StreamSent,
+    Tighten,
+    Welcome,
+    open_channel,
+)
+from servolink.errors import ConnectionLost, MotionRefused, OpenError, Reason, RequestRefused, ServolinkError, escape
+from servolink.motion import MotionLimits, Ticket
+from servolink.protocol import Packet
 
 _OF_THE_BOARD = ("caption_encoding", "depth", "write_depth")
 """The options in a profile that count through a hub too; it settles the others with the board."""
@@ -46,6 +51,7 @@ class HubLink:
         self._holds = 0  # transfers of this program under way
         self.has_lost_board = False
         """Whether the hub has lost the board, and is reconnecting."""
+        self._lost = ""  # description of the loss, for people
         self.on_board: Callable[[bool], None] = lambda has_lost_board: None
         """Called with `has_lost_board` when the hub loses or finds the board."""
 
@@ -70,7 +76,16 @@ class HubLink:
             self._hear(*notification)
         self._channel.on_notification = self._hear
         self._connection.preparations += (self._take_lease_for,)
-        self._connection.gates = replace(self._connection.gates, role=self._refuse_role, lease=self._refuse_lease)
+        gates = self._connection.gates
+
+        def refuse_lost(packet: Packet, ticket: Ticket) -> ServolinkError | None:
+            # Queries pass: the board may come back in time.
+            lost = (
+                ConnectionLost(f"{type(packet).__name__} was not sent: {self._lost}") if self.has_lost_board else None
+            )
+            return lost or gates.line(packet, ticket)
+
+        self._connection.gates = replace(gates, line=refuse_lost, role=self._refuse_role, lease=self._refuse_lease)
 
     async def close(self) -> None:
         """Disconnect: the hub frees the lease and the board."""
@@ -81,15 +96,18 @@ class HubLink:
         await self._channel.call("lease.take", timeout=_LIMIT, force=force)
         self._has_lease, self._mover = True, None
 
-    def stream(self, hz: float, gap: float, limits: MotionLimits) -> SendPoints:
+    def stream(self, hz: float, gap: float, limits: MotionLimits, *, any_angle: bool) -> SendPoints:
         """Return a function to stream set-points through the hub, which shortens them to `limits` and its own."""
         number: int | None = None
+        freely = {"any_angle": True} if any_angle else {}  # unknown to hubs of earlier versions
 
         async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
             nonlocal number
             if number is None:
                 # With its first set-point, since the hub needs no streams without any.
-                begun = await self._channel.call("stream.begin", hz=hz, gap=gap, limits=messages_of(limits))
+                begun = await self._channel.call(
+                    "stream.begin", hz=hz, gap=gap, limits=Tighten.messages(limits), **freely
+                )
                 number = msgspec.json.decode(begun, type=StreamBegun).stream
             targets = {str(servo_id): angle for servo_id, angle in angles.items()}
             sent = await self._channel.call("stream.send", stream=number, targets=targets)
@@ -133,16 +151,16 @@ class HubLink:
 
     async def _take_lease_for(self, packet: Packet, ticket: Ticket) -> None:
         """Take the lease before a motion. Raise MotionRefused with the name of another holder."""
-        if not self._has_lease and is_motion(packet):
+        if not self._has_lease and packet.is_motion:
             await self.take_lease()
 
     def _refuse_role(self, packet: Packet, ticket: Ticket) -> RequestRefused | None:
         """Refuse packets for higher roles: the hub would not send them, and could not always report the refusal."""
-        return self._lacking(needed_role(packet), type(packet).__name__)
+        return self._lacking(Role.needed_for(packet), type(packet).__name__)
 
     def _refuse_lease(self, packet: Packet, ticket: Ticket) -> MotionRefused | None:
         """Refuse a motion while another program holds the lease; the hub takes a free lease."""
-        if self._mover is None or not is_motion(packet):
+        if self._mover is None or not packet.is_motion:
             return None
         name = escape(self._welcome.name)
         return MotionRefused(
@@ -199,10 +217,10 @@ class HubLink:
 
     def _learn_upstream(self, upstream: BoardState | ConnectionNow) -> None:
         self.has_lost_board = upstream.state == "lost"
-        lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
+        self._lost = f"the hub {self._welcome.name} has lost its board and tries to get it back"
         if upstream.another:
-            lost += f" ({upstream.another})"
-        self._connection.explain_silence(lost if self.has_lost_board else "")
+            self._lost += f" ({upstream.another})"
+        self._connection.explain_silence(self._lost if self.has_lost_board else "")
         self.on_board(self.has_lost_board)
 
     def _end(self) -> None:

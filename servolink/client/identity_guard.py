@@ -6,16 +6,22 @@ import asyncio
 import logging
 from contextlib import suppress
 
-from servolink.connection.connection import Connection
-from servolink.errors import DecodeError, RequestTimeout, WrongBoard
-from servolink.escaping import escape
-from servolink.motion.ticket import Ticket
-from servolink.profiles.profile import BoardIdentityRecord, ProfileInUse
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Effect, Packet, Query
-from servolink.protocol.servos import QueryServoListRequest, SetAngleUnitRequest
-from servolink.protocol.settings import QueryMemorySizeRequest, SendDummyDataRequest, TransmissionModeSettingRequest
-from servolink.transports.device_info import ANY_DEVICE
+from servolink.boards import BoardIdentityRecord, ProfileInUse, identity_of
+from servolink.connection import Connection
+from servolink.errors import DecodeError, RequestTimeout, WrongBoard, escape
+from servolink.motion import Ticket
+from servolink.protocol import (
+    Effect,
+    Packet,
+    Query,
+    QueryMemorySizeRequest,
+    QueryServoListRequest,
+    SendDummyDataRequest,
+    SetAngleUnitRequest,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+)
+from servolink.transports import PortIdentity
 
 _HARMLESS = (
     Query,
@@ -79,16 +85,14 @@ class IdentityGuard:
     async def _found(self) -> BoardIdentityRecord:
         """Return the identity of the connected board, in the facts known of the expected board."""
         expected, unsupported = self._expected, self._connection.unsupported
-        servo_ids, memory_total, port = None, None, ANY_DEVICE
+        servo_ids, memory_total, port = None, None, PortIdentity()
         if expected.servo_ids is not None and "QueryServoList" not in unsupported:
             servo_ids = (await self._connection.request(QueryServoListRequest())).servo_id_list
         if expected.memory_total is not None and "QueryMemorySize" not in unsupported:
             memory_total = (await self._connection.request(QueryMemorySizeRequest())).total_size
         if (expected.vendor_id, expected.product_id, expected.serial_number) != (None, None, None):
-            from servolink.discovery.search import identity_of  # late: most profiles know no port
-
             found = await asyncio.to_thread(identity_of, self._connection.transport.url)
-            port = ANY_DEVICE if found is None else found
+            port = PortIdentity() if found is None else found
         return BoardIdentityRecord.of(
             servo_ids=servo_ids,
             memory_total=memory_total,

@@ -4,28 +4,30 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Generator
+from typing import Any
 
 from msgspec.structs import replace
 
 from servolink.client.board_servos import ServoController
-from servolink.client.collect import collect
+from servolink.client.collecting import check_can_wait, collect
 from servolink.client.projects import check_project
 from servolink.client.session import Session
 from servolink.client.stored_runs import StoredRuns
-from servolink.connection.gates import UnitsChanged
+from servolink.connection import UnitsChanged
 from servolink.errors import ConnectionLost, EncodeError, NotFound, Reason, RequestRefused
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.ticket import Ticket
-from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
-from servolink.protocol.records import Action, MacroCommandType, MacroPlaying, Step
-from servolink.protocol.servos import ExecuteActionRequest
-
-if TYPE_CHECKING:  # imported late: most programs play nothing
-    from collections.abc import Generator
-
-    from servolink.project.speed import RecordRun
+from servolink.motion import INTERVAL_UNIT, Ticket
+from servolink.project import Project, RecordRun, name_of, with_caption
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    Action,
+    ExecuteActionRequest,
+    MacroCommandType,
+    MacroPlaying,
+    RecordType,
+    Step,
+)
 
 _LOOK_EVERY = 0.04  # seconds between two looks for a pause, a stop or a loss
 
@@ -53,30 +55,41 @@ class Playback:
 class Playing:
     """Plays actions and macros of projects, within the limits of movements."""
 
-    def __init__(
-        self, session: Session, servos: ServoController, runs: StoredRuns, interval_unit: float = INTERVAL_UNIT
-    ) -> None:
-        """Check with `runs` as for stored records; an interval of 1 stands for `interval_unit` seconds."""
+    def __init__(self, session: Session, servos: ServoController, runs: StoredRuns) -> None:
+        """Check with `runs` as for stored records."""
         self._session = session
         self._servos = servos
         self._runs = runs
-        self._interval_unit = interval_unit
+        self._interval_unit = servos.planner.interval_unit
 
     async def play(
-        self, project: Project, name: int | str, *, playback: Playback | None = None, dry_run: bool = False
+        self,
+        project: Project,
+        name: int | str,
+        *,
+        playback: Playback | None = None,
+        dry_run: bool = False,
+        start: bool = False,
+        any_angle: bool = False,
     ) -> float:
         """Play a record and return its duration in seconds (see `Board.play`)."""
-        from servolink.project.record_lookup import by_type, find
-
         check_project(project)
         ticket = self._session.ticket()
-        by_type(project)  # refuses a repeated id: either record could be meant
-        record = find(project, str(name), (ACTION, MACRO))
-        stored = await collect(_reader(project), type_of(record), type_of(record).id_of(record))
+        project.by_type()  # refuses a repeated id: either record could be meant
+        record = project.find(str(name), (ACTION, MACRO))
+        stored = await collect(_reader(project), RecordType.of(record), RecordType.of(record).id_of(record))
 
         async def read() -> RecordRun:
-            return await self._playable(stored, record)
+            try:
+                return await self._playable(stored, record, start=start, any_angle=any_angle)
+            except RequestRefused:
+                self._runs.check_is_current(name_of(record), ticket)  # a stop since is the better reason
+                raise
 
+        if start and not dry_run:  # no servo is started for a refused run
+            run, _ = await self._runs.prepare(read, ticket, wait=True, dry_run=True)
+            for servo_id in await self._servos.all.ready(run.servo_ids(), start=True):
+                await self._servos.set_servo(servo_id, start=True, hold=True, ticket=ticket)
         run, ticket = await self._runs.prepare(read, ticket, wait=True, dry_run=dry_run)
         if dry_run:
             return run.seconds()
@@ -90,16 +103,16 @@ class Playing:
             raise player.lost(error) from error
         return run.seconds()
 
-    async def _playable(self, stored: Project, record: Any) -> RecordRun:
+    async def _playable(self, stored: Project, record: Any, *, start: bool, any_angle: bool) -> RecordRun:
         """Return the run of a record. Raise EncodeError or RequestRefused for an unplayable or endless run."""
-        from servolink.client.collect import check_can_wait
-        from servolink.project.record_lookup import name_of
-        from servolink.project.speed import RecordRun
-
         for one in (*stored.actions, *stored.macros):
             self._check_values(one)
         run = RecordRun(stored, record, self._interval_unit)
+        for action in stored.actions:
+            angles = {step.servo_id: step.degree for step in action.steps}
+            self._servos.planner.check_turns(angles, self._servos.units.of, any_angle=any_angle)
         servos = await self._servos.servos()
+        await self._servos.all.ready(run.servo_ids(), start=start)
         check_can_wait(run, servos)  # endless runs were refused above
         for action, speed in run.slowest():
             try:
@@ -109,9 +122,6 @@ class Playing:
         why = f"{name_of(record)} was not played:"
         used = [servo for servo in servos if servo.servo_id in run.servo_ids()]
         for servo in used:
-            if not (servo.is_start and servo.is_hold):
-                text = f"{why} servo {servo.servo_id} is {servo.state}; start and hold it first"
-                raise RequestRefused(text, reason=Reason.SERVO_STATE)
             if self._servos.units.of(servo.servo_id) == "adc":
                 text = f"{why} servo {servo.servo_id} is set to raw ADC; set its angle unit to degrees"
                 raise RequestRefused(text, reason=Reason.ANGLE_UNIT)
@@ -119,9 +129,7 @@ class Playing:
 
     def _check_values(self, record: Any) -> None:
         """Raise EncodeError for values out of range; the caption is not sent."""
-        from servolink.project.record_lookup import name_of, with_caption
-
-        kind: RecordType[Any] = type_of(record)
+        kind: RecordType[Any] = RecordType.of(record)
         try:
             self._session.codec.encode(kind.add(with_caption(record, "")))
         except EncodeError as error:
@@ -158,8 +166,6 @@ class _Player:
 
     def lost(self, error: ConnectionLost) -> ConnectionLost:
         """Return the error of a run whose connection was lost, with the first cause."""
-        from servolink.project.record_lookup import name_of
-
         cause = self._connection.ended or error
         if self._has_begun:
             lost = "the connection was lost before it was over"
@@ -197,8 +203,6 @@ class _Player:
         try:
             await self._connection.send(movement, ticket=self._ticket)
         except UnitsChanged:
-            from servolink.project.record_lookup import name_of
-
             text = f"{name_of(self._run.record)} was ended, because an angle unit was set while it was played"
             raise RequestRefused(text, movement, reason=Reason.ANGLE_UNIT) from None
         # A late step is not cut short: the next would turn faster than checked.
@@ -225,8 +229,6 @@ class _Player:
             self._due = max(self._due, loop.time())
 
     def _check(self) -> None:
-        from servolink.project.record_lookup import name_of
-
         self._session.check_goes_on(name_of(self._run.record), self.latest, self._ticket)
 
 

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from servolink.client.session import Session
-from servolink.escaping import escape, quote
-from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.folders import may_have_journals
-from servolink.protocol.editing import QueryProjectIDRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-
-if TYPE_CHECKING:  # loading transfers takes longer than loading all packets
-    from pathlib import Path
-
-    from servolink.project.transfer.pinned import PinnedConnection
-    from servolink.project.transfer.results import ApplyResult, Plan, Progress, ProgressCallback
+from servolink.errors import escape, quote
+from servolink.project import (
+    UNFINISHED,
+    ApplyResult,
+    BackupStore,
+    PinnedConnection,
+    Plan,
+    Progress,
+    ProgressCallback,
+    Project,
+    apply_project,
+    export_project,
+    plan_project,
+    roll_back,
+)
+from servolink.protocol import QueryActiveJoystickTableRequest, QueryProjectIDRequest
 
 
 class ProjectTransfers:
@@ -29,8 +34,6 @@ class ProjectTransfers:
 
     async def export(self, on_progress: ProgressCallback | None) -> Project:
         """Return everything stored on the board (see `Board.export_project`)."""
-        from servolink.project.transfer.read import export_project
-
         board = await self._pinned()
         async with self._session.transfer(""):
             return await export_project(board, on_progress or ignore_progress)
@@ -39,8 +42,6 @@ class ProjectTransfers:
         self, project: Project, *, replace: bool, unchecked: bool, on_progress: ProgressCallback | None
     ) -> Plan:
         """Return the changes of an `apply` (see `Board.plan_project`)."""
-        from servolink.project.transfer.import_plan import plan_project
-
         check_project(project)
         board = await self._pinned()
         async with self._session.transfer("a project is being compared"):
@@ -63,9 +64,6 @@ class ProjectTransfers:
         on_progress: ProgressCallback | None,
     ) -> ApplyResult:
         """Make the board hold exactly `project` (see `Board.apply_project`)."""
-        from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.importing import apply_project
-
         check_project(project)
         board, store = await self._pinned(), BackupStore(folder)
         async with self._session.transfer("a project is being written", moves=True):
@@ -83,9 +81,6 @@ class ProjectTransfers:
         self, backup: Path | None, *, folder: Path | None, on_progress: ProgressCallback | None
     ) -> ApplyResult:
         """Write a backup to the board (see `Board.rollback_project`)."""
-        from servolink.project.transfer.backups import BackupStore
-        from servolink.project.transfer.importing import roll_back
-
         board, store = await self._pinned(), BackupStore(folder)
         async with self._session.transfer("a backup is being restored", moves=True):
             return await roll_back(
@@ -99,18 +94,18 @@ class ProjectTransfers:
         """Return whether an import was interrupted (see `Board.has_unfinished_import`)."""
         self._reported_unfinished = True  # to the caller, so not to the log as well
         project_id = await self._session.find_project_id() or 0
-        if is_unfinished(project_id):
+        if project_id in UNFINISHED:
             return True
-        if not may_have_journals(folder):
+        store = BackupStore(folder)
+        if not store.may_have_journals():
             return False
-        from servolink.project.transfer.backups import BackupStore, is_import_unfinished
 
-        return is_import_unfinished(BackupStore(folder), project_id, self._session.connection.board_url)
+        return store.is_import_unfinished(project_id, self._session.connection.board_url)
 
     async def project_id(self) -> int:
         """Return the project id (3.3.13). At the first mark of an unfinished import, log a warning."""
         project_id = await self._session.project_id()
-        if is_unfinished(project_id) and not self._reported_unfinished:
+        if project_id in UNFINISHED and not self._reported_unfinished:
             self._reported_unfinished = True
             logging.getLogger(__name__).warning(
                 "%s holds an unfinished import: apply the project again to finish it, or roll back to undo it",
@@ -120,8 +115,6 @@ class ProjectTransfers:
 
     async def _pinned(self) -> PinnedConnection:
         """Return the board as a transfer needs it, which must know all that the board does not answer."""
-        from servolink.project.transfer.pinned import PinnedConnection
-
         profile = self._session.profile
         # Openings leave short queries out by chance, and a plan must know all gaps before the first reading.
         for query in (QueryProjectIDRequest(), QueryActiveJoystickTableRequest()):

@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Coroutine
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from servolink.client.board_servos import ServoController
 from servolink.client.session import Session
+from servolink.client.stored_runs import StoredRuns
 from servolink.errors import EncodeError
-from servolink.motion.limits import MotionLimits
-from servolink.motion.ticket import Ticket
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Command, Request, Response
-from servolink.protocol.servos import (
+from servolink.motion import Ticket
+from servolink.protocol import (
+    Command,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Request,
+    Response,
     SetAngleUnitRequest,
     SetServoParameterRequest,
 )
-
-if TYPE_CHECKING:  # late: most programs run no stored records
-    from servolink.client.stored_runs import StoredRuns
 
 R = TypeVar("R", bound=Response)
 
@@ -28,14 +27,12 @@ R = TypeVar("R", bound=Response)
 class RawPackets:
     """Sends any packet within the limits, and keeps the known state of the servos up to date."""
 
-    def __init__(
-        self, session: Session, servos: ServoController, runs: Callable[[], StoredRuns], limits: MotionLimits
-    ) -> None:
+    def __init__(self, session: Session, servos: ServoController, runs: Callable[[], StoredRuns]) -> None:
         """Send through `session`; under limits, send movements through `servos` and the result of `runs`."""
         self._session = session
         self._servos = servos
         self._runs = runs
-        self._limits = limits
+        self._limits = servos.planner.limits
 
     def request(
         self, packet: Request[R], *, timeout: float | None, unchecked: bool, ticket: Ticket | None

@@ -10,7 +10,6 @@ from contextlib import suppress
 from types import TracebackType
 from typing import Any, Generic, Self, TypeVar
 
-from servolink.connection.explain import same
 from servolink.errors import ConnectionLost
 
 T = TypeVar("T")
@@ -48,7 +47,7 @@ class Reader(Generic[T]):
         """Raise the error at the end of the iterator."""
         if self.error is None or (isinstance(self.error, ConnectionLost) and self.error.__cause__ is None):
             raise StopAsyncIteration  # the program has closed the board
-        raise same(self.error) if isinstance(self.error, ConnectionLost) else self.error
+        raise self.error.copy() if isinstance(self.error, ConnectionLost) else self.error
 
 
 class Source(ABC, Generic[ReaderT]):

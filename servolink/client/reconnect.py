@@ -5,13 +5,10 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING
 
+from servolink.connection import PacketConnection
 from servolink.errors import NotFound, ServolinkError
-from servolink.pauses import Pauses, Reconnecting
-
-if TYPE_CHECKING:
-    from servolink.connection.packet_connection import PacketConnection
+from servolink.support import Pauses, Reconnecting
 
 _logger = logging.getLogger(__name__)
 

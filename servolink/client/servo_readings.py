@@ -13,11 +13,9 @@ from servolink.client.board_servos import ServoController
 from servolink.client.readers import Reader, SharedIterator, Source
 from servolink.client.servo_state import Servo
 from servolink.client.session import Session
-from servolink.connection.explain import same
-from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.escaping import quote
-from servolink.numeric import is_number
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError, quote
+from servolink.protocol import ALL_SERVOS, SetServoParameterRequest
+from servolink.support import call_at, is_number
 
 MOST_HZ = 1000.0
 """Readings per second that can be asked for."""
@@ -101,7 +99,7 @@ class ServoWatch(Source[_RatedReader]):
         ended = self._session.connection.ended
         if self._ended and ended is not None:
             reader.ended = True
-            raise same(ended)
+            raise ended.copy()
         reader.due = self._loop.time()
         self._readers.add(reader)
         self._begin()
@@ -161,7 +159,7 @@ class ServoWatch(Source[_RatedReader]):
         """Send the query due now, and set the timer for the next."""
         due = self._began_at + self._ticks * period
         self._ticks = max(self._ticks, int((self._loop.time() - self._began_at) / period)) + 1
-        self._timer = self._loop.call_at(self._began_at + self._ticks * period, self._tick, period)
+        self._timer = call_at(self._loop, self._began_at + self._ticks * period, self._tick, period)
         self._is_late = not self._ask(due)
 
     def _fill(self) -> None:
@@ -185,10 +183,11 @@ class ServoWatch(Source[_RatedReader]):
         try:
             while self._readers and await self._read_once(due):
                 due = self._loop.time()
-        except ConnectionLost:
-            self._resume_later()
         except ServolinkError as error:
-            if isinstance(error, RequestTimeout) and self._has_read and self._session.connection.outlasts_silence:
+            connection = self._session.connection
+            if isinstance(error, ConnectionLost) and (connection.ended is not None or self._session.state == "lost"):
+                self._resume_later()
+            elif isinstance(error, RequestTimeout | ConnectionLost) and self._has_read and connection.outlasts_silence:
                 self._loop.call_soon(self._fill)  # the hub has lost its board, which may come back
             else:
                 self._fail(error)

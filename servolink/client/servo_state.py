@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, Awaitable, Callable, Iterable, Mapping
+from contextlib import aclosing
 
 from msgspec import Struct
 
-from servolink.errors import NotFound, OutcomeUnknown, RequestTimeout, TargetNotReached
-from servolink.escaping import html_table
-from servolink.motion.angles import Degrees
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest
+from servolink.errors import NotFound, OutcomeUnknown, RequestTimeout, TargetNotReached, html_table
+from servolink.motion import AngleUnit, Degrees, in_unit
+from servolink.protocol import ALL_SERVOS, QueryServoRequest, ServoState
 
 _ARRIVED = 2  # degrees (or ADC steps) from the target
 _GRACE = 1.0  # seconds beyond the planned duration of a movement
 _PAUSE = 0.04  # seconds between two readings of moving servos
+_LOOK_EVERY = 0.1  # seconds between two looks whether a motion was ended
 _MOST_NAMED = 8  # servos still away from their targets
 
 
@@ -41,6 +42,19 @@ class Servo(Struct, frozen=True):
 
     def _repr_html_(self) -> str:
         return Servos((self,))._repr_html_()
+
+
+def servo_of(state: ServoState, unit: AngleUnit | None) -> Servo:
+    """Return a servo with the state in a response, and the angle in `unit`."""
+    return Servo(
+        state.servo_id,
+        in_unit(state.angle, unit),
+        state.current,
+        state.temperature,
+        state.servo_type,
+        bool(state.is_start),
+        bool(state.is_hold),
+    )
 
 
 class Servos(tuple[Servo, ...]):
@@ -94,6 +108,34 @@ async def until_arrived(
             raise _not_arrived({servo_id: (pose[servo_id], goals[servo_id]) for servo_id in away})
         before = pose
         await asyncio.sleep(_PAUSE)
+
+
+async def until_over(
+    read: Callable[[], Awaitable[tuple[Servo, ...]]],
+    goals: Mapping[int, int],
+    seconds: float,
+    check: Callable[[], None],
+    *,
+    settle: bool = False,
+) -> None:
+    """Wait for `seconds`, and until all servos are at `goals`, as `until_arrived` does.
+
+    `check` raises the error of a motion that a stop, a loss or another program has ended. Such an end is the better
+    reason for a servo that has not arrived, or is not read.
+    """
+    loop = asyncio.get_running_loop()
+    end = loop.time() + seconds
+    # The line is left free meanwhile, so an end is looked for here.
+    while (remaining := end - loop.time()) > 0:
+        await asyncio.sleep(min(remaining, _LOOK_EVERY))
+        check()
+    try:
+        async with aclosing(until_arrived(read, goals, 0.0, settle=settle)) as readings:
+            async for _ in readings:
+                check()
+    except (TargetNotReached, OutcomeUnknown):
+        check()
+        raise
 
 
 def _not_arrived(away: Mapping[int, tuple[int, int]]) -> TargetNotReached:

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from typing import TYPE_CHECKING
+from typing import ClassVar, TypeAlias
 
 from msgspec.structs import replace
 
+from servolink.client.board_servos import ServoController
 from servolink.client.captions import CaptionSource, Targets, servo_targets
-from servolink.connection.sharing import SendPoints
-from servolink.control.messages import MOST_GAP, MOST_STREAM_HZ
-from servolink.errors import MotionRefused, Reason, RequestError, RequestRefused
-from servolink.escaping import quote
-from servolink.motion.angles import Degrees
-from servolink.motion.set_points import SetPoints, checked_set_points
-from servolink.numeric import as_number, is_number
-from servolink.platforms.time_asleep import time_with_sleep
-from servolink.protocol.servos import ExecuteActionRequest
+from servolink.client.session import Session
+from servolink.connection import SendPoints
+from servolink.errors import MotionRefused, Reason, RequestError, RequestRefused, quote
+from servolink.motion import Degrees, MotionPlanner, SetPoints, Ticket, checked_set_points
+from servolink.protocol import ExecuteActionRequest
+from servolink.support import as_number, is_number, time_with_sleep
 
-if TYPE_CHECKING:  # imported late: most programs stream nothing
-    from servolink.client.board_servos import ServoController
-    from servolink.client.session import Session
-    from servolink.motion.limits import MotionLimits
-    from servolink.motion.ticket import Ticket
+CheckPoints: TypeAlias = Callable[[Mapping[int, float]], Awaitable[None]]
+"""Raises the error of a set-point that must not be sent."""
 
 
 class ServoStream:
@@ -32,21 +27,26 @@ class ServoStream:
     Any number of tasks may send set-points: the latest one counts, whoever has given it.
     """
 
+    MOST_HZ: ClassVar[float] = 100.0
+    """Most set-points a second: the shortest movement takes 10 ms."""
+    MOST_GAP: ClassVar[float] = 10.0
+    """Longest time between two set-points, in seconds."""
+
     def __init__(
         self,
         source: CaptionSource,
-        read_ids: Callable[[], Awaitable[tuple[int, ...]]],
+        check: CheckPoints,
         send_points: SendPoints,
         hz: float,
         gap: float,
     ) -> None:
-        """Send at most `hz` set-points a second with `send_points` to the servos that `read_ids` returns.
+        """Send at most `hz` set-points a second with `send_points`, each after `check`.
 
         Captions are read from `source`.
         """
         check_rate(hz, gap)
         self._source = source
-        self._read_ids = read_ids
+        self._check = check
         self._send_points = send_points
         self._period = 1 / hz
         """Least time from one movement to the next, in seconds."""
@@ -60,7 +60,6 @@ class ServoStream:
         """Time of the latest set-point on the clock of deadlines; None before the first."""
         self._due = 0.0
         """Earliest time of the next movement, on the same clock."""
-        self._servo_ids: frozenset[int] = frozenset()
         self._names: tuple[int | str, ...] = ()
         """Ids and captions of the latest set-point, in the order given."""
         self._places: Mapping[int, float] = {}
@@ -76,7 +75,8 @@ class ServoStream:
         if self._given_at is not None and self._clock() - self._given_at > self._gap:
             text = f"the stream has ended: no set-point was given for more than {self._gap:g} s; begin another"
             raise RequestRefused(text, reason=Reason.DEADLINE)
-        angles = checked_set_points(await self._by_id(targets), self._servo_ids)
+        angles = checked_set_points(await self._by_id(targets))
+        await self._check(angles)
         self._given_at = given_at = self._clock()
         self._newest += 1
         number = self._newest
@@ -97,14 +97,12 @@ class ServoStream:
         return {servo_id: Degrees(angle) for servo_id, angle in sent.items()}
 
     async def _by_id(self, targets: Targets) -> dict[int, float]:
-        """Return set-points by id. Captions and the ids of all servos are read once for a stream."""
+        """Return set-points by id. Captions are read once for a stream."""
         if not isinstance(targets, Mapping):
             raise TypeError(f"stream: set-points must map servos to angles, such as {{1: 90}}, not {quote(targets)}")
         names, values = tuple(targets), tuple(targets.values())
         if names != self._names:
             places = await servo_targets(self._source, {name: place for place, name in enumerate(names)})
-            if not self._servo_ids:
-                self._servo_ids = frozenset(await self._read_ids())
             self._names, self._places = names, places
         return {servo_id: values[int(place)] for servo_id, place in self._places.items()}
 
@@ -114,28 +112,42 @@ def check_rate(hz: float, gap: float) -> None:
     for name, value in (("hz", hz), ("gap", gap)):
         if not is_number(value):
             raise TypeError(f"{name} must be a number, not {quote(value)}")
-    if not 0 < hz <= MOST_STREAM_HZ:
-        raise ValueError(f"hz must be above 0 and at most {MOST_STREAM_HZ:g}, not {quote(hz)}")
-    if not 1 / hz < gap <= MOST_GAP:
-        raise ValueError(f"gap must be above the period of {1 / hz:g} s and at most {MOST_GAP:g} s, not {quote(gap)}")
+    if not 0 < hz <= ServoStream.MOST_HZ:
+        raise ValueError(f"hz must be above 0 and at most {ServoStream.MOST_HZ:g}, not {quote(hz)}")
+    if not 1 / hz < gap <= ServoStream.MOST_GAP:
+        raise ValueError(
+            f"gap must be above the period of {1 / hz:g} s and at most {ServoStream.MOST_GAP:g} s, not {quote(gap)}"
+        )
+
+
+def point_check(servos: ServoController, planner: MotionPlanner, *, any_angle: bool) -> CheckPoints:
+    """Return a function that raises the errors of `move` for set-points, before anything is sent."""
+
+    async def check(angles: Mapping[int, float]) -> None:
+        planner.check_turns(angles, lambda servo_id: "degree", any_angle=any_angle)
+        await servos.all.ready(angles)
+
+    return check
 
 
 def stream_on(
     session: Session,
     servos: ServoController,
-    limits: MotionLimits,
     hz: float,
     gap: float,
-    interval_unit: float,
     ticket: Ticket | None,
+    *,
+    any_angle: bool = False,
 ) -> ServoStream:
     """Return a stream on the board of `session`, or on the hub that shares it."""
     hz, gap = as_number(hz), as_number(gap)
     check_rate(hz, gap)
-    begun, points = ticket or session.ticket(), SetPoints(limits, hz, interval_unit)
+    begun, planner = ticket or session.ticket(), servos.planner
+    points = SetPoints(planner.limits, hz, planner.interval_unit)
     # The hub knows where the last target of any program has brought a servo, and limits of the board.
     hub = session.connection.hub
-    through_hub = None if hub is None else hub.stream(hz, gap, limits)
+    through_hub = None if hub is None else hub.stream(hz, gap, planner.limits, any_angle=any_angle)
+    check_points = point_check(servos, planner, any_angle=any_angle)
 
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
         session.check_goes_on("the stream", ExecuteActionRequest(), begun)
@@ -143,9 +155,10 @@ def stream_on(
             return await through_hub(angles, until)
         return await servos.stream(angles, points, replace(begun, until=until))
 
-    async def read_ids() -> tuple[int, ...]:
+    async def check(angles: Mapping[int, float]) -> None:
+        session.check_goes_on("the stream", ExecuteActionRequest(), begun)
         # The unit is set before the first set-point is given, which would be late on a slow board.
         await servos.units.ensure()
-        return await servos.servo_ids()
+        await check_points(angles)
 
-    return ServoStream(session, read_ids, send_points, hz, gap)
+    return ServoStream(session, check, send_points, hz, gap)

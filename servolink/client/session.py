@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+from servolink.boards import ProfileInUse
 from servolink.client.board_identity import BoardIdentity
-from servolink.connection.explain import described, lost, same
-from servolink.connection.fences import SERVO_LIST, name_of
-from servolink.connection.stats import Stats
+from servolink.client.reconnect import Reconnector
+from servolink.connection import PacketConnection, Stats, lost
+from servolink.control import ConnectionState
 from servolink.errors import (
     ConnectionLost,
     MotionRefused,
@@ -19,20 +20,26 @@ from servolink.errors import (
     RequestRefused,
     RequestTimeout,
     ServolinkError,
+    escape,
+    quote,
 )
-from servolink.escaping import escape, quote
-from servolink.motion.ticket import Ticket
-from servolink.numeric import check_seconds
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse, WriteProjectIDRequest
-from servolink.protocol.packet import Command, Packet, Query, Request, Response, Result
-from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-
-if TYPE_CHECKING:  # most boards have no profile, and most connections are not restored
-    from servolink.client.reconnect import Reconnector
-    from servolink.connection.packet_connection import PacketConnection
-    from servolink.control.status import ConnectionState
-    from servolink.profiles.profile import ProfileInUse
+from servolink.motion import Ticket
+from servolink.protocol import (
+    ClearAllDataRequest,
+    Codec,
+    Command,
+    Packet,
+    Query,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryServoListRequest,
+    Request,
+    Response,
+    Result,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
+)
+from servolink.support import check_seconds
 
 R = TypeVar("R", bound=Response)
 
@@ -85,6 +92,8 @@ class Session:
         self.profile = profile
         """Known facts of the board; None without a profile."""
         self.identity = BoardIdentity()
+        self.losses = 0
+        """How often the board was lost, by this connection or by a hub."""
         self._enders: list[Callable[[ConnectionLost], None]] = []
         self._restorers: list[Callable[[PacketConnection], Awaitable[None]]] = []
         self._mode: int | None = None  # transmission mode set by this session; None if unchanged
@@ -95,8 +104,6 @@ class Session:
         self._ended: ConnectionLost | None = None
         self._reconnector: Reconnector | None = None
         if reopen is not None:
-            from servolink.client.reconnect import Reconnector
-
             self._reconnector = Reconnector(lambda: self._open_again(reopen), self._resume, self._found_another)
         connection.answers.on_end = self._connection_ended
         self._follow_state(connection)
@@ -182,7 +189,7 @@ class Session:
 
         Not every opening asks each of them. Raise RequestTimeout for a board that answers nothing.
         """
-        if name_of(query) in self.unanswered:
+        if query.short_name in self.unanswered:
             return None
         try:
             return await self.request(query)
@@ -199,10 +206,10 @@ class Session:
             raise error
         # The programs of a hub have no opening of their own, and each board with servos lists these.
         try:
-            await self.request(next(iter(self.connection.answered), SERVO_LIST))
+            await self.request(next(iter(self.connection.answered), QueryServoListRequest()))
         except (RequestTimeout, ConnectionLost):
             raise error from None
-        self._unanswered |= {name_of(query)}
+        self._unanswered |= {query.short_name}
 
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> None:
         """Send a packet without a response (see `Board.send`)."""
@@ -213,7 +220,7 @@ class Session:
     async def command(self, packet: Request[Result], likely_cause: str) -> None:
         """Send a command whose response is success or failure. Raise Rejected with `likely_cause` on failure."""
         if not (await self.request(packet)).result:
-            raise Rejected(f"{self.url} refused {described(packet)}: {likely_cause}", packet)
+            raise Rejected(f"{self.url} refused {packet.described}: {likely_cause}", packet)
 
     # --- commands that change restored settings or the project id of the board ------------------------------------
 
@@ -311,6 +318,7 @@ class Session:
 
     def _connection_ended(self, error: ConnectionLost) -> None:
         self.identity.lost(self.loop.time())
+        self.losses += 1
         self._states.change("lost")
         if self._reconnector is None or not self._reconnector.start():
             self._end(error)
@@ -328,6 +336,7 @@ class Session:
 
     def _hub_tells(self, has_lost_board: bool) -> None:  # noqa: FBT001 - called by the link to the hub
         if self.connection.ended is None:
+            self.losses += has_lost_board
             self._states.change("lost" if has_lost_board else "connected")
 
     def _end(self, error: ConnectionLost) -> None:
@@ -346,7 +355,7 @@ class Session:
         if self._mode is not None:
             await set_mode(connection, 1)
         # First, as another board may be plugged in at this address.
-        if name_of(QueryProjectIDRequest()) not in self._unanswered:
+        if QueryProjectIDRequest().short_name not in self._unanswered:
             await self.identity.check(connection)
         # Before the swap: a caller who sees `connected` must find units and events as they were.
         for restore in self._restorers:
@@ -356,7 +365,7 @@ class Session:
         if self._mode not in (None, 1):
             await set_mode(connection, self._mode)
         if connection.ended is not None:  # lost again meanwhile, before this session handled the end
-            raise same(connection.ended)
+            raise connection.ended.copy()
         self.stats.reconnects += 1
         self._follow_state(connection)
 

@@ -7,9 +7,8 @@ import math
 from collections.abc import Iterable
 
 from servolink.client.session import Session
-from servolink.motion.limits import MotionLimits
-from servolink.motion.ticket import Ticket
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
+from servolink.motion import MotionLimits, Ticket
+from servolink.protocol import ALL_SERVOS, SetServoParameterRequest
 
 
 class SoftStart:
@@ -19,22 +18,21 @@ class SoftStart:
     stopped or released: somebody may have turned it since. Without `soft_start` all poses count as known.
     """
 
-    def __init__(self, session: Session, limits: MotionLimits) -> None:
+    def __init__(self, session: Session) -> None:
         """Start with all poses unknown."""
         self._session = session
-        self._limits = limits
         self._settled_at: dict[int, float] = {}
         """End of the first movement by servo, in seconds of the event loop's clock; no entry before its begin."""
         self._epoch = self._now()
 
-    def first_moves(self, servo_ids: Iterable[int]) -> set[int]:
-        """Return the servos whose next movement must be slow."""
+    def first_moves(self, servo_ids: Iterable[int], limits: MotionLimits) -> set[int]:
+        """Return the servos whose next movement must be slow under `limits`."""
         self._forget_old()
         now = asyncio.get_running_loop().time()
         return {
             servo_id
             for servo_id in servo_ids
-            if self._limits.soft_speed_of(servo_id) is not None and now < self._settled_at.get(servo_id, math.inf)
+            if limits.soft_speed_of(servo_id) is not None and now < self._settled_at.get(servo_id, math.inf)
         }
 
     def moved(self, servo_ids: Iterable[int], seconds: float, ticket: Ticket) -> None:

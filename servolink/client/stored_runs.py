@@ -2,55 +2,43 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import aclosing
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 from servolink.client.board_records import RecordStore
 from servolink.client.board_servos import ServoController
-from servolink.client.collect import check_can_wait, collect
-from servolink.client.servo_state import Servo
+from servolink.client.collecting import check_can_wait, collect
+from servolink.client.servo_state import Servo, until_over
 from servolink.client.session import Session
-from servolink.connection.explain import described
 from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, RequestRefused, TargetNotReached
-from servolink.motion.angles import Degrees
-from servolink.motion.limits import MotionLimits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.ticket import Ticket
-from servolink.numeric import check_seconds
-from servolink.project.model import Project
-from servolink.project.record_lookup import name_of
-from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import Action, Macro
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
-from servolink.tasks import computed
-
-if TYPE_CHECKING:  # imported late: most programs run no stored records
-    from servolink.project.speed import RecordRun
-
-_LOOK_EVERY = 0.1  # seconds
+from servolink.motion import Ticket
+from servolink.project import Project, RecordRun, name_of, preflight_run, uncheckable
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    Action,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Macro,
+    Packet,
+    RecordType,
+)
+from servolink.support import check_seconds, computed
 
 
 class StoredRuns:
     """Runs stored actions and macros. Under limits, refuses a run beyond a limit."""
 
-    def __init__(
-        self,
-        session: Session,
-        servos: ServoController,
-        records: RecordStore,
-        limits: MotionLimits,
-        interval_unit: float = INTERVAL_UNIT,
-    ) -> None:
-        """Read records with `records` and servos with `servos`; an interval of 1 stands for `interval_unit` seconds."""
+    def __init__(self, session: Session, servos: ServoController, records: RecordStore) -> None:
+        """Read records with `records`, and servos with `servos`, whose planner has the limits."""
         self._session = session
         self._servos = servos
         self._records = records
-        self._limits = limits
-        self._interval_unit = interval_unit
+        self._limits = servos.planner.limits
+        self._interval_unit = servos.planner.interval_unit
 
     async def run_action(
         self, action: int | str, *, wait: bool = False, dry_run: bool = False, ticket: Ticket | None = None
@@ -68,7 +56,7 @@ class StoredRuns:
             return run.seconds()
         await connection.send(request, ticket=ticket)
         if wait:
-            await self._until_over(run, request, ticket)
+            await self.until_at_rest(run, request, ticket, run.seconds())
         return run.seconds()
 
     async def run_macro(
@@ -89,9 +77,9 @@ class StoredRuns:
         response = await connection.request(request, ticket=ticket)
         if not response.result:
             cause = "the macro may run itself, or something that is not stored"
-            raise Rejected(f"{self._session.url} refused {described(request)}: {cause}", request)
+            raise Rejected(f"{self._session.url} refused {request.described}: {cause}", request)
         if wait and run is not None:
-            await self._until_over(run, request, ticket)
+            await self.until_at_rest(run, request, ticket, run.seconds())
 
     async def request(
         self,
@@ -112,8 +100,6 @@ class StoredRuns:
 
     async def _read(self, kind: RecordType[Any], record_id: int, *, wait: bool) -> RecordRun:
         """Read the run of a record. Raise RequestRefused if the caller wants to wait for an unknown end."""
-        from servolink.project.speed import RecordRun
-
         stored = await collect(self._records.get, kind, record_id)
         run = await computed(RecordRun)(stored, kind.by_id(stored)[record_id], self._interval_unit)
         if wait:
@@ -134,8 +120,6 @@ class StoredRuns:
         Servos in an unknown pose are moved to the first pose of the record. That takes seconds, so everything is read
         and checked again. Raise MotionRefused for a record that exceeds the limits or cannot be checked.
         """
-        from servolink.project.preflight import preflight_run, uncheckable  # late: most programs set no limits
-
         while True:
             run = await read()
             stored, record = run.stored, run.record
@@ -145,48 +129,35 @@ class StoredRuns:
             pose = run.first_pose()
             self._check_servos(record, stored, servos)
             active = {servo_id for servo_id in pose if servo_id in servos and _is_active(servos[servo_id])}
-            first = self._servos.soft_start.first_moves(active)
+            first = self._servos.soft_start.first_moves(active, self._limits)
             start = {servo_id: int(servo.angle) for servo_id, servo in servos.items()}
             start |= {servo_id: pose[servo_id] for servo_id in first}
             _refuse(record, await _first(preflight_run, run, stored, self._limits, start), Reason.LIMIT)
             if wait:
                 await computed(check_can_wait)(run, servos.values())
-            self._check_is_current(name_of(record), ticket)
+            self.check_is_current(name_of(record), ticket)
             if dry_run or not first:
                 return run, ticket.checked(units_sent)
             await self._move_softly(record, {servo_id: pose[servo_id] for servo_id in first}, ticket)
             ticket = ticket.begun()
 
-    async def _until_over(self, run: RecordRun, packet: Packet, ticket: Ticket) -> None:
-        """Wait until a run is over and the servos rest in the last pose (see `Board.run_action`)."""
-        loop = asyncio.get_running_loop()
-        end = loop.time() + run.seconds()
-        # The line is left free meanwhile, so a stop and a loss are looked for here.
-        while (remaining := end - loop.time()) > 0:
-            await asyncio.sleep(min(remaining, _LOOK_EVERY))
-            self._session.check_goes_on(name_of(run.record), packet, ticket)
-        await self.until_at_rest(run, packet, ticket)
-
-    async def until_at_rest(self, run: RecordRun, packet: Packet, ticket: Ticket) -> None:
-        """Wait until the servos of a run rest in the last pose. Raise TargetNotReached for the others."""
-        async with aclosing(self._servos.until_at_rest(run.last_pose())) as readings:
-            async for _ in readings:
-                self._session.check_goes_on(name_of(run.record), packet, ticket)
+    async def until_at_rest(self, run: RecordRun, packet: Packet, ticket: Ticket, seconds: float = 0.0) -> None:
+        """Wait for `seconds`, and until servos rest in the last pose of a run (see `until_over`)."""
+        check = partial(self._session.check_goes_on, name_of(run.record), packet, ticket)
+        await self._servos.until_at_rest(run.last_pose(), seconds, check)
 
     async def _move_softly(self, record: Action | Macro, pose: Mapping[int, int], ticket: Ticket) -> None:
         """Move servos to the first pose of a record and wait for the arrival. A stop ends the movement."""
         softest = min(speed for servo_id in pose if (speed := self._limits.soft_speed_of(servo_id)) is not None)
-        seconds = await self._servos.move(pose, speed=softest, ticket=ticket)
-        goals = {servo_id: Degrees(angle) for servo_id, angle in pose.items()}
+        plan = await self._servos.move(await self._servos.movement(pose, speed=softest), ticket)
         try:
-            async with aclosing(self._servos.until_arrived(goals, seconds)) as readings:
-                async for _ in readings:
-                    self._check_is_current(name_of(record), ticket)
+            check = partial(self.check_is_current, name_of(record), ticket)
+            await until_over(self._servos.servos, plan.goals, plan.seconds, check)
         except TargetNotReached as error:
             text = f"{name_of(record)} was not run, as servos have not reached its first pose: {error}"
             raise TargetNotReached(text, error.late) from None
 
-    def _check_is_current(self, name: str, ticket: Ticket) -> None:
+    def check_is_current(self, name: str, ticket: Ticket) -> None:
         """Raise the error of a run that cannot begin: a loss, a stop, or another program with the lease."""
         connection = self._session.connection
         if not connection.stops.issued(ticket):

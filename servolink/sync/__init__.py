@@ -14,14 +14,13 @@ from contextlib import aclosing
 from inspect import signature
 from typing import Any, ParamSpec
 
-from servolink.client import connect as client
-from servolink.client.board import Board as AsyncBoard
-from servolink.discovery.search import search
+from servolink import client
+from servolink.boards import search
 from servolink.sync.board import Board, ServoStream
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread, running_thread
 from servolink.sync.recording import Recorder, record
-from servolink.transports.device_info import DeviceInfo
+from servolink.transports import DeviceInfo
 
 __all__ = [
     "BlockingIterator",
@@ -72,7 +71,7 @@ def reconnecting(url: str | None = None, **options: Any) -> BlockingIterator[Boa
     return BlockingIterator(thread, _boards(thread, client.reconnecting(url, **options)))
 
 
-async def _boards(thread: LoopThread, boards: AsyncGenerator[AsyncBoard, None]) -> AsyncGenerator[Board, None]:
+async def _boards(thread: LoopThread, boards: AsyncGenerator[client.Board, None]) -> AsyncGenerator[Board, None]:
     async with aclosing(boards):
         async for board in boards:
             yield Board(thread, board)

@@ -10,17 +10,12 @@ from inspect import signature
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, Self, TypeVar
 
-from servolink.client import board as client
-from servolink.client import servo_stream
-from servolink.client.alarms import Alarm
-from servolink.client.captions import Targets
-from servolink.connection.connection import Connection
-from servolink.connection.stats import Stats
-from servolink.motion.angles import AngleUnit, Degrees
-from servolink.motion.limits import MotionLimits
-from servolink.motion.units import ServoUnits
-from servolink.profiles.profile import ProfileInUse
-from servolink.protocol.codec import Codec
+from servolink import client
+from servolink.boards import ProfileInUse
+from servolink.client import Alarm, Targets
+from servolink.connection import Connection, Stats
+from servolink.motion import AngleUnit, Degrees, MotionLimits, ServoUnits
+from servolink.protocol import Codec
 from servolink.sync.iterator import BlockingIterator, ButtonEvents, ServoReadings
 from servolink.sync.loop_thread import LoopThread
 
@@ -59,7 +54,7 @@ def _iterating(
 class ServoStream:
     """Stream of set-points, made by `Board.stream`. Nothing need be closed: it ends by a gap or a stop."""
 
-    def __init__(self, thread: LoopThread, stream: servo_stream.ServoStream) -> None:
+    def __init__(self, thread: LoopThread, stream: client.ServoStream) -> None:
         """Send on the loop of `thread`."""
         self._thread = thread
         self._stream = stream
@@ -201,13 +196,13 @@ class Board:
 
     move = _blocking(client.Board.move)
 
-    def stream(self, hz: float = 50.0, *, gap: float = 0.5) -> ServoStream:
+    def stream(self, hz: float = 50.0, *, gap: float = 0.5, any_angle: bool = False) -> ServoStream:
         """Return a stream of set-points (3.2.5), at most `hz` a second (0 < hz <= 100), as from a gamepad or a policy.
 
         `stream.send({1: 30.5})` turns servos toward angles in degrees, kept to the limits, and returns the angles sent.
         The stream ends with a stop, with a loss of the connection, and when no set-point is given for `gap` seconds.
         """
-        return ServoStream(self._thread, self._thread.run(_made, self._board.stream, hz, gap=gap))
+        return ServoStream(self._thread, self._thread.run(_made, self._board.stream, hz, gap=gap, any_angle=any_angle))
 
     follow = _iterating(client.Board.follow)
     run_action = _blocking(client.Board.run_action)

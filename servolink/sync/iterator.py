@@ -11,13 +11,11 @@ from math import isnan
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from servolink.client import button_events, servo_readings
-from servolink.client.readers import SharedIterator
-from servolink.client.servo_readings import ServoReading
-from servolink.errors import ServolinkError
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_number
-from servolink.protocol.joystick import ButtonEventResponse
+from servolink import client
+from servolink.client import ServoReading, SharedIterator
+from servolink.errors import ServolinkError, quote
+from servolink.protocol import ButtonEventResponse
+from servolink.support import as_number, is_number
 from servolink.sync.loop_thread import LoopThread
 
 T = TypeVar("T")
@@ -140,7 +138,7 @@ class ServoReadings(BlockingIterator[ServoReading]):
     A slow program gets the latest reading; `missed` counts the readings in between.
     """
 
-    _source: servo_readings.ServoReadings
+    _source: client.ServoReadings
 
     def __repr__(self) -> str:
         """Return rate and state, such as `<ServoReadings at 50 Hz, reading>`."""
@@ -158,7 +156,7 @@ class ButtonEvents(BlockingIterator[ButtonEventResponse]):
     A slow program loses the oldest events; `dropped` counts the lost events.
     """
 
-    _source: button_events.ButtonEvents
+    _source: client.ButtonEvents
 
     @property
     def dropped(self) -> int:

@@ -14,7 +14,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from servolink.errors import ServolinkError
-from servolink.platforms.signals import WAIT
+from servolink.support import WAIT
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -23,7 +23,7 @@ _CANCEL_LIMIT = 0.5  # seconds for a call to end after Ctrl-C
 _EXIT_LIMIT = 3.0  # seconds for all boards to close at the end of the program
 
 
-class _Call(Generic[T]):
+class _LoopCall(Generic[T]):
     """Call of an async function, made in one thread and run on the loop of another thread."""
 
     def __init__(self, function: Callable[[], Awaitable[T]]) -> None:
@@ -94,7 +94,7 @@ class LoopThread:
         the program.
         """
         self._check()
-        call = _Call(partial(function, *args, **kwargs))
+        call = _LoopCall(partial(function, *args, **kwargs))
         try:
             self._loop.call_soon_threadsafe(call.start)
             call.wait()
@@ -112,7 +112,7 @@ class LoopThread:
     def call_soon(self, function: Callable[P, Coroutine[Any, Any, None]], *args: P.args, **kwargs: P.kwargs) -> None:
         """Call an async function on the loop without waiting. No effect in a forked process, or at the end."""
         if self.is_here and not self.has_ended:
-            call = _Call(partial(function, *args, **kwargs))
+            call = _LoopCall(partial(function, *args, **kwargs))
             with suppress(RuntimeError):  # the loop was closed in the meantime
                 self._loop.call_soon_threadsafe(call.start)
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
+from servolink import recorder
+from servolink.recorder import RecorderStatus
 from servolink.sync.board import Board, loop_and_board
 from servolink.sync.loop_thread import LoopThread
-
-if TYPE_CHECKING:  # imported late: most programs record nothing
-    from servolink.recorder import recorder
-    from servolink.recorder.writer import RecorderStatus
 
 HZ = 20.0
 """Default rate of readings in a recording, in Hz."""
@@ -21,9 +18,9 @@ HZ = 20.0
 class Recorder:
     """Recording in progress, made by `servolink.sync.record`, for use by any thread."""
 
-    def __init__(self, thread: LoopThread, recorder: recorder.Recorder) -> None:
+    def __init__(self, thread: LoopThread, recording: recorder.Recorder) -> None:
         self._thread = thread
-        self._recorder = recorder
+        self._recorder = recording
 
     def mark(self, text: str, *, who: str = "") -> None:
         """Record an event `mark` with a text, to find the moment again."""
@@ -49,10 +46,8 @@ def record(
 ) -> Iterator[Recorder]:
     """Record the communication of all programs with `board` in a new MCAP file, until the block ends.
 
-    Takes the arguments of `servolink.record`, and raises the same errors.
+    Takes the arguments of `servolink.recorder.record`, and raises the same errors.
     """
-    from servolink.recorder import recorder
-
     if not isinstance(board, Board):
         raise TypeError(f"board must be a board of servolink.sync, not {type(board).__name__}")
     thread, connected = loop_and_board(board)

@@ -6,14 +6,14 @@ import asyncio
 from collections import deque
 from random import Random
 
-from servolink.protocol.packet import Packet
-from tests.client.fake_board import FakeBoard
+from servolink.protocol import Packet
+from tests.client.piped_board import PipedBoard
 
 SERIAL = 11_520.0
 """Bytes per second at 115,200 baud."""
 
 
-class LineBoard(FakeBoard):
+class LineBoard(PipedBoard):
     """Such a board: it begins with a request when the response to the one before has left."""
 
     def __init__(
@@ -30,7 +30,7 @@ class LineBoard(FakeBoard):
         self.loss = loss
         """The share of responses that the line loses."""
         self.overflows = 0
-        self._random = Random(11)
+        self._chance = Random(11)
         self._sent_until = 0.0
         self._queue: deque[tuple[Packet, bytes]] = deque()
         self._busy = False
@@ -62,6 +62,6 @@ class LineBoard(FakeBoard):
         loop.call_later(self.turnaround + len(answer) / self.pace, self._done, answer)
 
     def _done(self, answer: bytes) -> None:
-        if answer and self._random.random() >= self.loss:
+        if answer and self._chance.random() >= self.loss:
             self._answer_at(asyncio.get_running_loop().time() + self.latency, answer)
         self._handle()

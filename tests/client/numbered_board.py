@@ -5,86 +5,113 @@ Answers keep their order, as a board's do: behind a late one all later ones wait
 
 from __future__ import annotations
 
-import asyncio
 import contextvars
 import random
-from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from typing import Any
 
-from servolink.protocol import editing, joystick, records, servos, settings
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet, Response, Result
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import ServoState
-from servolink.transports.base import Receiver
+from servolink.protocol import (
+    ALL_SERVOS,
+    ActionEntry,
+    AddActionRequest,
+    AddActionResponse,
+    AddJoystickTableRequest,
+    AddJoystickTableResponse,
+    AddMacroRequest,
+    AddMacroResponse,
+    AddServoParameterRequest,
+    AddServoParameterResponse,
+    Button,
+    ClearAllDataRequest,
+    ClearAllDataResponse,
+    DeleteActionRequest,
+    DeleteActionResponse,
+    DeleteJoystickTableRequest,
+    DeleteJoystickTableResponse,
+    DeleteMacroRequest,
+    DeleteMacroResponse,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    JoystickTableEntry,
+    MacroEntry,
+    Packet,
+    QueryActionListRequest,
+    QueryActionListResponse,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryActiveJoystickTableRequest,
+    QueryActiveJoystickTableResponse,
+    QueryJoystickTableListRequest,
+    QueryJoystickTableListResponse,
+    QueryJoystickTableRequest,
+    QueryJoystickTableResponse,
+    QueryMacroListRequest,
+    QueryMacroListResponse,
+    QueryMacroRequest,
+    QueryMacroResponse,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoParameterRequest,
+    QueryServoParameterResponse,
+    QueryServoRequest,
+    QueryServoResponse,
+    Response,
+    Result,
+    ServoParameter,
+    ServoState,
+    SetActiveJoystickTableRequest,
+    SetActiveJoystickTableResponse,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+    SubscribeButtonEventRequest,
+    SubscribeButtonEventResponse,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+)
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard
 
 CALL: contextvars.ContextVar[int] = contextvars.ContextVar("CALL", default=0)
 """The call of the program under test that is sending."""
 
 
-@dataclass(frozen=True, slots=True)
-class Behaviour:
-    """How often, and how long, the board misbehaves."""
+class NumberedBoard(PipedBoard):
+    """Such a board, with the shares of responses that are late, by 0.1 to 1.5 s, and lost."""
 
-    late: float = 0.0
-    lost: float = 0.0
-    latency: float = 0.004
-    late_by: tuple[float, float] = (0.1, 1.5)
+    takes_at_once = False
+    """All is sent in the task of the call, which says what CALL is."""
 
-
-class NumberedBoard:
-    """A transport with such a board behind it."""
-
-    url = "numbered://"
-
-    def __init__(self, behaviour: Behaviour, seed: int) -> None:
-        self.behaviour = behaviour
+    def __init__(self, *, late: float, lost: float, seed: int) -> None:
+        super().__init__()
+        self.late, self.lost = late, lost
         self.sent_by: list[int] = [0]
         """Call by number of sending; numbers begin at 1."""
-        self.executed: list[Packet] = []
-        self._random = random.Random(seed)
-        self._codec = Codec()
-        self._parser = FrameParser()
-        self._outbox: deque[tuple[float, bytes]] = deque()
-        self._free_at = 0.0
-        self._receiver: Receiver | None = None
+        self._chance = random.Random(seed)
 
-    async def open(self, receiver: Receiver) -> None:
-        self._receiver = receiver
-
-    async def send(self, data: bytes) -> None:
-        for packet_id, content in self._parser.feed(data):
-            self.sent_by.append(CALL.get())
-            packet = self._codec.decode(packet_id, content)
-            self.executed.append(packet)
-            self._answer(packet, len(self.sent_by) - 1)
-
-    async def close(self) -> None:
-        if self._receiver is not None:
-            self._receiver.lost(None)
-
-    def _answer(self, packet: Packet, number: int) -> None:
-        kind = self._random.random()
-        loop = asyncio.get_running_loop()
-        delay = self.behaviour.latency
-        if kind < self.behaviour.lost:
-            return
-        if kind < self.behaviour.lost + self.behaviour.late:
-            delay = self._random.uniform(*self.behaviour.late_by)
-        self._free_at = max(self._free_at, loop.time() + delay)
-        self._outbox.append((self._free_at, self._codec.encode(numbered(packet, number))))
-        loop.call_at(self._free_at, self._deliver)
-
-    def _deliver(self) -> None:
-        _, frame = self._outbox.popleft()
-        assert self._receiver is not None
-        self._receiver.data(frame)
+    def fate_of(self, request: Packet) -> Fate:
+        self.sent_by.append(CALL.get())
+        drawn = self._chance.random()
+        if drawn < self.lost:
+            return LOST
+        delay = self._chance.uniform(0.1, 1.5) if drawn < self.lost + self.late else 0.0
+        return Fate(executes=False, says=numbered(request, len(self.sent_by) - 1), delay=delay)
 
 
 ABSENT = 8
 """One record in so many does not exist, says the board."""
+
+SERVO_IDS = range(1, 9)
+"""Servos of the board; the list holds them in any order."""
 
 
 def numbered(request: Packet, number: int) -> Response:
@@ -101,49 +128,52 @@ def _servos(number: int, servo_ids: Iterable[int]) -> tuple[ServoState, ...]:
     return tuple(ServoState(servo_id, number % 32749, servo_id, 0, 0, 0, 1) for servo_id in servo_ids)
 
 
+def _order(number: int) -> tuple[int, ...]:
+    """Return the ids of the servos in an order that says the number, up to 40,320."""
+    left, found = list(SERVO_IDS), list[int]()
+    while left:
+        number, at = divmod(number, len(left))
+        found.append(left.pop(at))
+    return tuple(found)
+
+
 def _result(declared: type[Result]) -> Callable[[Any, int], Response]:
     return lambda request, number: declared(1 + number % 199)
 
 
 _ANSWERS: dict[type[Packet], Callable[[Any, int], Response]] = {
-    settings.TransmissionModeSettingRequest: lambda request, n: settings.TransmissionModeSettingResponse(n % 251),
-    settings.ClearAllDataRequest: _result(settings.ClearAllDataResponse),
-    settings.QueryMemorySizeRequest: lambda request, n: settings.QueryMemorySizeResponse(n, 0),
-    settings.QueryRemainPowerRequest: lambda request, n: settings.QueryRemainPowerResponse(n % 32749),
-    servos.QueryServoListRequest: lambda request, n: servos.QueryServoListResponse((n % 251, n % 241, n % 239)),
-    servos.QueryServoRequest: lambda request, n: servos.QueryServoResponse(
-        _servos(n, range(1, 9) if request.servo_id == servos.ALL_SERVOS else [request.servo_id])
+    TransmissionModeSettingRequest: lambda request, n: TransmissionModeSettingResponse(n % 251),
+    ClearAllDataRequest: _result(ClearAllDataResponse),
+    QueryMemorySizeRequest: lambda request, n: QueryMemorySizeResponse(n, 0),
+    QueryRemainPowerRequest: lambda request, n: QueryRemainPowerResponse(n % 32749),
+    QueryServoListRequest: lambda request, n: QueryServoListResponse(_order(n)),
+    QueryServoRequest: lambda request, n: QueryServoResponse(
+        _servos(n, SERVO_IDS if request.servo_id == ALL_SERVOS else [request.servo_id])
     ),
-    servos.SetServoParameterRequest: lambda request, n: servos.SetServoParameterResponse(
-        request.servo_id, n % 251, n % 241
+    SetServoParameterRequest: lambda request, n: SetServoParameterResponse(request.servo_id, n % 251, n % 241),
+    SetAngleUnitRequest: lambda request, n: SetAngleUnitResponse(request.servo_id, n % 251),
+    QueryActionListRequest: lambda request, n: QueryActionListResponse(
+        tuple(ActionEntry(n + at, "action") for at in range(10))
     ),
-    servos.SetAngleUnitRequest: lambda request, n: servos.SetAngleUnitResponse(request.servo_id, n % 251),
-    editing.QueryActionListRequest: lambda request, n: editing.QueryActionListResponse(
-        tuple(records.ActionEntry(n + at, "action") for at in range(10))
+    QueryActionRequest: lambda request, n: QueryActionResponse(_id(request.action_id, n), str(n)),
+    AddActionRequest: _result(AddActionResponse),
+    DeleteActionRequest: _result(DeleteActionResponse),
+    QueryMacroListRequest: lambda request, n: QueryMacroListResponse((MacroEntry(n, ""),)),
+    QueryMacroRequest: lambda request, n: QueryMacroResponse(_id(request.macro_id, n), str(n)),
+    AddMacroRequest: _result(AddMacroResponse),
+    DeleteMacroRequest: _result(DeleteMacroResponse),
+    ExecuteMacroRequest: _result(ExecuteMacroResponse),
+    QueryServoParameterRequest: lambda request, n: QueryServoParameterResponse((ServoParameter(1, n % 32749, str(n)),)),
+    AddServoParameterRequest: _result(AddServoParameterResponse),
+    WriteProjectIDRequest: _result(WriteProjectIDResponse),
+    QueryProjectIDRequest: lambda request, n: QueryProjectIDResponse(n),
+    QueryJoystickTableListRequest: lambda request, n: QueryJoystickTableListResponse((JoystickTableEntry(n, ""),)),
+    QueryJoystickTableRequest: lambda request, n: QueryJoystickTableResponse(
+        _id(request.table_id, n), str(n), (Button(n, "fire"),)
     ),
-    editing.QueryActionRequest: lambda request, n: editing.QueryActionResponse(_id(request.action_id, n), str(n)),
-    editing.AddActionRequest: _result(editing.AddActionResponse),
-    editing.DeleteActionRequest: _result(editing.DeleteActionResponse),
-    editing.QueryMacroListRequest: lambda request, n: editing.QueryMacroListResponse((records.MacroEntry(n, ""),)),
-    editing.QueryMacroRequest: lambda request, n: editing.QueryMacroResponse(_id(request.macro_id, n), str(n)),
-    editing.AddMacroRequest: _result(editing.AddMacroResponse),
-    editing.DeleteMacroRequest: _result(editing.DeleteMacroResponse),
-    editing.ExecuteMacroRequest: _result(editing.ExecuteMacroResponse),
-    editing.QueryServoParameterRequest: lambda request, n: editing.QueryServoParameterResponse(
-        (records.ServoParameter(1, n % 32749, str(n)),)
-    ),
-    editing.AddServoParameterRequest: _result(editing.AddServoParameterResponse),
-    editing.WriteProjectIDRequest: _result(editing.WriteProjectIDResponse),
-    editing.QueryProjectIDRequest: lambda request, n: editing.QueryProjectIDResponse(n),
-    joystick.QueryJoystickTableListRequest: lambda request, n: joystick.QueryJoystickTableListResponse(
-        (records.JoystickTableEntry(n, ""),)
-    ),
-    joystick.QueryJoystickTableRequest: lambda request, n: joystick.QueryJoystickTableResponse(
-        _id(request.table_id, n), str(n), (records.Button(n, "fire"),)
-    ),
-    joystick.AddJoystickTableRequest: _result(joystick.AddJoystickTableResponse),
-    joystick.DeleteJoystickTableRequest: _result(joystick.DeleteJoystickTableResponse),
-    joystick.SetActiveJoystickTableRequest: _result(joystick.SetActiveJoystickTableResponse),
-    joystick.QueryActiveJoystickTableRequest: lambda request, n: joystick.QueryActiveJoystickTableResponse(n),
-    joystick.SubscribeButtonEventRequest: _result(joystick.SubscribeButtonEventResponse),
+    AddJoystickTableRequest: _result(AddJoystickTableResponse),
+    DeleteJoystickTableRequest: _result(DeleteJoystickTableResponse),
+    SetActiveJoystickTableRequest: _result(SetActiveJoystickTableResponse),
+    QueryActiveJoystickTableRequest: lambda request, n: QueryActiveJoystickTableResponse(n),
+    SubscribeButtonEventRequest: _result(SubscribeButtonEventResponse),
 }

@@ -12,8 +12,8 @@ from servolink import (
 
 
 @asynccontextmanager
-async def connected(**options: object) -> AsyncIterator[Board]:
-    async with connect("virtual://", reconnect=True, **options) as board:  # type: ignore[arg-type]
+async def connected(url: str = "virtual://", **options: object) -> AsyncIterator[Board]:
+    async with connect(url, reconnect=True, **options) as board:  # type: ignore[arg-type]
         yield board
 
 

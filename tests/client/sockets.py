@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from servolink.errors import OpenError
-from servolink.transports.base import Receiver
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.transports import Receiver, WrappedTransport
+from servolink.virtual import VirtualBoard, VirtualTransport
 
 
 class Socket:

@@ -12,8 +12,8 @@ from servolink.client.alarms import Alarm, AlarmWatch
 from servolink.client.servo_readings import _RatedReader
 from servolink.client.servo_state import Servo
 from servolink.errors import OutcomeUnknown
-from servolink.protocol.servos import SetServoParameterRequest
-from tests.client.fake_board import LOST, FakeBoard, opened
+from servolink.protocol import SetServoParameterRequest
+from tests.client.piped_board import LOST, PipedBoard, opened
 
 
 def servo(servo_id: int = 1, *, current: int = 0, temperature: int = 0) -> Servo:
@@ -93,7 +93,7 @@ def test_each_servo_and_each_alarm_counts_for_itself() -> None:
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
-    fake = FakeBoard(servos=2)
+    fake = PipedBoard(servos=2)
     async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
         assert (await anext(found)).alarms == ()
         await board.move({1: 90}, duration=5)
@@ -108,7 +108,7 @@ async def test_an_alarm_stops_the_servos_and_reading_goes_on() -> None:
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_slow_program_is_told_what_was_raised_meanwhile_and_the_stop_does_not_wait_for_it() -> None:
-    fake = FakeBoard(servos=1)
+    fake = PipedBoard(servos=1)
     alarms = [Alarm.parse("current_raw>50", stops=True), Alarm.parse("current_raw>51")]
     async with opened(fake) as board, board.watch(50, alarms=alarms) as found:
         await anext(found)
@@ -132,7 +132,7 @@ async def test_an_iterator_that_python_collects_while_alarms_are_checked_swallow
         gc.collect()
         return offer(reader, *of)
 
-    fake = FakeBoard(servos=1)
+    fake = PipedBoard(servos=1)
     async with opened(fake) as board:
         async with board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
             dropped = board.watch(50)
@@ -147,7 +147,7 @@ async def test_an_iterator_that_python_collects_while_alarms_are_checked_swallow
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_stop_is_finished_before_the_board_is_closed() -> None:
-    fake = FakeBoard(servos=1)
+    fake = PipedBoard(servos=1)
     async with opened(fake) as board:
         async for reading in board.watch(50, alarms=[Alarm.parse("temperature_raw>0", stops=True)]):
             assert reading.alarms
@@ -157,7 +157,7 @@ async def test_a_stop_is_finished_before_the_board_is_closed() -> None:
 
 @pytest.mark.virtual_only("hobby servos measure neither current nor temperature")
 async def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
-    fake = FakeBoard(servos=1)
+    fake = PipedBoard(servos=1)
     async with opened(fake) as board, board.watch(50, alarms=[Alarm.parse("current_raw>50", stops=True)]) as found:
         quiet = board.watch(50, alarms=[Alarm.parse("current_raw>5000")])
         await anext(found)
@@ -179,6 +179,6 @@ async def test_a_stop_that_cannot_be_confirmed_is_raised() -> None:
     ],
 )
 async def test_what_is_no_list_of_alarms_is_refused(alarms: Any, words: str) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(TypeError, match=words):
             board.watch(alarms=alarms)

@@ -6,13 +6,14 @@ from functools import partial
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.errors import RequestTimeout
-from servolink.protocol.servos import QueryServoRequest
-from servolink.virtual.odd.board import OddBoard
-from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.transport import BoardTransport
-from tests.client.fake_board import LOST, FakeBoard, opened
+from servolink.client.connecting import connect
+from servolink.errors import DecodeError, RequestTimeout
+from servolink.protocol import QueryServoListRequest, QueryServoRequest, QueryServoResponse
+from servolink.virtual import BoardTransport
+from tests.client.piped_board import LOST, PipedBoard, lie, opened
+from tests.lab.odd.board import OddBoard
+from tests.lab.odd.kinds import KINDS
+from tests.lab.odd.wire import Values
 
 
 async def test_a_board_is_separate_after_two_missing_responses() -> None:
@@ -37,7 +38,7 @@ async def test_a_board_that_answers_after_one_missing_response_is_not_separate()
 
 
 async def test_an_interrupted_line_makes_no_board_separate() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit=None) as board:
         await board.servos()
         fake.plan(QueryServoRequest, *[LOST] * 100)
@@ -45,3 +46,35 @@ async def test_an_interrupted_line_makes_no_board_separate() -> None:
             with pytest.raises(RequestTimeout):
                 await board._servos.all.states(timeout=0.5)
         assert not board._servos.all.is_separate
+
+
+async def test_a_list_that_is_not_read_makes_no_servo_vanish() -> None:
+    fake = PipedBoard()
+    async with opened(fake, angle_unit=None) as board:
+        await board.servos()
+        fake.plan(QueryServoListRequest, *[LOST] * 100)
+        assert await board._servos.all.listed(again=True) == {1, 2, 3, 4}
+
+
+async def test_no_state_at_all_is_an_error_where_servos_are_known() -> None:
+    fake = PipedBoard()
+    async with opened(fake, angle_unit=None) as board:
+        await board.servos()
+        fake.plan(QueryServoRequest, *[lie(QueryServoResponse())] * 100)
+        with pytest.raises(DecodeError, match="no servo reports"):
+            await board.servos()
+
+
+async def test_what_is_missing_on_a_damaging_line_makes_no_board_separate() -> None:
+    odd = KINDS["no-all"]()
+    async with connect(BoardTransport(odd, "virtual://"), angle_unit=None) as board:
+        answer = odd.answer
+
+        def damaged(packet_id: int, values: Values) -> Values | None:
+            board.stats.skipped["checksum"] = board.stats.skipped.get("checksum", 0) + 1
+            return answer(packet_id, values)
+
+        vars(odd)["answer"] = damaged
+        for _ in range(3):
+            assert len(await board.servos()) == 4
+            assert not board._servos.all.is_separate

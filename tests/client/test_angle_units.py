@@ -6,33 +6,21 @@ import asyncio
 
 import pytest
 
-from servolink.client import connect as connecting
-from servolink.client.connect import connect
+from servolink.client import connecting
+from servolink.client.connecting import connect
 from servolink.errors import EncodeError, OutcomeUnknown, Rejected, RequestTimeout
-from servolink.motion.angles import Adc, Degrees
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.motion import Adc, Degrees
+from servolink.protocol import (
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.simulated_servo import to_adc
-from tests.client.fake_board import (
-    LOST,
-    SWALLOWED,
-    FakeBoard,
-    Fate,
-    connected,
-    late,
-    lie,
-    now,
-    opened,
-    turns_of_the_loop,
-)
+from servolink.testing import Fate
+from servolink.virtual import BoardKind, VirtualBoard, to_adc
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, connected, late, lie, now, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 
 LIMITS = (-90, 90)
@@ -41,7 +29,7 @@ LIMITS = (-90, 90)
 @pytest.mark.parametrize("depth", [1, 3])
 @pytest.mark.parametrize("speed", [None, 90.0])
 async def test_a_movement_asked_for_while_a_unit_changes_is_checked_in_the_new(depth: int, speed: float | None) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, depth=depth, angle_limits=LIMITS) as board:
         await board.servos()
         changing = asyncio.create_task(board.set_angle_unit("adc"))
@@ -53,7 +41,7 @@ async def test_a_movement_asked_for_while_a_unit_changes_is_checked_in_the_new(d
 
 
 async def test_a_movement_asked_for_while_a_unit_changes_is_sent_if_it_fits_the_new_one() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         await asyncio.gather(board.set_angle_unit("adc"), board.move({1: Adc(2048)}, duration=1))
@@ -61,7 +49,7 @@ async def test_a_movement_asked_for_while_a_unit_changes_is_sent_if_it_fits_the_
 
 
 async def test_a_movement_that_waits_for_its_turn_is_checked_again_if_a_unit_was_sent_before_it() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, late(0), late(0.5))
     async with opened(fake, angle_limits=LIMITS) as board:
         await board.servos()
@@ -77,7 +65,7 @@ async def test_a_movement_that_waits_for_its_turn_is_checked_again_if_a_unit_was
 
 
 async def test_targets_that_are_changed_meanwhile_are_not_taken_for_what_was_asked() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         targets = {1: 60}
@@ -90,7 +78,7 @@ async def test_targets_that_are_changed_meanwhile_are_not_taken_for_what_was_ask
 
 
 async def test_a_movement_that_came_first_goes_first_in_the_old_unit() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         fake.plan(QueryServoListRequest, late(0.5))
@@ -101,7 +89,7 @@ async def test_a_movement_that_came_first_goes_first_in_the_old_unit() -> None:
 
 
 async def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_unknown_outcome() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, patience=0.03) as board:
         await board.servos()
         fake.plan(SetAngleUnitRequest, SWALLOWED)
@@ -118,7 +106,7 @@ async def test_a_movement_is_sent_once_in_degrees_that_are_set_again_after_an_un
 async def test_an_angle_asked_for_during_an_open_change_is_read_when_the_unit_is_known(
     depth: int,
 ) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, depth=depth, patience=0.03) as board:
         before = (await board.servo(1)).angle
         fake.plan(SetAngleUnitRequest, SWALLOWED)  # done
@@ -129,7 +117,7 @@ async def test_an_angle_asked_for_during_an_open_change_is_read_when_the_unit_is
 
 
 async def test_an_angle_is_asked_for_again_if_a_unit_was_sent_before_its_answer_came() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, depth=2) as board:
         degrees = (await board.servo(1)).angle
         fake.plan(QueryServoRequest, *[LOST] * 5)  # at the fifth one it pauses, and the change goes first
@@ -140,7 +128,7 @@ async def test_an_angle_is_asked_for_again_if_a_unit_was_sent_before_its_answer_
 
 
 async def test_an_arrival_that_is_reported_in_another_unit_is_unknown() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         moving = asyncio.create_task(board.move({1: 60}, duration=1, wait=True))
@@ -151,7 +139,7 @@ async def test_an_arrival_that_is_reported_in_another_unit_is_unknown() -> None:
 
 
 async def test_a_unit_that_was_refused_changes_nothing() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.set_angle_unit("adc", 2)
         fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(3, 0)))
@@ -162,7 +150,7 @@ async def test_a_unit_that_was_refused_changes_nothing() -> None:
 
 @pytest.mark.parametrize("fates", [[lie(SetAngleUnitResponse(255, 0))], [Fate(), lie(SetAngleUnitResponse(2, 1))]])
 async def test_a_board_that_comes_back_and_refuses_a_unit_is_not_resumed(fates: list[Fate]) -> None:
-    fake, again = FakeBoard(), FakeBoard()
+    fake, again = PipedBoard(), PipedBoard()
     async with opened(fake, angle_unit="adc") as board, connected(again) as link:
         await board.set_angle_unit("degree", 2)
         again.plan(SetAngleUnitRequest, *fates)
@@ -172,7 +160,7 @@ async def test_a_board_that_comes_back_and_refuses_a_unit_is_not_resumed(fates: 
 
 
 async def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.set_angle_unit("adc", 2)
         fake.plan(QueryServoRequest, late(0.5))
@@ -187,7 +175,7 @@ async def test_a_change_that_is_given_up_before_it_is_sent_changes_nothing() -> 
 
 @pytest.mark.parametrize("timeout", [0.1, 2.9, 4.5])
 async def test_a_timeout_counts_while_another_change_is_under_way(timeout: float) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[SetAngleUnitRequest] = LOST
     async with opened(fake, patience=3.0) as board:
         changing = asyncio.create_task(board.set_angle_unit("adc"))
@@ -202,13 +190,13 @@ async def test_a_timeout_counts_while_another_change_is_under_way(timeout: float
 
 @pytest.mark.parametrize("timeout", [0, "1"])
 async def test_a_timeout_that_is_none_is_refused(timeout: float) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises((TypeError, ValueError), match="timeout must be"):
             await board.request(SetAngleUnitRequest(255, 0), timeout=timeout)
 
 
 async def test_a_change_behind_one_of_which_the_outcome_is_not_known_holds() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, patience=0.03) as board:
         await board.servos()
         fake.plan(SetAngleUnitRequest, late(0), SWALLOWED)

@@ -7,14 +7,20 @@ import asyncio
 import pytest
 
 from servolink.errors import OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import AddActionRequest, AddActionResponse, AddMacroRequest
-from servolink.protocol.frame import HEADER, MAGIC
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard, connected, now
+from servolink.protocol import (
+    HEADER,
+    MAGIC,
+    AddActionRequest,
+    AddActionResponse,
+    AddMacroRequest,
+    ButtonEventResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+)
+from tests.client.piped_board import LATENCY, SWALLOWED, PipedBoard, connected, now
 
 
-def in_pieces(board: FakeBoard, data: bytes, *when: float) -> None:
+def in_pieces(board: PipedBoard, data: bytes, *when: float) -> None:
     """Bring `data` at these moments from now, a few bytes each time and the rest at the last."""
     loop = asyncio.get_running_loop()
     for at, seconds in enumerate(when):
@@ -24,7 +30,7 @@ def in_pieces(board: FakeBoard, data: bytes, *when: float) -> None:
 
 @pytest.mark.parametrize("ends", [1.01, 1.4])
 async def test_an_answer_is_not_cut_off_by_the_deadlines_of_other_requests(ends: float) -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board, depth=3) as link:
         others = [
             asyncio.create_task(link.request(AddMacroRequest(1), timeout=1.0)),
@@ -40,7 +46,7 @@ async def test_an_answer_is_not_cut_off_by_the_deadlines_of_other_requests(ends:
 
 
 async def test_an_event_that_comes_just_when_a_deadline_passes_is_not_lost() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, SWALLOWED)
     async with connected(board) as link:
         events: list[ButtonEventResponse] = []
@@ -54,7 +60,7 @@ async def test_an_event_that_comes_just_when_a_deadline_passes_is_not_lost() -> 
 
 
 async def test_an_answer_that_comes_just_when_a_try_ends_counts() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board) as link:
         in_pieces(board, board.codec.encode(QueryServoListResponse((5, 6))), 0.22, 0.24, 0.27)
         assert await link.request(QueryServoListRequest()) == QueryServoListResponse((5, 6))
@@ -62,14 +68,14 @@ async def test_an_answer_that_comes_just_when_a_try_ends_counts() -> None:
 
 
 async def test_an_answer_with_pauses_longer_than_its_timeout_is_waited_for() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board, patience=0.005) as link:
         in_pieces(board, board.codec.encode(QueryServoListResponse((5, 6))), 0.001, 0.004, 0.03, 0.06)
         assert await link.request(QueryServoListRequest()) == QueryServoListResponse((5, 6))
 
 
 async def test_what_trickles_in_holds_no_deadline_up_for_long() -> None:
-    board = FakeBoard(usual=SWALLOWED)
+    board = PipedBoard(usual=SWALLOWED)
     async with connected(board) as link:
         endless = HEADER["little"].pack(MAGIC, 10050, 0xFFFF) + bytes(10_000)
         in_pieces(board, endless, *(at / 100 for at in range(1, 1000)))
@@ -79,7 +85,7 @@ async def test_what_trickles_in_holds_no_deadline_up_for_long() -> None:
 
 
 async def test_what_has_been_silent_for_a_moment_is_given_up_at_the_deadline() -> None:
-    board = FakeBoard()
+    board = PipedBoard()
     board.plan(AddActionRequest, SWALLOWED)
     async with connected(board) as link:
         in_pieces(board, HEADER["little"].pack(MAGIC, 10050, 100), 0.1, 0.5, 0.949)

@@ -8,34 +8,36 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.errors import EncodeError, NotFound, Rejected
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
-from servolink.protocol.packet import Command, Packet, Request
-from servolink.protocol.records import (
+from servolink.protocol import (
+    PACKETS,
     Action,
     ActionEntry,
     Button,
+    Command,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
     JoystickTable,
     JoystickTableEntry,
     Macro,
     MacroCommand,
     MacroCommandType,
     MacroEntry,
-    ServoParameter,
-    Step,
-)
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, QueryServoRequest
-from servolink.protocol.settings import (
+    Packet,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryServoRequest,
+    Request,
+    ServoParameter,
+    Step,
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, lie, now, opened
+from servolink.virtual import VirtualBoard, VirtualTransport
+from tests.client.piped_board import PipedBoard, lie, now, opened
 from tests.virtual_time import run
 
 ACTION = Action(7, "wave", (Step(1, 30, 50), Step(2, -30, 100)))
@@ -160,7 +162,7 @@ def test_every_request_and_command_of_the_document_has_been_sent_by_these_tests(
     async def main() -> set[type[Packet]]:
         sent: set[type[Packet]] = set()
         for use in CHAPTERS:
-            fake = FakeBoard(servos=3)
+            fake = PipedBoard(servos=3)
             async with opened(fake) as board:
                 await use(board)
             sent |= {type(packet) for _, packet in fake.sent}
@@ -213,7 +215,7 @@ async def test_any_packet_can_be_sent() -> None:
 
 
 async def test_a_board_that_tells_only_its_free_memory() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryMemorySizeRequest, lie(QueryMemorySizeResponse(100)))
     async with opened(fake) as board:
         memory = await board.memory()
@@ -221,7 +223,7 @@ async def test_a_board_that_tells_only_its_free_memory() -> None:
 
 
 async def test_a_mode_that_the_board_does_not_take_is_rejected() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(TransmissionModeSettingRequest, lie(TransmissionModeSettingResponse(0)))
     async with opened(fake) as board:
         with pytest.raises(Rejected, match=r"asked for .*mode 1 and is in mode 0"):
@@ -229,7 +231,7 @@ async def test_a_mode_that_the_board_does_not_take_is_rejected() -> None:
 
 
 async def test_too_much_is_refused_before_anything_is_sent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match=r"65536 bytes are outside 0\.\.65535"):
             await board.send_dummy_data(bytes(65536))
@@ -240,7 +242,7 @@ async def test_too_much_is_refused_before_anything_is_sent() -> None:
 
 @pytest.mark.parametrize("timeout", [0, -1, float("nan"), float("inf"), 10**400])
 async def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(timeout: float) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(ValueError, match=r"timeout must be 0\.001\.\.3600 seconds"):
             await board.request(QueryProjectIDRequest(), timeout=timeout)
@@ -248,7 +250,7 @@ async def test_a_time_limit_that_is_none_is_refused_before_anything_is_sent(time
 
 
 async def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(TypeError, match="the board does not answer ExecuteActionExRequest; use send"):
             await board.request(ExecuteActionExRequest(1))  # type: ignore[arg-type]
@@ -268,7 +270,7 @@ async def test_what_is_answered_and_what_is_not_are_sent_by_their_own_method() -
     ],
 )
 async def test_what_is_no_packet_for_a_board_is_refused_with_what_to_pass(method: str, packet: Any, words: str) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(TypeError, match=words):
             await getattr(board, method)(packet)
 

@@ -13,9 +13,8 @@ import pytest
 import servolink
 from docs.api_tables import FOLDER
 from servolink import Board, connect
-from servolink.protocol.codec import PACKETS
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import PACKETS
+from servolink.virtual import VirtualBoard, VirtualTransport
 
 PUBLIC = [name for name in vars(Board) if not name.startswith("_")]
 """In the order of the source."""
@@ -96,7 +95,7 @@ def test_what_no_board_has_is_simply_missing() -> None:
 
 
 def test_the_package_lists_its_public_names_and_tells_its_version() -> None:
-    assert set(dir(servolink)) == {*servolink.__all__, "__version__", "fleet", "sync"}
+    assert set(dir(servolink)) == {*servolink.__all__, "__version__", "fleet", "hub", "recorder", "sync", "twin"}
     assert re.fullmatch(r"\d+\.\d+.*", servolink.__version__)
     assert all(hasattr(servolink, name) for name in dir(servolink))
 

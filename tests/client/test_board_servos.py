@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.errors import (
     EncodeError,
     MotionRefused,
@@ -23,10 +23,10 @@ from servolink.errors import (
     RequestTimeout,
     TargetNotReached,
 )
-from servolink.motion.angles import Adc, Degrees
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.motion import Adc, Degrees
+from servolink.protocol import (
     ExecuteActionRequest,
+    QueryServoListRequest,
     QueryServoRequest,
     QueryServoResponse,
     ServoState,
@@ -34,8 +34,9 @@ from servolink.protocol.servos import (
     SetAngleUnitResponse,
     SetServoParameterRequest,
     SetServoParameterResponse,
+    Step,
 )
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie, now, opened, turns_of_the_loop
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, lie, now, opened, turns_of_the_loop
 
 
 def states(*angles: int) -> QueryServoResponse:
@@ -46,7 +47,7 @@ def states(*angles: int) -> QueryServoResponse:
 
 
 async def test_servos_are_reported_with_angles_in_degrees() -> None:
-    fake = FakeBoard(servos=2)
+    fake = PipedBoard(servos=2)
     async with opened(fake) as board:
         assert await board.servo_ids() == (1, 2)
         servos = await board.servos()
@@ -58,13 +59,13 @@ async def test_servos_are_reported_with_angles_in_degrees() -> None:
 
 @pytest.mark.parametrize("servo_id", [9, 255])
 async def test_a_servo_that_does_not_exist_is_not_found(servo_id: int) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(NotFound, match=f"no servo {servo_id}"):
             await board.servo(servo_id)
 
 
 async def test_the_state_of_another_servo_is_never_returned() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, lie(states(10)))
     async with opened(fake) as board:
         assert (await board.servo(2)).servo_id == 2
@@ -75,7 +76,7 @@ async def test_the_state_of_another_servo_is_never_returned() -> None:
 
 
 async def test_the_unit_is_set_once_and_only_before_the_first_command_with_an_angle() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servo_ids()
         assert fake.sent_of(SetAngleUnitRequest) == []
@@ -86,7 +87,7 @@ async def test_the_unit_is_set_once_and_only_before_the_first_command_with_an_an
 
 
 async def test_the_unit_is_set_by_the_next_command_when_the_first_was_cancelled_or_failed() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SetAngleUnitRequest, LOST, lie(SetAngleUnitResponse(255, 1)))
     async with opened(fake) as board:
         cancelled = asyncio.create_task(board.servos())
@@ -98,7 +99,7 @@ async def test_the_unit_is_set_by_the_next_command_when_the_first_was_cancelled_
 
 
 async def test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_numbers() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit=None) as board:
         assert type((await board.servo(1)).angle) is int
         await board.move({1: 90}, duration=1)
@@ -108,7 +109,7 @@ async def test_units_are_left_alone_if_so_asked_and_angles_are_then_plain_number
 
 
 async def test_each_servo_has_its_own_unit_and_they_do_not_mix() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.set_angle_unit("adc", 2)
         assert fake.executed_of(SetAngleUnitRequest) == [SetAngleUnitRequest(255, 0), SetAngleUnitRequest(2, 1)]
@@ -123,7 +124,7 @@ async def test_each_servo_has_its_own_unit_and_they_do_not_mix() -> None:
 
 
 async def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit="adc") as board:
         with pytest.raises(EncodeError, match="not set to degrees"):
             await board.move({1: Adc(2048)}, speed=90)
@@ -132,7 +133,7 @@ async def test_a_speed_in_degrees_says_nothing_about_a_servo_in_another_unit() -
 
 @pytest.mark.parametrize("servo_id", [2, 255])
 async def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_before_an_angle(servo_id: int) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, patience=0.03) as board:
         await board.servos()
         fake.plan(SetAngleUnitRequest, SWALLOWED)  # done, and not answered
@@ -145,7 +146,7 @@ async def test_a_unit_of_which_it_is_not_known_whether_it_was_set_is_set_again_b
 
 
 async def test_a_unit_that_does_not_exist_is_refused() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     unit: Any = "radian"
     huge: Any = 10**5000
     async with opened(fake) as board:
@@ -161,7 +162,7 @@ async def test_a_unit_that_does_not_exist_is_refused() -> None:
 
 @pytest.mark.parametrize(("start", "hold"), [(True, True), (True, False), (False, True), (False, False)])
 async def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.set_servo(2, start=start, hold=hold)
         servo = await board.servo(2)
@@ -170,7 +171,7 @@ async def test_start_and_hold_are_set(start: bool, hold: bool) -> None:
 
 @pytest.mark.parametrize("value", [None, "1", 1.0, float("nan"), 2, [1]])
 async def test_what_is_neither_true_nor_false_is_refused(value: Any) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match="start must be True or False"):
             await board.set_servo(1, start=value, hold=True)
@@ -181,7 +182,7 @@ async def test_what_is_neither_true_nor_false_is_refused(value: Any) -> None:
 
 @pytest.mark.parametrize("echo", [(2, 0, 1), (2, 1, 0), (0, 1, 1)])
 async def test_an_echo_of_something_else_is_a_refusal(echo: tuple[int, int, int]) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SetServoParameterRequest, lie(SetServoParameterResponse(*echo)))
     async with opened(fake) as board:
         with pytest.raises(Rejected, match=r"servo 2 was asked for start 1, hold 1; the board answered") as caught:
@@ -190,7 +191,7 @@ async def test_an_echo_of_something_else_is_a_refusal(echo: tuple[int, int, int]
 
 
 async def test_release_lets_all_go_limp() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.release()
         assert {(servo.is_start, servo.is_hold) for servo in await board.servos()} == {(False, False)}
@@ -203,7 +204,7 @@ async def test_release_lets_all_go_limp() -> None:
 
 
 async def test_move_sends_all_targets_in_one_movement_and_returns_when_sent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         begun = now()
@@ -213,7 +214,7 @@ async def test_move_sends_all_targets_in_one_movement_and_returns_when_sent() ->
 
 
 async def test_move_by_speed_reads_the_angles_first_and_returns_the_longest_time() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, lie(states(0, 30)))
     async with opened(fake) as board:
         assert await board.move({1: 90, 2: 0}, speed=45) == 2.0
@@ -221,7 +222,7 @@ async def test_move_by_speed_reads_the_angles_first_and_returns_the_longest_time
 
 
 async def test_a_speed_cap_holds_for_a_duration_too() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, lie(states(0)))
     async with opened(fake, speed_cap=100) as board:
         with pytest.raises(EncodeError, match="its cap is 100"):
@@ -231,7 +232,7 @@ async def test_a_speed_cap_holds_for_a_duration_too() -> None:
 
 @pytest.mark.parametrize("pace", [{"speed": 45}, {"duration": 1, "wait": True}])
 async def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_read(pace: dict[str, Any]) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(NotFound, match="no servo 99"):
             await board.move({1: 0, 99: 0}, **pace)
 
@@ -252,7 +253,7 @@ async def test_moving_a_servo_that_does_not_exist_is_not_found_where_angles_are_
     ],
 )
 async def test_nothing_is_sent_for_an_impossible_movement(targets: dict[int, float], pace: dict[str, Any]) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_limits=(-90, 90)) as board:
         with pytest.raises(EncodeError):
             await board.move(targets, **pace)
@@ -261,11 +262,15 @@ async def test_nothing_is_sent_for_an_impossible_movement(targets: dict[int, flo
 
 @pytest.mark.parametrize("pace", [{"duration": 1}, {"speed": 10}])
 async def test_an_angle_outside_the_limits_is_refused_after_a_reading_at_most(pace: dict[str, Any]) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_limits=(-90, 90)) as board:
         with pytest.raises(MotionRefused, match="outside its limits"):
             await board.move({1: 91}, **pace)
-        assert {type(packet) for _, packet in fake.sent} <= {SetAngleUnitRequest, QueryServoRequest}
+        assert {type(packet) for _, packet in fake.sent} <= {
+            SetAngleUnitRequest,
+            QueryServoRequest,
+            QueryServoListRequest,
+        }
 
 
 @pytest.mark.parametrize("way", ["move", "send"])
@@ -285,8 +290,8 @@ async def test_an_angle_outside_the_limits_is_refused_after_a_reading_at_most(pa
 async def test_a_servo_outside_its_limits_may_turn_toward_them_in_small_steps(
     start: int, goal: int, allowed: bool, way: str
 ) -> None:
-    fake = FakeBoard(servos=1)
-    fake.virtual.servos[1].angle = start
+    fake = PipedBoard(servos=1)
+    fake.servos[1].angle = start
     async with opened(fake, angle_limits=(-90, 90)) as board:
         packet = ExecuteActionRequest((Step(1, goal, 100),))
         moving = board.send(packet) if way == "send" else board.move({1: goal}, duration=1)
@@ -300,8 +305,8 @@ async def test_a_servo_outside_its_limits_may_turn_toward_them_in_small_steps(
 
 
 async def test_a_way_back_is_refused_half_a_second_after_its_reading() -> None:
-    fake = FakeBoard(servos=1)
-    fake.virtual.servos[1].angle = 120
+    fake = PipedBoard(servos=1)
+    fake.servos[1].angle = 120
     async with opened(fake, angle_limits=(-90, 90)) as board:
         send, packets = board.connection.send, list[float]()
 
@@ -318,7 +323,7 @@ async def test_a_way_back_is_refused_half_a_second_after_its_reading() -> None:
 
 
 async def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_moves() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match="servo 1: the angle 40000 is outside"):
             await board.move({1: 40_000}, duration=1)
@@ -326,7 +331,7 @@ async def test_an_angle_too_large_for_the_protocol_is_refused_before_anything_mo
 
 
 async def test_the_same_servo_twice_in_one_movement_is_refused() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match="servo 2 is there twice"):
             await board.send(ExecuteActionRequest((Step(2, 0, 1), Step(1, 0, 1), Step(2, 5, 1))))
@@ -334,7 +339,7 @@ async def test_the_same_servo_twice_in_one_movement_is_refused() -> None:
 
 
 async def test_move_can_wait_until_all_have_arrived() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         begun = now()
@@ -344,10 +349,10 @@ async def test_move_can_wait_until_all_have_arrived() -> None:
 
 
 async def test_move_looks_again_when_a_servo_is_a_little_late() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
-        fake.plan(QueryServoRequest, lie(states(40, 0)), lie(states(97, 0)))
+        fake.plan(QueryServoRequest, lie(states(40, 0, 0, 0)), lie(states(97, 0, 0, 0)))
         begun = now()
         await board.move({1: 100}, duration=2, wait=True)
         assert len(fake.sent_of(QueryServoRequest)) == 4
@@ -355,10 +360,10 @@ async def test_move_looks_again_when_a_servo_is_a_little_late() -> None:
 
 
 async def test_move_says_which_servo_has_not_arrived() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
-        await board.set_servo(2, start=False, hold=True)
         at = int((await board.servo(2)).angle)
+        fake.servos[2].is_start = False
         begun = now()
         with pytest.raises(TargetNotReached, match=rf"servo 2 is at {at}, not at 100, 1 s after .* start and hold"):
             await board.move({1: 100, 2: 100}, duration=2, wait=True)
@@ -366,10 +371,10 @@ async def test_move_says_which_servo_has_not_arrived() -> None:
 
 
 async def test_a_servo_that_has_not_arrived_is_no_reason_to_ask_again() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
-        await board.set_servo(2, start=False, hold=True)
         at = (await board.servo(2)).angle
+        fake.servos[2].is_start = False
         with pytest.raises(TargetNotReached, match="the motion was sent, so look at the robot") as caught:
             await board.move({1: 100, 2: 100}, duration=0.5, wait=True)
         assert caught.value.late == {2: (at, Degrees(100))}
@@ -378,7 +383,7 @@ async def test_a_servo_that_has_not_arrived_is_no_reason_to_ask_again() -> None:
 
 
 async def test_whether_servos_have_arrived_is_unknown_if_the_board_falls_silent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         fake.plan(QueryServoRequest, *[LOST] * 100)
@@ -415,7 +420,7 @@ async def test_following_a_servo_that_does_not_come_or_is_not_there_fails() -> N
 
 
 async def test_a_board_that_does_not_answer_about_a_servo_it_does_not_have_stays_connected() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
         fake.plan(QueryServoRequest, *[LOST] * 100)

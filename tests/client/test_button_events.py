@@ -14,10 +14,11 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.button_events import ButtonEvent, ButtonEvents
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.errors import ConnectionLost, OutcomeUnknown, Rejected
-from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
-from tests.client.fake_board import LOST, FakeBoard, Fate, late, lie, opened, turns_of_the_loop
+from servolink.protocol import SubscribeButtonEventRequest, SubscribeButtonEventResponse
+from servolink.testing import Fate
+from tests.client.piped_board import LOST, PipedBoard, late, lie, opened, turns_of_the_loop
 
 START, END = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
 
@@ -30,21 +31,21 @@ async def read(events: ButtonEvents, count: int) -> list[int]:
     return [(await anext(events)).button_id for _ in range(count)]
 
 
-async def subscriptions(fake: FakeBoard) -> list[object]:
+async def subscriptions(fake: PipedBoard) -> list[object]:
     """Return what the board was asked about subscriptions, once all of it has been asked."""
     await asyncio.sleep(0.1)
     return [*fake.executed_of(SubscribeButtonEventRequest)]
 
 
 async def test_events_are_read_in_order_with_their_kind() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.button_events() as events:
         fake.speak(press(1), ButtonEvent(1, 2), ButtonEvent(1, 4))
         assert [(await anext(events)).kind for _ in range(3)] == ["press", "long_press", "up"]
 
 
 async def test_subscribes_before_the_first_wait_and_unsubscribes_at_the_end_of_async_with() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         events = board.button_events()
         assert await subscriptions(fake) == []
@@ -56,7 +57,7 @@ async def test_subscribes_before_the_first_wait_and_unsubscribes_at_the_end_of_a
 
 
 async def test_break_unsubscribes() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         asyncio.get_running_loop().call_later(0.5, fake.speak, press(1), press(2))
         async for event in board.button_events():
@@ -67,7 +68,7 @@ async def test_break_unsubscribes() -> None:
 
 
 async def test_an_iterator_that_python_collects_in_another_thread_unsubscribes() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         asyncio.get_running_loop().set_debug(True)  # refuses calls from other threads, which are unsafe
         events = board.button_events()
@@ -82,7 +83,7 @@ async def test_an_iterator_that_python_collects_in_another_thread_unsubscribes()
 
 
 async def test_a_reader_that_is_cancelled_unsubscribes() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
 
         async def follow() -> None:
@@ -99,7 +100,7 @@ async def test_a_reader_that_is_cancelled_unsubscribes() -> None:
 
 
 async def test_several_readers_share_one_subscription_and_each_gets_every_event() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         async with board.button_events() as one, board.button_events() as other:
             fake.speak(press(1), press(2))
@@ -115,7 +116,7 @@ async def test_several_readers_share_one_subscription_and_each_gets_every_event(
 
 
 async def test_readers_that_come_and_go_at_once_agree_on_the_subscription() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
 
         async def come_and_go(number: int) -> None:
@@ -132,7 +133,7 @@ async def test_readers_that_come_and_go_at_once_agree_on_the_subscription() -> N
 
 
 async def test_a_reader_after_the_last_has_gone_subscribes_anew() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         for _ in range(2):
             async with board.button_events():
@@ -144,7 +145,7 @@ async def test_a_reader_after_the_last_has_gone_subscribes_anew() -> None:
 
 
 async def test_a_slow_reader_loses_its_oldest_events_counted_and_a_fast_one_none() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.button_events(limit=3) as slow, board.button_events(limit=10) as fast:
         fake.speak(*(press(number) for number in range(8)))
         assert await read(slow, 3) == [5, 6, 7]
@@ -157,7 +158,7 @@ async def test_a_slow_reader_loses_its_oldest_events_counted_and_a_fast_one_none
 
 
 async def test_a_flood_with_the_reader_stopped_stays_bounded() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.button_events(limit=100) as events:
         flood = fake.codec.encode(press(7)) * 100
         for _ in range(1000):
@@ -169,7 +170,7 @@ async def test_a_flood_with_the_reader_stopped_stays_bounded() -> None:
 
 @pytest.mark.parametrize("limit", [0, -1])
 async def test_a_limit_that_keeps_nothing_is_refused(limit: int) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(ValueError, match=f"limit must be at least 1, not {limit}"):
             board.button_events(limit=limit)
         gc.collect()
@@ -177,7 +178,7 @@ async def test_a_limit_that_keeps_nothing_is_refused(limit: int) -> None:
 
 @pytest.mark.parametrize("limit", ["3", 2.5, True, None])
 async def test_a_limit_that_is_no_integer_is_refused(limit: Any) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(TypeError, match=f"limit must be an integer, not '?{limit}"):
             board.button_events(limit)
 
@@ -186,7 +187,7 @@ async def test_a_limit_that_is_no_integer_is_refused(limit: Any) -> None:
 
 
 async def test_loss_is_raised_with_its_cause_after_the_events_that_came_before() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.button_events() as events:
         cause = OSError("device disconnected")
         fake.speak(press(1), press(2))
@@ -201,7 +202,7 @@ async def test_loss_is_raised_with_its_cause_after_the_events_that_came_before()
 
 
 async def test_loss_wakes_a_waiting_reader_also_when_only_sending_shows_it() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.button_events() as events:
         reading = asyncio.ensure_future(anext(events))
         await turns_of_the_loop(3)
@@ -213,7 +214,7 @@ async def test_loss_wakes_a_waiting_reader_also_when_only_sending_shows_it() -> 
 
 
 async def test_close_ends_readers_after_the_events_that_came_before() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     board = await connect(fake)
     events = board.button_events()
     await events.__aenter__()
@@ -229,7 +230,7 @@ async def test_close_ends_readers_after_the_events_that_came_before() -> None:
 
 
 async def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         events = board.button_events()
         fake.plan(SubscribeButtonEventRequest, late(0.15))
@@ -247,7 +248,7 @@ async def test_a_reader_that_gives_up_too_early_to_be_subscribed_may_try_again()
 
 
 async def test_two_tasks_read_from_one_iterator_though_the_first_gives_up() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         events = board.button_events()
         fake.plan(SubscribeButtonEventRequest, late(0.15))
@@ -263,7 +264,7 @@ async def test_two_tasks_read_from_one_iterator_though_the_first_gives_up() -> N
 
 @pytest.mark.parametrize("closed", [True, False])
 async def test_a_reader_that_comes_after_the_end_is_told_and_ends(closed: bool) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     board = await connect(fake)
     if closed:
         await board.close()
@@ -279,7 +280,7 @@ async def test_a_reader_that_comes_after_the_end_is_told_and_ends(closed: bool) 
 
 
 async def test_closing_a_reader_of_a_lost_board_is_quiet() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         async with board.button_events():
             fake.vanish()
@@ -287,7 +288,7 @@ async def test_closing_a_reader_of_a_lost_board_is_quiet() -> None:
 
 
 async def test_a_board_that_vanishes_as_a_reader_breaks_off_disturbs_nobody() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         events = board.button_events()
         await events.__aenter__()
@@ -303,7 +304,7 @@ async def test_a_board_that_vanishes_as_a_reader_breaks_off_disturbs_nobody() ->
 
 
 async def test_a_refused_subscription_is_rejected_and_may_be_tried_again() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SubscribeButtonEventRequest, lie(SubscribeButtonEventResponse(0)))
     async with opened(fake) as board:
         events = board.button_events()
@@ -316,7 +317,7 @@ async def test_a_refused_subscription_is_rejected_and_may_be_tried_again() -> No
 
 
 async def test_a_refused_end_of_the_subscription_is_told_and_the_next_reader_needs_no_new_one() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         events = board.button_events()
         await events.__aenter__()
@@ -336,7 +337,7 @@ async def _subscribe(board: Board) -> None:
 
 @pytest.mark.parametrize("cancel_at", [0.0, 0.001, 0.05, 0.099, 0.101])
 async def test_who_is_cancelled_while_subscribing_leaves_no_subscription(cancel_at: float) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SubscribeButtonEventRequest, late(0.1))
     async with opened(fake) as board:
         subscribing = asyncio.create_task(_subscribe(board))
@@ -353,8 +354,8 @@ async def test_who_is_cancelled_while_subscribing_leaves_no_subscription(cancel_
 
 
 async def test_a_subscription_of_which_it_is_not_known_whether_it_began_is_ended() -> None:
-    fake = FakeBoard()
-    fake.plan(SubscribeButtonEventRequest, Fate(after=None))
+    fake = PipedBoard()
+    fake.plan(SubscribeButtonEventRequest, Fate(answers=False))
     async with opened(fake, patience=0.1) as board:
         with pytest.raises(OutcomeUnknown):
             await _subscribe(board)
@@ -362,7 +363,7 @@ async def test_a_subscription_of_which_it_is_not_known_whether_it_began_is_ended
 
 
 async def test_one_who_is_cancelled_while_subscribing_does_not_disturb_another_who_subscribes() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SubscribeButtonEventRequest, late(0.5))
     async with opened(fake) as board:
         cancelled = asyncio.create_task(_subscribe(board))

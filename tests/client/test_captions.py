@@ -10,37 +10,33 @@ import pytest
 from servolink.client.board import Board
 from servolink.client.captions import button_id
 from servolink.errors import AmbiguousName, EncodeError, NotFound, RequestError, ServolinkError
-from servolink.project.model import Project
-from servolink.protocol.editing import (
+from servolink.project import Project
+from servolink.protocol import (
+    Action,
+    ActionEntry,
     AddServoParameterRequest,
+    Button,
     DeleteActionRequest,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
     ExecuteMacroRequest,
+    JoystickTable,
+    Macro,
+    MacroCommand,
     QueryActionListRequest,
     QueryActionListResponse,
     QueryActionRequest,
     QueryMacroListRequest,
+    QueryServoListRequest,
     QueryServoParameterRequest,
     QueryServoParameterResponse,
-)
-from servolink.protocol.records import (
-    Action,
-    ActionEntry,
-    Button,
-    JoystickTable,
-    Macro,
-    MacroCommand,
     ServoParameter,
+    SetServoParameterRequest,
     Step,
 )
-from servolink.protocol.servos import (
-    ExecuteActionExRequest,
-    ExecuteActionRequest,
-    QueryServoListRequest,
-    SetServoParameterRequest,
-)
-from tests.client.fake_board import FakeBoard, lie, opened
-from tests.hostile.corpus import controls
+from tests.client.piped_board import PipedBoard, lie, opened
 from tests.project.pulled import contents_of
+from tests.proofs.hostile.corpus import controls
 from tests.virtual_time import run
 
 CAPTIONS = {1: "hip", 2: "3", 3: "all"}
@@ -58,10 +54,10 @@ STORED = Project(
 Use = Callable[[Board], Awaitable[Any]]
 
 
-def used(use: Use, *plans: tuple[Any, Any], stored: Project = STORED) -> FakeBoard:
+def used(use: Use, *plans: tuple[Any, Any], stored: Project = STORED) -> PipedBoard:
     """Return a fake board with names on which `use` was done."""
-    fake = FakeBoard(servos=3)
-    fake.virtual.storage.contents = contents_of(stored)
+    fake = PipedBoard(servos=3)
+    fake.storage.contents = contents_of(stored)
     for request, response in plans:
         fake.plan(request, lie(response))
 
@@ -199,8 +195,8 @@ def test_a_name_is_looked_up_each_time() -> None:
     ],
 )
 async def test_a_stop_while_a_name_is_looked_up_comes_first(use: Use) -> None:
-    fake = FakeBoard(servos=3)
-    fake.virtual.storage.contents = contents_of(STORED)
+    fake = PipedBoard(servos=3)
+    fake.storage.contents = contents_of(STORED)
     async with opened(fake) as board:
         answer = fake._answer
 

@@ -12,8 +12,7 @@ from contextlib import aclosing, closing, contextmanager
 import pytest
 
 from servolink import Board, connect
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.virtual import VirtualBoard, serve
 
 
 async def opened(url: str) -> Board:

@@ -10,11 +10,10 @@ from contextlib import suppress
 import pytest
 
 from servolink import Board, ConnectionLost, EncodeError, NotFound, OutcomeUnknown, Rejected, connect
-from servolink.client import connect as connecting
-from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest, WriteProjectIDResponse
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind, Clear
-from tests.client.fake_board import FakeBoard, late, lie, opened, turns_of_the_loop
+from servolink.client import connecting
+from servolink.protocol import QueryProjectIDRequest, WriteProjectIDRequest, WriteProjectIDResponse
+from servolink.virtual import BoardKind, Clear, VirtualBoard
+from tests.client.piped_board import PipedBoard, late, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 
 Deed = Callable[[Board, Socket], Awaitable[None]]
@@ -171,19 +170,19 @@ async def test_a_board_may_lose_power_before_it_has_stored_its_new_id(
 
 
 async def test_a_board_that_refuses_an_id_has_the_one_it_had() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.project_id()
         fake.plan(WriteProjectIDRequest, lie(WriteProjectIDResponse(0)))
         with pytest.raises(Rejected):
             await board.write_project_id(6)
-        fake.virtual.storage.project_id = 6
+        fake.storage.project_id = 6
         with pytest.raises(NotFound, match="project id 6, not 0"):
             await board._session.identity.check(board._session.connection)
 
 
 async def test_an_answer_from_before_a_write_that_was_given_up_does_not_say_what_the_board_has() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryProjectIDRequest, late(0), late(0.5))
     async with opened(fake, depth=2, patience=6) as board:
         await board.write_project_id(5)

@@ -1,6 +1,6 @@
 """Stored actions, macros and packets of one's own are kept within the limits of movements.
 
-Modules: servolink.client.collect, servolink.client.raw_packets, servolink.client.stored_runs.
+Modules: servolink.client.collecting, servolink.client.raw_packets, servolink.client.stored_runs.
 """
 
 from __future__ import annotations
@@ -11,38 +11,37 @@ from typing import Any
 
 import pytest
 
+from servolink.boards import BoardProfile, BoardSettings
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.client.servo_state import Servo
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
-from servolink.motion.angles import Adc
-from servolink.motion.limits import MotionLimits
-from servolink.profiles.profile import BoardProfile, BoardSettings
-from servolink.project.model import Project
-from servolink.protocol.editing import (
+from servolink.motion import Adc, MotionLimits, MotionPlanner
+from servolink.project import Project
+from servolink.protocol import (
+    ALL_SERVOS,
+    Action,
+    Command,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
     ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
     QueryActionRequest,
     QueryActionResponse,
     QueryMacroListRequest,
     QueryMacroRequest,
     QueryMacroResponse,
-)
-from servolink.protocol.packet import Command
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import (
-    ALL_SERVOS,
-    ExecuteActionExRequest,
-    ExecuteActionRequest,
+    QueryServoListRequest,
     QueryServoRequest,
     QueryServoResponse,
     ServoState,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, FakeBoard, connected, late, lie, now, opened
+from servolink.virtual import BoardKind, VirtualBoard, VirtualTransport
+from tests.client.piped_board import LOST, PipedBoard, connected, late, lie, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -207,7 +206,7 @@ def test_a_unit_that_was_set_by_a_packet_counts() -> None:
 
 
 def test_a_unit_that_the_board_did_not_take_does_not_count() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.servos()
         fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(1, 0)), LOST)
         assert (await board.request(SetAngleUnitRequest(1, 1))).unit_type == 0
@@ -244,10 +243,10 @@ def test_a_servo_that_the_board_does_not_report_has_no_known_speed() -> None:
 # --- what is sent, and when ---------------------------------------------------------------------------------------
 
 
-def sent_on_fake(use: Callable[[Board, FakeBoard], Awaitable[Any]], **options: Any) -> FakeBoard:
+def sent_on_fake(use: Callable[[Board, PipedBoard], Awaitable[Any]], **options: Any) -> PipedBoard:
     """Return a fake board on which `use` was done."""
-    fake = FakeBoard()
-    prepared(fake.virtual)
+    fake = PipedBoard()
+    prepared(fake)
 
     async def main() -> None:
         async with opened(fake, **options) as board:
@@ -258,7 +257,7 @@ def sent_on_fake(use: Callable[[Board, FakeBoard], Awaitable[Any]], **options: A
 
 
 def test_without_limits_only_the_list_of_macros_is_read() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         assert await board.run_action(1) == 0.5
         await board.run_macro(1)
         await board.request(ExecuteMacroRequest(2))
@@ -279,7 +278,7 @@ def test_without_limits_only_the_list_of_macros_is_read() -> None:
 
 
 def test_with_limits_everything_that_runs_is_read_once() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.run_macro(3)
 
     packets = [packet for _, packet in sent_on_fake(use, angle_limits=(-60, 60)).sent]
@@ -288,6 +287,7 @@ def test_with_limits_everything_that_runs_is_read_once() -> None:
         *(QueryActionRequest(action_id) for action_id in (1, 2)),
         SetAngleUnitRequest(ALL_SERVOS, 0),
         QueryServoRequest(ALL_SERVOS),
+        QueryServoListRequest(),
         ExecuteMacroRequest(3),
     ]
 
@@ -296,7 +296,7 @@ def test_with_limits_everything_that_runs_is_read_once() -> None:
     "packet", [ExecuteActionRequest((Step(1, 40_000, 1),)), ExecuteActionRequest((Step(1, 0, -1),))]
 )
 def test_a_packet_that_cannot_be_sent_is_refused_first(packet: Command) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         with pytest.raises(EncodeError):
             await board.send(packet)
         with pytest.raises(EncodeError, match="there twice"):
@@ -319,7 +319,7 @@ RUNS: dict[str, Use] = {
 @pytest.mark.parametrize("name", RUNS)
 @pytest.mark.parametrize("slow", [QueryServoRequest, QueryActionRequest, SetAngleUnitRequest])
 def test_a_stop_while_it_is_checked_wins(name: str, slow: Any) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         fake.plan(slow, late(0.5))
         running = asyncio.ensure_future(RUNS[name](board))
         await asyncio.sleep(0.1)
@@ -336,7 +336,7 @@ def test_a_stop_while_it_is_checked_wins(name: str, slow: Any) -> None:
 
 @pytest.mark.parametrize("name", ["run_action", "run_macro"])
 def test_what_was_checked_for_another_unit_is_not_run(name: str) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.servos()
         fake.plan(QueryServoRequest, late(0.1))
         running = asyncio.ensure_future(RUNS[name](board))
@@ -352,7 +352,7 @@ def test_what_was_checked_for_another_unit_is_not_run(name: str) -> None:
 
 
 def test_a_lost_connection_ends_a_run() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryServoRequest, late(0.1))
         running = asyncio.ensure_future(board.run_macro(1))
         await asyncio.sleep(0.05)
@@ -364,8 +364,8 @@ def test_a_lost_connection_ends_a_run() -> None:
 
 
 def test_what_was_checked_on_one_connection_is_not_run_on_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
-        read, other = board._servos.servos, FakeBoard()
+    async def use(board: Board, fake: PipedBoard) -> None:
+        read, other = board._servos.servos, PipedBoard()
 
         async def replaced() -> tuple[Servo, ...]:
             servos = await read()
@@ -387,7 +387,7 @@ def test_what_was_checked_on_one_connection_is_not_run_on_the_next(monkeypatch: 
 
 
 def test_macros_without_end_are_not_read_for_ever() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         for number in range(1, 60):
             endless = MacroCommand(number + 1, 2)
             fake.plan(QueryMacroRequest, lie(QueryMacroResponse(number, "on and on", (endless,))))
@@ -411,7 +411,7 @@ def test_macros_without_end_are_not_read_for_ever() -> None:
     ],
 )
 def test_a_macro_of_which_the_meaning_is_unknown_is_not_run(commands: tuple[MacroCommand, ...], words: str) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryMacroRequest, lie(QueryMacroResponse(1, "?", commands)))
         with pytest.raises(MotionRefused, match=f"macro 1 .* was not run: .*{words}"):
             await board.run_macro(1)
@@ -421,7 +421,7 @@ def test_a_macro_of_which_the_meaning_is_unknown_is_not_run(commands: tuple[Macr
 
 @pytest.mark.parametrize("interval", [0, -5])
 def test_a_step_without_time_is_too_fast(interval: int) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         response = QueryActionResponse(1, "\x1b[2Jjump", (Step(1, 40, 50), Step(2, 1, interval)))
         fake.plan(QueryActionRequest, lie(response))
         with pytest.raises(
@@ -433,10 +433,10 @@ def test_a_step_without_time_is_too_fast(interval: int) -> None:
 
 
 async def test_the_interval_unit_counts_for_moves_and_stored_records() -> None:
-    fake = FakeBoard()
-    prepared(fake.virtual)
+    fake = PipedBoard()
+    prepared(fake)
     async with opened(fake) as connected:
-        board = Board(connected._session, "degree", MotionLimits(speed_cap=45), 0.02)
+        board = Board(connected._session, "degree", MotionPlanner(MotionLimits(speed_cap=45), 0.02))
         assert await board.run_action(1) == 1.0
         assert await board.move({1: 0}, duration=1) == 1.0
         assert fake.executed_of(ExecuteActionRequest) == [ExecuteActionRequest((Step(1, 0, 50),))]
@@ -462,7 +462,7 @@ async def test_a_board_that_counts_otherwise_takes_the_time_that_was_said(unit: 
 
 
 def test_angles_reported_by_the_board_are_where_a_run_starts() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         states = tuple(ServoState(number, 100, 0, 0, 0, 1, 1) for number in (1, 2, 3, 4))
         fake.plan(QueryServoRequest, lie(QueryServoResponse(states)))
         with pytest.raises(MotionRefused, match="step 1 asks servo 1 for 120 degrees/s"):

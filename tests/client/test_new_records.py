@@ -10,8 +10,8 @@ import asyncio
 import pytest
 
 from servolink import Action, Button, EncodeError, JoystickTable, Macro, MacroCommand, Rejected, Step, connect
-from servolink.protocol.editing import AddActionRequest, AddActionResponse, QueryActionListRequest
-from tests.client.fake_board import FakeBoard, late, lie, opened
+from servolink.protocol import AddActionRequest, AddActionResponse, QueryActionListRequest
+from tests.client.piped_board import PipedBoard, late, lie, opened
 
 POSE = Action.pose("stand", {1: 0, 2: 0})
 
@@ -29,7 +29,7 @@ async def test_the_lowest_free_id_is_chosen_and_returned() -> None:
 
 
 async def test_an_id_that_is_given_is_kept_and_nothing_is_asked() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         assert await board.add_action(Action(9, "nine", (Step(1, 2, 3),))) == Action(9, "nine", (Step(1, 2, 3),))
         assert fake.sent_of(QueryActionListRequest) == []
@@ -37,7 +37,7 @@ async def test_an_id_that_is_given_is_kept_and_nothing_is_asked() -> None:
 
 @pytest.mark.parametrize("depth", [1, 4])
 async def test_records_that_are_added_at_the_same_time_get_different_ids(depth: int) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(AddActionRequest, late(0.3))
     async with opened(fake, depth=depth) as board:
         added = await asyncio.gather(*(board.add_action(POSE) for _ in range(5)))
@@ -46,7 +46,7 @@ async def test_records_that_are_added_at_the_same_time_get_different_ids(depth: 
 
 
 async def test_a_macro_that_calls_an_action_without_an_id_is_refused_with_the_cause() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match=r"macro 'walk' refers to action 'stand', which has no id: add that"):
             await board.add_macro(Macro.of("walk", 0.5, POSE))
@@ -61,7 +61,7 @@ async def test_a_macro_that_calls_an_action_without_an_id_is_refused_with_the_ca
 
 
 async def test_a_refused_record_names_the_likely_causes_and_a_wrong_type_is_refused_before() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(AddActionRequest, lie(AddActionResponse(0)))
     async with opened(fake) as board:
         with pytest.raises(Rejected, match="its memory may be full, or the id may be taken"):

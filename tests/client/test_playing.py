@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from servolink.boards import BoardProfile, BoardSettings
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.client.playing import Playback
 from servolink.errors import (
     ConnectionLost,
@@ -20,15 +21,21 @@ from servolink.errors import (
     RequestError,
     TargetNotReached,
 )
-from servolink.profiles.profile import BoardProfile, BoardSettings
-from servolink.project.model import Project
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest, ExecuteMacroRequest
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, now, opened
+from servolink.project import Project
+from servolink.protocol import (
+    Action,
+    AddActionRequest,
+    AddMacroRequest,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    Step,
+)
+from servolink.virtual import BoardKind, VirtualBoard, VirtualTransport
+from tests.client.piped_board import PipedBoard, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -53,13 +60,13 @@ PROJECT = Project(
     macros=(DANCE, INNER, ENDLESS, LACKING, SLOWEST, BACKWARDS, FLOOD, LAST_FAR, PAUSES),
 )
 
-Use = Callable[[Board, FakeBoard], Awaitable[Any]]
+Use = Callable[[Board, PipedBoard], Awaitable[Any]]
 
 
-def used(use: Use, **options: Any) -> FakeBoard:
+def used(use: Use, **options: Any) -> PipedBoard:
     """Return a fake board with servos at 0, on which `use` was done."""
-    fake = FakeBoard()
-    for servo in fake.virtual.servos.values():
+    fake = PipedBoard()
+    for servo in fake.servos.values():
         servo.angle = 0.0
 
     async def main() -> None:
@@ -70,7 +77,7 @@ def used(use: Use, **options: Any) -> FakeBoard:
     return fake
 
 
-def movements(fake: FakeBoard) -> list[tuple[tuple[int, int, int], ...]]:
+def movements(fake: PipedBoard) -> list[tuple[tuple[int, int, int], ...]]:
     """Return servo, angle and interval of each step that was sent."""
     sent: list[Any] = fake.executed_of(ExecuteActionRequest)
     return [tuple((step.servo_id, step.degree, step.interval) for step in request.steps) for request in sent]
@@ -91,7 +98,7 @@ def movements(fake: FakeBoard) -> list[tuple[tuple[int, int, int], ...]]:
 def test_each_step_is_sent_when_its_time_comes_and_nothing_is_stored(name: str, seconds: float, sent: Any) -> None:
     playback = Playback()
 
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         start = now()
         assert await board.play(PROJECT, name, playback=playback) == seconds
         assert seconds <= now() - start < seconds + 0.3
@@ -129,7 +136,7 @@ async def test_servos_move_as_if_it_were_stored_and_run(name: str, unit: float) 
 
 
 def test_actions_that_take_no_time_do_not_fill_the_line() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         start = now()
         await board.play(PROJECT, "flood")
         assert now() - start >= 1.0
@@ -138,14 +145,14 @@ def test_actions_that_take_no_time_do_not_fill_the_line() -> None:
 
 
 def test_a_dry_run_moves_nothing() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         assert await board.play(PROJECT, "Dance", dry_run=True) == 3.5
 
     assert not movements(used(use, soft_start=20))
 
 
 def test_soft_start_moves_servos_to_the_first_angles() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.play(PROJECT, "wave")
 
     first, *rest = movements(used(use, soft_start=20))
@@ -163,7 +170,7 @@ def test_soft_start_moves_servos_to_the_first_angles() -> None:
         ("macro:4", NotFound, "runs action 99", {}),
         ("twice", RequestError, "moves servo 1 twice", {}),
         ("endless", RequestError, "never ends", {}),
-        ("stranger", NotFound, "servo 9, which the board does not have", {}),
+        ("stranger", NotFound, "the board has no servo 9; nothing was moved", {}),
         ("slowest", EncodeError, "action 5 'slow' at 0.99 times its speed", {}),
         ("backwards", EncodeError, "macro 6 'backwards', command 2 is a delay of -500 ms", {}),
         ("last far", MotionRefused, "step 2 asks servo 2 to go to 120 degrees", {"angle_limits": (-90, 90)}),
@@ -174,7 +181,7 @@ def test_soft_start_moves_servos_to_the_first_angles() -> None:
 def test_everything_is_checked_before_the_first_step(
     name: str, error: type[Exception], words: str, options: dict[str, Any]
 ) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         with pytest.raises(error, match=words):
             await board.play(PROJECT, name)
 
@@ -182,18 +189,18 @@ def test_everything_is_checked_before_the_first_step(
 
 
 def test_ids_that_are_there_twice_are_not_played() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         with pytest.raises(ProjectError, match="action 1 exists twice"):
             await board.play(Project(actions=(WAVE, WAVE)), "wave")
 
     assert not movements(used(use))
 
 
-@pytest.mark.parametrize(("start", "hold", "state"), [(False, True, "stopped"), (False, False, "released")])
-def test_servos_that_would_not_move_are_named(start: bool, hold: bool, state: str) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+@pytest.mark.parametrize(("start", "hold"), [(False, True), (False, False)])
+def test_servos_that_would_not_move_are_named(start: bool, hold: bool) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.set_servo(2, start=start, hold=hold)
-        with pytest.raises(RequestError, match=f"action 1 'wave' was not played: servo 2 is {state}"):
+        with pytest.raises(RequestError, match="servo 2 is stopped or released and would ignore the movement"):
             await board.play(PROJECT, "wave")
 
     assert not movements(used(use))
@@ -210,7 +217,7 @@ async def begun(board: Board, seconds: float, **more: Any) -> asyncio.Task[float
 
 
 def test_a_stop_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 1.0)
         await board.stop()
         with pytest.raises(RequestError, match="macro 1 'Dance' was started, and then ended by a stop"):
@@ -222,7 +229,7 @@ def test_a_stop_ends_it() -> None:
 
 
 def test_a_stop_while_it_is_checked_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = asyncio.create_task(board.play(PROJECT, "Dance"))
         await asyncio.sleep(0)
         await board.stop()
@@ -233,7 +240,7 @@ def test_a_stop_while_it_is_checked_ends_it() -> None:
 
 
 def test_a_change_of_a_unit_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 1.0)
         await board.set_angle_unit("adc", 1)
         with pytest.raises(RequestError, match="an angle unit was set while it was played"):
@@ -243,7 +250,7 @@ def test_a_change_of_a_unit_ends_it() -> None:
 
 
 def test_a_lost_connection_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 1.0)
         fake.vanish()
         start = now()
@@ -255,7 +262,7 @@ def test_a_lost_connection_ends_it() -> None:
 
 
 def test_after_a_cancellation_no_further_step_is_sent() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 1.0)
         playing.cancel()
         await asyncio.sleep(5)
@@ -268,7 +275,7 @@ def test_after_a_cancellation_no_further_step_is_sent() -> None:
 def test_a_pause_lets_servos_finish_and_the_rest_is_played_after_it() -> None:
     playback = Playback()
 
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         start = now()
         playing = await begun(board, 1.0, playback=playback)
         playback.pause()
@@ -287,7 +294,7 @@ def test_a_stop_ends_a_pause_too() -> None:
     playback = Playback()
     playback.pause()
 
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 1.0, playback=playback)
         await board.stop()
         with pytest.raises(RequestError, match="ended by a stop"):
@@ -297,7 +304,7 @@ def test_a_stop_ends_a_pause_too() -> None:
 
 
 def test_a_step_that_is_late_is_not_cut_short() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         loop: Any = asyncio.get_running_loop()
         start = now()
         playing = await begun(board, 1.0)
@@ -309,7 +316,7 @@ def test_a_step_that_is_late_is_not_cut_short() -> None:
 
 
 def test_a_servo_that_does_not_arrive_is_named() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         playing = await begun(board, 2.7)
         await board.set_servo(1, start=False, hold=True)
         with pytest.raises(TargetNotReached, match="servo 1 is at"):

@@ -13,29 +13,28 @@ from pathlib import Path
 import pytest
 
 from servolink import Action, Board, Macro, MacroCommand, Step, connect
-from servolink.client import connect as connecting
-from servolink.discovery.names import Alias, save_alias
+from servolink.boards import Alias, Aliases, BoardIdentityRecord, BoardProfile, BoardSettings, ProfileFile
+from servolink.client import connecting
 from servolink.errors import (
     RequestError,
     RequestTimeout,
     WrongBoard,
 )
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings
-from servolink.profiles.store import save_profile
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.servos import (
+from servolink.protocol import (
+    ACTION,
+    MACRO,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
     QueryServoListRequest,
     QueryServoListResponse,
     SetServoParameterRequest,
 )
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeResponse
-from servolink.transports.device_info import PortIdentity
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
-from tests.client.fake_board import LOST, FakeBoard, lie, opened, turns_of_the_loop
+from servolink.transports import PortIdentity
+from servolink.virtual import VirtualBoard, serve
+from tests.client.piped_board import LOST, PipedBoard, lie, opened, turns_of_the_loop
 from tests.client.sockets import Socket
 from tests.virtual_time import run
 
@@ -46,8 +45,8 @@ def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def use(name: str, url: str, profile: BoardProfile) -> None:
-    save_alias(name, Alias(url))
-    save_profile(name, profile)
+    Aliases.save(name, Alias(url))
+    ProfileFile(name).save(profile)
 
 
 # --- another board ----------------------------------------------------------------------------------------------------
@@ -84,14 +83,14 @@ FREE: dict[str, Deed] = {
 }
 
 
-def other_board() -> FakeBoard:
+def other_board() -> PipedBoard:
     """Return a board with other servos than rex, on which something is stored."""
-    fake = FakeBoard(servos=5)
-    fake.virtual.storage.project_id = 3
+    fake = PipedBoard(servos=5)
+    fake.storage.project_id = 3
     return fake
 
 
-def store(fake: FakeBoard) -> None:
+def store(fake: PipedBoard) -> None:
     for packet in (
         ACTION.add(Action(1, "Bow", (Step(1, 5, 10),))),
         MACRO.add(Macro(2, "Dance", (MacroCommand.of(0.1),))),
@@ -104,7 +103,7 @@ def test_another_board_is_neither_moved_nor_changed(name: str, caplog: pytest.Lo
     async def main() -> None:
         fake = other_board()
         store(fake)
-        before = fake.virtual.storage.free
+        before = fake.storage.free
         async with opened(fake, profile=REX) as board:
             with pytest.raises(WrongBoard) as refused:
                 await GUARDED[name](board)
@@ -115,8 +114,8 @@ def test_another_board_is_neither_moved_nor_changed(name: str, caplog: pytest.Lo
             with pytest.raises(WrongBoard):
                 await GUARDED[name](board)
         assert not [packet for packet in fake.executed if isinstance(packet[1], MOVES)]
-        assert fake.virtual.storage.free == before
-        assert fake.virtual.storage.project_id == 3
+        assert fake.storage.free == before
+        assert fake.storage.project_id == 3
 
     run(main())
     assert caplog.messages.count(caplog.messages[0]) == 1
@@ -135,7 +134,7 @@ async def test_another_board_can_be_stopped_released_and_read(name: str) -> None
 
 
 async def test_a_stop_does_not_wait_for_the_check() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[QueryServoListRequest] = LOST
     async with connect(fake, profile=REX, handshake=False) as board:
         moving = asyncio.create_task(board.move({1: 5}, duration=1))
@@ -148,7 +147,7 @@ async def test_a_stop_does_not_wait_for_the_check() -> None:
 
 
 async def test_a_macro_asked_for_before_a_stop_is_not_started_after_it() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     store(fake)
     async with opened(fake, profile=REX, handshake=False) as board:
         starting = asyncio.create_task(board.run_macro(2))
@@ -160,7 +159,7 @@ async def test_a_macro_asked_for_before_a_stop_is_not_started_after_it() -> None
 
 
 async def test_the_right_board_is_asked_once_for_each_connection() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     store(fake)
     async with connect(fake, profile=REX) as board:
         assert len(fake.sent_of(QueryServoListRequest)) == 1
@@ -170,11 +169,10 @@ async def test_the_right_board_is_asked_once_for_each_connection() -> None:
 
 
 async def test_without_a_handshake_the_board_is_checked_before_it_moves() -> None:
-    fake = FakeBoard()
-    fake.plan(QueryServoListRequest, lie(QueryServoListResponse((9,))))
+    fake = PipedBoard()
     async with connect(fake, profile=REX, handshake=False) as board:
         await board.servos()
-        assert not fake.sent_of(QueryServoListRequest)
+        fake.plan(QueryServoListRequest, lie(QueryServoListResponse((9,))))
         with pytest.raises(WrongBoard):
             await board.move({1: 5}, duration=1)
         await board.move({1: 5}, duration=1)  # it was a damaged response, perhaps: now it is right
@@ -182,7 +180,7 @@ async def test_without_a_handshake_the_board_is_checked_before_it_moves() -> Non
 
 
 async def test_a_check_that_is_not_answered_refuses_too() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[QueryServoListRequest] = LOST
     async with opened(fake, profile=REX, handshake=False) as board:
         with pytest.raises(RequestTimeout, match="QueryServoList"):
@@ -210,8 +208,8 @@ async def test_a_check_that_is_not_answered_refuses_too() -> None:
 async def test_a_board_differs_by_what_is_known_of_both(
     identity: BoardIdentityRecord, is_same: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.discovery.search.identity_of", lambda url: PortIdentity(1, 2, "A1"))
-    async with connect(FakeBoard(), profile=BoardProfile(identity=identity)) as board:
+    monkeypatch.setattr("servolink.client.identity_guard.identity_of", lambda url: PortIdentity(1, 2, "A1"))
+    async with connect(PipedBoard(), profile=BoardProfile(identity=identity)) as board:
         if is_same:
             await board.move({1: 5}, duration=1)
         else:
@@ -221,10 +219,10 @@ async def test_a_board_differs_by_what_is_known_of_both(
 
 
 async def test_what_the_board_does_not_report_is_not_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("servolink.discovery.search.identity_of", lambda url: None)
+    monkeypatch.setattr("servolink.client.identity_guard.identity_of", lambda url: None)
     identity = BoardIdentityRecord(servo_ids=(1,), memory_total=5, serial_number="A1")
     settings = BoardSettings(unsupported=("QueryServoList",))
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(100))
     async with connect(fake, profile=BoardProfile(identity=identity, settings=settings)) as board:
         await board.move({1: 5}, duration=1)
@@ -239,7 +237,7 @@ def test_another_board_served_in_the_place_of_rex_is_refused() -> None:
             board = VirtualBoard(servos)
             async with serve(board, tcp=place) as (url,):
                 place = url.removeprefix("tcp://")
-                save_alias("rex", Alias(url))
+                Aliases.save("rex", Alias(url))
                 async with connect("rex") as rex:
                     if servos == 4:
                         await rex.move({1: 5}, duration=0.01)
@@ -256,7 +254,7 @@ def test_another_board_served_in_the_place_of_rex_is_refused() -> None:
 
 
 async def test_the_memory_is_in_bytes_whatever_the_board_counts_in() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[QueryMemorySizeRequest] = lie(QueryMemorySizeResponse(30, 64))
     for settings, size in (
         (BoardSettings(), 30),

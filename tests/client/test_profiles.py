@@ -6,28 +6,36 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from serial.tools import list_ports  # type: ignore[import-untyped]
 
 from servolink import Step, connect
-from servolink.connection.options import ConnectionOptions
-from servolink.discovery import names
-from servolink.discovery.names import Alias, aliases_path, save_alias
-from servolink.discovery.resolving import Resolved, resolve_board
+from servolink.boards import (
+    Alias,
+    Aliases,
+    BoardProfile,
+    BoardSettings,
+    ProfileFile,
+    ProfileInUse,
+    Resolved,
+    SafetyLimits,
+    resolve_board,
+)
+from servolink.connection import ConnectionOptions
 from servolink.errors import (
     MotionRefused,
     OpenError,
     ProfileError,
     TransportUnavailable,
 )
-from servolink.profiles.profile import BoardProfile, BoardSettings, ProfileInUse, SafetyLimits
-from servolink.profiles.store import profile_path, save_profile
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ExecuteActionRequest,
+    QueryActiveJoystickTableRequest,
+    QueryMemorySizeRequest,
+    QueryRemainPowerRequest,
 )
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryRemainPowerRequest
-from servolink.transports.device_info import DeviceInfo, PortIdentity
-from servolink.transports.registry import create
-from tests.client.fake_board import LOST, FakeBoard, opened
+from servolink.transports import create
+from tests.client.piped_board import LOST, PipedBoard, opened
+from tests.transports.listed_ports import listed, port
 from tests.virtual_time import run
 
 BIG = BoardSettings(byte_order="big", caption_encoding="big5", transmission_mode="keep", depth=4)
@@ -53,8 +61,8 @@ def _asked(monkeypatch: pytest.MonkeyPatch) -> list[ConnectionOptions]:
 
 
 def use(name: str, url: str, profile: BoardProfile) -> None:
-    save_alias(name, Alias(url))
-    save_profile(name, profile)
+    Aliases.save(name, Alias(url))
+    ProfileFile(name).save(profile)
 
 
 # --- which profile is used --------------------------------------------------------------------------------------------
@@ -73,7 +81,7 @@ async def test_a_profile_is_used_by_name_and_by_address(board: str, asked: list[
 @pytest.mark.parametrize("board", ["tcp://pi:9001", "tcp://pie:9000", "max"])
 async def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOptions]) -> None:
     use("rex", "tcp://pi:9000", BoardProfile(settings=BIG))
-    save_alias("max", Alias("tcp://pi:9002"))
+    Aliases.save("max", Alias("tcp://pi:9002"))
     async with connect(board) as connected:
         assert connected.profile is None
     assert asked == [ConnectionOptions()]
@@ -92,31 +100,28 @@ async def test_other_boards_have_no_profile(board: str, asked: list[ConnectionOp
 async def test_options_of_the_program_override_the_address_and_that_the_profile(
     option: str, learnt: Any, in_url: Any, given: Any, asked: list[ConnectionOptions]
 ) -> None:
-    save_profile("rex", BoardProfile(settings=BoardSettings(**{option: learnt})))
+    ProfileFile("rex").save(BoardProfile(settings=BoardSettings(**{option: learnt})))
     for url in ("tcp://pi:9000", f"tcp://pi:9000?{option}={in_url}"):
-        save_alias("rex", Alias(url))
+        Aliases.save("rex", Alias(url))
         for options in ({}, {option: given}):
             async with connect("rex", **options):
                 pass
     assert [getattr(each, option) for each in asked] == [learnt, given, in_url, given]
 
 
-SERIAL = DeviceInfo("serial:///dev/ttyACM7", "", PortIdentity(1, 2, "A1"))
-
-
 def test_a_port_is_recognised_by_its_serial_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(names, "search", lambda: [SERIAL])
-    save_alias("rex", Alias("serial:///dev/ttyACM0", "A1", 1, 2))
-    save_alias("no-profile", Alias("serial:///dev/ttyACM7"))
-    save_profile("rex", BoardProfile())
-    save_profile("no-name", BoardProfile())
+    listed(monkeypatch, port("/dev/ttyACM7", 1, number="A1", pid=2))
+    Aliases.save("rex", Alias("serial:///dev/ttyACM0", "A1", 1, 2))
+    Aliases.save("no-profile", Alias("serial:///dev/ttyACM7"))
+    ProfileFile("rex").save(BoardProfile())
+    ProfileFile("no-name").save(BoardProfile())
     for board in ("serial:///dev/ttyACM7", "/dev/ttyACM7", None):
         found = run(resolve_board(board))
         url, name = found.url, found.name
-        assert (url, name) == (board or SERIAL.url, "rex")
-    monkeypatch.setattr(names, "search", lambda: pytest.fail("looked for ports"))
+        assert (url, name) == (board or "serial:///dev/ttyACM7", "rex")
+    monkeypatch.setattr(list_ports, "comports", lambda: pytest.fail("looked for ports"))
     assert run(resolve_board("tcp://pi:9000")).name is None
-    monkeypatch.setattr(names, "search", lambda: [SERIAL])
+    listed(monkeypatch, port("/dev/ttyACM7", 1, number="A1", pid=2))
     # The port at which it was once may have another board by now.
     assert run(resolve_board("serial:///dev/ttyACM0")).name is None
 
@@ -137,20 +142,20 @@ def test_a_broken_address_of_another_name_hinders_nobody() -> None:
 
 def test_damaged_names_hide_no_limits() -> None:
     use("rex", "tcp://pi:9000", BoardProfile())
-    aliases_path().write_text("damaged")
+    Aliases.path().write_text("damaged")
     with pytest.raises(TransportUnavailable, match=r"boards\.toml cannot be used"):
         run(resolve_board("tcp://pi:9000"))
 
 
 def test_names_are_not_even_read_where_there_are_no_profiles() -> None:
-    save_alias("rex", Alias("tcp://pi:9000"))
-    aliases_path().write_text("damaged")
+    Aliases.save("rex", Alias("tcp://pi:9000"))
+    Aliases.path().write_text("damaged")
     assert run(resolve_board("tcp://pi:9000")) == Resolved("tcp://pi:9000", None)
 
 
 def test_a_damaged_profile_is_refused_by_name_and_by_address() -> None:
     use("rex", "virtual://", BoardProfile())
-    profile_path("rex").write_text("[settings]\ndepth = 900\n")
+    ProfileFile("rex").path.write_text("[settings]\ndepth = 900\n")
     for board in ("rex", "virtual://"):
         with pytest.raises(ProfileError, match=r"profiles/rex\.toml, line 2: depth must be 1\.\.64, not 900"):
             run(connect(board).open())
@@ -172,7 +177,7 @@ async def test_a_profile_can_be_given() -> None:
 
 async def test_limits_of_program_and_profile_hold_both() -> None:
     profile = BoardProfile(limits=SafetyLimits(angles={1: (-20, 50), 2: (0, 90)}, speed_cap=500, speed_caps={2: 50}))
-    async with opened(FakeBoard(), profile=profile, angle_limits={1: (-10, 100)}, speed_cap=100) as board:
+    async with opened(PipedBoard(), profile=profile, angle_limits={1: (-10, 100)}, speed_cap=100) as board:
         for target in ({1: -15}, {1: 60}, {2: 91}):
             with pytest.raises(MotionRefused, match="is outside its limits"):
                 await board.move(target, duration=100)
@@ -187,8 +192,8 @@ async def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
     profile = BoardProfile(
         settings=BoardSettings(interval_unit=0.02), limits=SafetyLimits(soft_start=10, speed_caps={2: 5})
     )
-    fake = FakeBoard()
-    for servo in fake.virtual.servos.values():
+    fake = PipedBoard()
+    for servo in fake.servos.values():
         servo.angle = 0.0
     async with opened(fake, profile=profile, soft_start=20) as board:
         assert await board.move({1: 20, 3: 0}, duration=0.5) == 2.0
@@ -209,7 +214,7 @@ async def test_soft_start_and_interval_unit_of_the_profile_are_used() -> None:
 async def test_the_handshake_does_without_what_the_board_does_not_answer(
     unsupported: tuple[str, ...], sendings: int
 ) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     for kind in (QueryMemorySizeRequest, QueryRemainPowerRequest)[: len(unsupported)]:
         fake.usual_of[kind] = LOST
     async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=unsupported))) as board:
@@ -220,10 +225,10 @@ async def test_the_handshake_does_without_what_the_board_does_not_answer(
 
 async def test_a_profile_that_is_wrong_about_what_is_unsupported_hinders_nothing() -> None:
     names = ("QueryProjectID", "QueryMemorySize", "QueryRemainPower", "QueryActiveJoystickTable")
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names))) as board:
         assert await board.servo_ids() == (1, 2, 3, 4)
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[QueryActiveJoystickTableRequest] = LOST
     async with connect(fake, profile=BoardProfile(settings=BoardSettings(unsupported=names[:1]))) as board:
         assert await board.servo_ids() == (1, 2, 3, 4)

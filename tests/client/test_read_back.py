@@ -6,34 +6,35 @@ from typing import Any
 
 import pytest
 
-from servolink.errors import OutcomeUnknown
-from servolink.protocol.editing import (
+from servolink.errors import DecodeError, OutcomeUnknown
+from servolink.protocol import (
+    ALL_SERVOS,
     AddActionRequest,
+    AddJoystickTableRequest,
     AddMacroRequest,
     AddServoParameterRequest,
+    Button,
+    ClearAllDataRequest,
     DeleteActionRequest,
-    DeleteMacroRequest,
-    ExecuteMacroRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.joystick import (
-    AddJoystickTableRequest,
     DeleteJoystickTableRequest,
-    SetActiveJoystickTableRequest,
-    SubscribeButtonEventRequest,
-)
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
-from servolink.protocol.servos import (
-    ALL_SERVOS,
+    DeleteMacroRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    MacroCommand,
+    Packet,
     QueryServoRequest,
     QueryServoResponse,
+    Request,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, lie, opened
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, lie, opened
 
 ACTION = AddActionRequest(1, "a", (Step(1, 10, 20),))
 MACRO = AddMacroRequest(2, "m", (MacroCommand(1),))
@@ -63,7 +64,7 @@ CASES: list[tuple[tuple[Request[Any], ...], Request[Any]]] = [
 async def test_what_was_done_is_told_from_what_was_lost(
     before: tuple[Request[Any], ...], request_: Request[Any], fate: Any, done: bool
 ) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, patience=1 / 32) as board:  # what may be repeated is sent once in that
         for request in before:
             await board.request(request)
@@ -86,18 +87,19 @@ async def test_what_was_done_is_told_from_what_was_lost(
     ],
 )
 async def test_something_else_in_its_place_is_no_effect(there: Request[Any], wanted: Request[Any]) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         await board.request(there)
         assert await board.took_effect(wanted) is False
         assert await board.took_effect(there) is True
 
 
 async def test_a_servo_that_is_not_there_was_not_set() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         assert await board.took_effect(SetServoParameterRequest(99, 1, 1)) is False
-        fake.plan(QueryServoRequest, lie(QueryServoResponse()))
-        assert await board.took_effect(SetServoParameterRequest(ALL_SERVOS, 1, 1)) is False
+        fake.plan(QueryServoRequest, *[lie(QueryServoResponse())] * 5)
+        with pytest.raises(DecodeError, match=r"^no servo reports, where \[1, 2, .*\] are known$"):
+            await board.took_effect(SetServoParameterRequest(ALL_SERVOS, 1, 1))
 
 
 @pytest.mark.parametrize(
@@ -112,7 +114,7 @@ async def test_a_servo_that_is_not_there_was_not_set() -> None:
     ],
 )
 async def test_what_leaves_no_trace_cannot_be_told(request_: Packet) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         assert await board.took_effect(request_) is None
         assert fake.sent == []

@@ -21,10 +21,9 @@ from servolink import (
     connect,
     reconnecting,
 )
-from servolink.client import connect as connecting
-from servolink.pauses import LONGEST_PAUSE
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.client import connecting
+from servolink.support import LONGEST_PAUSE
+from servolink.virtual import VirtualBoard, VirtualTransport
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
 

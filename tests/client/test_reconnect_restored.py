@@ -6,6 +6,7 @@ Module: servolink.client.board_identity.
 from __future__ import annotations
 
 import asyncio
+import os
 from typing import Any
 
 import pytest
@@ -16,14 +17,13 @@ from servolink import (
     connect,
     reconnecting,
 )
-from servolink.client import connect as connecting
+from servolink.client import connecting
 from servolink.client.board_identity import SETTLES_AFTER
-from servolink.connection.connection import Connection
-from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
-from servolink.transports.serial_ports import PortTracker
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from tests.client.fake_board import LOST, FakeBoard, lie
+from servolink.connection import Connection
+from servolink.protocol import TransmissionModeSettingRequest, TransmissionModeSettingResponse
+from servolink.transports import PortTracker
+from servolink.virtual import BoardKind, VirtualBoard
+from tests.client.piped_board import LOST, PipedBoard, lie
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
 
@@ -86,7 +86,7 @@ async def test_the_old_transmission_mode_is_there_again_on_this_board_only(forge
 async def test_a_board_that_stays_in_another_mode_is_not_connected_to(
     socket: Socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with connected(patience=0.3) as board:
         await board.set_transmission_mode(1)
         monkeypatch.setattr(connecting, "create", lambda _: fake)
@@ -114,7 +114,7 @@ async def test_closing_while_the_session_is_being_restored_frees_the_port(socket
 async def test_a_board_that_falls_silent_behind_its_opening_is_not_connected_to(
     socket: Socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
 
     async def learn(_: PortTracker) -> None:
         fake.usual = LOST
@@ -131,7 +131,7 @@ async def test_a_board_that_falls_silent_behind_its_opening_is_not_connected_to(
 async def test_a_board_without_project_id_is_connected_to_again_after_a_loss(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("servolink.connection.opener.os.urandom", lambda size: bytes([seed] * size))
+    monkeypatch.setattr(os, "urandom", lambda size: bytes([seed] * size))
     virtual = VirtualBoard(2, kind=BoardKind(unsupported=("QueryProjectID",)))
     socket = Socket(virtual)
     monkeypatch.setattr(connecting, "create", socket.transport)

@@ -8,14 +8,15 @@ from itertools import pairwise
 
 import pytest
 
-from servolink.client import connect as connecting
-from servolink.client.connect import connect
+from servolink.client import connecting
+from servolink.client.connecting import connect
 from servolink.client.servo_readings import ServoReading, ServoReadings
 from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.motion.angles import Adc, Degrees
-from servolink.protocol.servos import QueryServoRequest, SetAngleUnitRequest
-from tests.client.fake_board import LOST, FakeBoard, Fate, late, opened
+from servolink.motion import Adc, Degrees
+from servolink.protocol import QueryServoRequest, SetAngleUnitRequest
+from servolink.testing import Fate
 from tests.client.line_board import LineBoard
+from tests.client.piped_board import LOST, PipedBoard, late, opened
 
 
 async def read(readings: ServoReadings, seconds: float) -> list[ServoReading]:
@@ -29,7 +30,7 @@ async def read(readings: ServoReadings, seconds: float) -> list[ServoReading]:
     return found
 
 
-def queries(fake: FakeBoard) -> list[float]:
+def queries(fake: PipedBoard) -> list[float]:
     return fake.sent_of(QueryServoRequest)
 
 
@@ -37,17 +38,17 @@ def queries(fake: FakeBoard) -> list[float]:
 
 
 async def test_a_reading_has_all_servos_and_the_time_when_they_came() -> None:
-    fake = FakeBoard(servos=3)
+    fake = PipedBoard(servos=3)
     async with opened(fake) as board:
-        first, second = (await read(board.watch(), 0.01))[:2]
+        first, second = (await read(board.watch(), 0.02))[:2]
         assert [servo.servo_id for servo in first.servos] == [servo.servo_id for servo in await board.servos()]
         assert all(isinstance(servo.angle, Degrees) for servo in (*first.servos, *second.servos))
-        assert [first.seconds, second.seconds] == fake.answered_at[1:3]  # the first one was about the unit
+        assert [first.seconds, second.seconds] == fake.answered_at[2:4]  # after the unit and the list of servos
         assert first.missed == second.missed == 0
 
 
 async def test_angles_are_in_the_unit_that_is_set_meanwhile() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.watch() as readings:
         await anext(readings)
         await board.set_angle_unit("adc")
@@ -57,7 +58,7 @@ async def test_angles_are_in_the_unit_that_is_set_meanwhile() -> None:
 
 
 async def test_without_a_rate_each_reading_follows_the_one_before() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         found = await read(board.watch(), 1)
         assert len(found) == pytest.approx(1 / 0.004, rel=0.02)
@@ -65,7 +66,7 @@ async def test_without_a_rate_each_reading_follows_the_one_before() -> None:
 
 
 async def test_nothing_is_asked_before_the_first_wait_nor_after_the_end() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         readings = board.watch()
         await asyncio.sleep(0.1)
@@ -82,7 +83,7 @@ async def test_nothing_is_asked_before_the_first_wait_nor_after_the_end() -> Non
 
 @pytest.mark.parametrize("hz", [None, 100])
 async def test_break_ends_reading(hz: float | None) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         async for _ in board.watch(hz):
             break
@@ -125,7 +126,7 @@ async def test_others_wait_for_no_more_than_what_is_on_the_line() -> None:
 
 @pytest.mark.parametrize("hz", [0.5, 3, 30])
 async def test_a_rate_is_kept_on_average(hz: float) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         found = await read(board.watch(hz), 60)
         assert len(found) == pytest.approx(60 * hz + 1, abs=1)
@@ -134,7 +135,7 @@ async def test_a_rate_is_kept_on_average(hz: float) -> None:
 
 
 async def test_a_rate_that_the_board_does_not_keep_is_counted() -> None:
-    fake = FakeBoard(usual=late(0.025))
+    fake = PipedBoard(usual=late(0.025))
     async with opened(fake) as board:
         found = await read(board.watch(100), 10)
         assert len(found) == pytest.approx(400, abs=3)
@@ -142,7 +143,7 @@ async def test_a_rate_that_the_board_does_not_keep_is_counted() -> None:
 
 
 async def test_a_program_that_is_too_slow_gets_the_latest_reading_and_the_number_of_the_others() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.watch(100) as readings:
         loop = asyncio.get_running_loop()
         got = missed = 0
@@ -156,7 +157,7 @@ async def test_a_program_that_is_too_slow_gets_the_latest_reading_and_the_number
 
 
 async def test_a_stall_of_the_program_is_no_reason_to_catch_up() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board, board.watch(100) as readings:
         await anext(readings)
         asyncio.get_running_loop().stall(1.0)  # type: ignore[attr-defined]
@@ -170,7 +171,7 @@ async def test_a_stall_of_the_program_is_no_reason_to_catch_up() -> None:
 
 
 async def test_several_readers_share_what_is_asked_and_each_has_its_rate() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         found = await asyncio.gather(*(read(board.watch(hz), 10) for hz in (10, 50, 30)))
         assert [len(each) for each in found] == pytest.approx([100, 500, 300], abs=3)
@@ -179,7 +180,7 @@ async def test_several_readers_share_what_is_asked_and_each_has_its_rate() -> No
 
 
 async def test_the_fastest_reader_counts_also_if_it_comes_later_and_goes_earlier() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         slow = asyncio.create_task(read(board.watch(0.1), 60))
         await asyncio.sleep(22)
@@ -201,13 +202,13 @@ async def test_the_fastest_reader_counts_also_if_it_comes_later_and_goes_earlier
     ],
 )
 async def test_a_rate_that_is_none_is_refused(hz: float, error: type[Exception], message: str) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(error, match=message):
             board.watch(hz)
 
 
 async def test_repr_shows_rate_and_state() -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         readings = board.watch(50)
         assert repr(readings) == "<ServoReadings at 50 Hz, not begun>"
         async with readings:
@@ -221,7 +222,7 @@ async def test_repr_shows_rate_and_state() -> None:
 
 @pytest.mark.parametrize("hz", [None, 20])
 async def test_it_ends_when_the_board_is_closed(hz: float | None) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         reading = asyncio.create_task(read(board.watch(hz), 60))
         await asyncio.sleep(1)
         await board.close()
@@ -232,7 +233,7 @@ async def test_it_ends_when_the_board_is_closed(hz: float | None) -> None:
 
 @pytest.mark.parametrize("hz", [None, 20])
 async def test_a_lost_connection_is_raised(hz: float | None) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         readings = board.watch(hz)
         await anext(readings)
@@ -246,7 +247,7 @@ async def test_a_lost_connection_is_raised(hz: float | None) -> None:
 
 @pytest.mark.parametrize("hz", [None, 20])
 async def test_a_board_that_no_longer_answers_ends_it_and_it_can_be_begun_again(hz: float | None) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, patience=0.5) as board:
         readings = board.watch(hz)
         await anext(readings)
@@ -262,10 +263,10 @@ async def test_a_board_that_no_longer_answers_ends_it_and_it_can_be_begun_again(
 async def test_it_survives_a_reconnect(
     hz: float | None, depth: int, lost_at: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fakes: list[FakeBoard] = []
+    fakes: list[PipedBoard] = []
 
-    def create(_: object) -> FakeBoard:
-        fakes.append(FakeBoard())
+    def create(_: object) -> PipedBoard:
+        fakes.append(PipedBoard())
         return fakes[-1]
 
     monkeypatch.setattr(connecting, "create", create)
@@ -283,10 +284,10 @@ async def test_it_survives_a_reconnect(
 
 
 async def test_closing_during_a_reconnect_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    fakes: list[FakeBoard] = []
+    fakes: list[PipedBoard] = []
 
-    def create(_: object) -> FakeBoard:
-        fakes.append(FakeBoard(usual=Fate() if not fakes else LOST))
+    def create(_: object) -> PipedBoard:
+        fakes.append(PipedBoard(usual=Fate() if not fakes else LOST))
         return fakes[-1]
 
     monkeypatch.setattr(connecting, "create", create)
@@ -300,14 +301,14 @@ async def test_closing_during_a_reconnect_ends_it(monkeypatch: pytest.MonkeyPatc
 
 
 async def test_who_reads_in_several_tasks_gets_each_reading_once() -> None:
-    async with opened(FakeBoard()) as board, board.watch(100) as readings:
+    async with opened(PipedBoard()) as board, board.watch(100) as readings:
         found = await asyncio.gather(*(anext(readings) for _ in range(3)))
         assert len({reading.seconds for reading in found}) == 3
 
 
 async def test_all_readers_end_with_the_program_that_forgets_them() -> None:
     """No task, timer or reader is left behind by a board that is closed while they are in use."""
-    board = await connect(FakeBoard())
+    board = await connect(PipedBoard())
     readings = [board.watch(hz) for hz in (None, 5, 50)]
     await asyncio.gather(*(anext(each) for each in readings))
     await board.close()

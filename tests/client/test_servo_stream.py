@@ -11,31 +11,32 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.client.servo_stream import ServoStream
-from servolink.connection.fences import FENCES
+from servolink.connection import FENCES
 from servolink.errors import ConnectionLost, EncodeError, MotionRefused, NotFound, RequestError
-from servolink.motion.angles import Adc, Degrees
-from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.records import ServoParameter, Step
-from servolink.protocol.servos import (
+from servolink.motion import Adc, Degrees
+from servolink.protocol import (
     ExecuteActionRequest,
     QueryServoListRequest,
+    QueryServoParameterRequest,
     QueryServoRequest,
+    ServoParameter,
     SetServoParameterRequest,
+    Step,
 )
-from tests.client.fake_board import LOST, FakeBoard, late, now, opened
 from tests.client.line_board import LineBoard
+from tests.client.piped_board import LOST, PipedBoard, late, now, opened
 
 
-def movements(fake: FakeBoard) -> list[tuple[Step, ...]]:
+def movements(fake: PipedBoard) -> list[tuple[Step, ...]]:
     """Return the movements that the board got."""
     return [
         packet.steps for packet in fake.executed_of(ExecuteActionRequest) if isinstance(packet, ExecuteActionRequest)
     ]
 
 
-async def at_zero(fake: FakeBoard, board: Board) -> None:
+async def at_zero(fake: PipedBoard, board: Board) -> None:
     """Let all servos stand at 0 degrees."""
-    for servo in fake.virtual.servos.values():
+    for servo in fake.servos.values():
         servo.angle = 0.0
 
 
@@ -51,7 +52,7 @@ async def flood(stream: ServoStream, seconds: float, angle: float = 90.0, servos
 
 
 async def test_an_angle_beyond_a_limit_becomes_the_limit_and_what_was_sent_is_returned() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_limits={1: (-80, 80)}) as board:
         stream = board.stream(hz=50)
         assert await stream.send({1: 300.0, 2: 30.4}) == {1: 80, 2: 30}
@@ -63,14 +64,14 @@ async def test_an_angle_beyond_a_limit_becomes_the_limit_and_what_was_sent_is_re
 
 
 async def test_a_servo_turns_no_faster_than_its_cap_whatever_is_streamed() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, speed_cap=100) as board:
         await at_zero(fake, board)
         stream, angles, begun = board.stream(hz=50), [0.0], now()
         for number in range(200):
             await stream.send({1: 90 if number // 40 % 2 else -90})
-            fake.virtual.advance(now())
-            angles.append(fake.virtual.servos[1].angle)
+            fake.advance(now())
+            angles.append(fake.servos[1].angle)
         seconds = (now() - begun) / 200
         fastest = max(abs(one - other) for one, other in pairwise(angles)) / seconds
     assert seconds == pytest.approx(0.02, rel=0.02)
@@ -79,9 +80,9 @@ async def test_a_servo_turns_no_faster_than_its_cap_whatever_is_streamed() -> No
 
 
 async def test_a_servo_outside_its_limits_comes_back_slowly_and_never_goes_farther() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_limits=(-90, 90), speed_cap=200) as board:
-        fake.virtual.servos[1].angle = 170.0
+        fake.servos[1].angle = 170.0
         stream = board.stream(hz=50)
         sent = [(await stream.send({1: 175}))[1] for _ in range(40)]
     assert sent == sorted(sent, reverse=True)
@@ -90,7 +91,7 @@ async def test_a_servo_outside_its_limits_comes_back_slowly_and_never_goes_farth
 
 
 async def test_the_first_set_point_is_approached_no_faster_than_the_soft_start() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, soft_start=20) as board:
         await at_zero(fake, board)
         stream, begun = board.stream(hz=50), now()
@@ -103,7 +104,7 @@ async def test_the_first_set_point_is_approached_no_faster_than_the_soft_start()
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, "45", Adc(100)])
 async def test_what_is_no_angle_is_refused_and_the_stream_goes_on(wrong: Any) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_limits=(-80, 80)) as board:
         stream = board.stream()
         with pytest.raises(EncodeError, match="servo 1: a set-point must be a finite angle in degrees"):
@@ -113,7 +114,7 @@ async def test_what_is_no_angle_is_refused_and_the_stream_goes_on(wrong: Any) ->
 
 
 async def test_unknown_servos_are_refused_and_captions_are_read_once() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.add_servo_parameters([ServoParameter(3, 0, "hip")])
         stream = board.stream()
@@ -131,7 +132,7 @@ async def test_unknown_servos_are_refused_and_captions_are_read_once() -> None:
 
 
 async def test_a_servo_set_to_raw_angles_is_refused() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.set_angle_unit("adc", 2)
         with pytest.raises(MotionRefused, match="servo 2 must be set to degrees"):
@@ -140,7 +141,7 @@ async def test_a_servo_set_to_raw_angles_is_refused() -> None:
 
 
 async def test_an_angle_that_the_protocol_cannot_hold_is_refused() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         with pytest.raises(EncodeError, match="40000"):
             await board.stream().send({1: 40_000.0})
@@ -151,7 +152,7 @@ async def test_an_angle_that_the_protocol_cannot_hold_is_refused() -> None:
     [(0, 0.5, "hz must be"), (101, 0.5, "hz must be"), (math.nan, 0.5, "hz"), (50, 0.02, "gap"), (50, 11, "gap")],
 )
 async def test_an_impossible_rate_or_gap_is_refused_at_once(hz: float, gap: float, text: str) -> None:
-    async with opened(FakeBoard()) as board:
+    async with opened(PipedBoard()) as board:
         with pytest.raises(ValueError, match=text):
             board.stream(hz, gap=gap)
         with pytest.raises(TypeError, match="must be a number"):
@@ -162,14 +163,20 @@ async def test_an_impossible_rate_or_gap_is_refused_at_once(hz: float, gap: floa
 
 
 async def test_set_points_leave_at_the_rate_asked_for_and_no_faster() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
-        assert await flood(board.stream(hz=100), 1.0) == pytest.approx(100, abs=2)
-        assert await flood(board.stream(hz=20), 1.0) == pytest.approx(20, abs=1)
+        for hz in (100, 20):
+            stream, times = board.stream(hz=hz), []
+            for angle in range(hz):
+                assert await stream.send({1: angle}) == {1: angle}
+                times.append(now())
+            # The clock of sleeps is read beside that of the loop, which takes some time.
+            assert [after - before for before, after in pairwise(times)] == pytest.approx([1 / hz] * (hz - 1), abs=1e-3)
+    assert len(fake.sent_of(QueryServoListRequest)) == 1
 
 
 async def test_the_latest_set_point_wins_and_those_before_it_are_dropped() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream(hz=10)
         await stream.send({1: 0})
@@ -179,7 +186,7 @@ async def test_the_latest_set_point_wins_and_those_before_it_are_dropped() -> No
 
 
 async def test_while_the_board_does_not_keep_up_only_the_latest_waits() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream(hz=100)
         await stream.send({1: 0})
@@ -195,7 +202,7 @@ async def test_while_the_board_does_not_keep_up_only_the_latest_waits() -> None:
 
 
 async def test_a_gap_ends_the_stream_and_the_servos_keep_their_last_target() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream()
         await stream.send({1: 5})
@@ -210,7 +217,7 @@ async def test_a_gap_ends_the_stream_and_the_servos_keep_their_last_target() -> 
 
 
 async def test_a_set_point_that_waits_longer_than_the_gap_is_not_sent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream()
         await stream.send({1: 1})
@@ -227,7 +234,7 @@ async def test_a_set_point_that_waits_longer_than_the_gap_is_not_sent() -> None:
 
 
 async def test_another_motion_and_a_pause_of_half_a_second_are_followed_by_a_reading() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, speed_cap=100) as board:
         await at_zero(fake, board)
         stream = board.stream(gap=2)
@@ -236,8 +243,8 @@ async def test_another_motion_and_a_pause_of_half_a_second_are_followed_by_a_rea
         read = len(fake.sent_of(QueryServoRequest))
         assert await stream.send({1: 90}) == {1: 57}
         await asyncio.sleep(0.6)
-        fake.virtual.advance(now())
-        fake.virtual.servos[1].angle = 20.0  # somebody turns it
+        fake.advance(now())
+        fake.servos[1].angle = 20.0  # somebody turns it
         assert (await stream.send({1: 90}))[1] < 57
         assert len(fake.sent_of(QueryServoRequest)) == read + 2
         await board.set_servo(1, start=False, hold=True)
@@ -250,7 +257,7 @@ async def test_another_motion_and_a_pause_of_half_a_second_are_followed_by_a_rea
 
 
 async def test_a_stop_ends_the_stream_also_for_a_set_point_that_waits() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream(hz=10)
         await stream.send({1: 5})
@@ -267,7 +274,7 @@ async def test_a_stop_ends_the_stream_also_for_a_set_point_that_waits() -> None:
 
 
 async def test_a_stream_that_was_made_before_a_stop_never_begins() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream()
         await board.stop()
@@ -277,13 +284,13 @@ async def test_a_stream_that_was_made_before_a_stop_never_begins() -> None:
 
 
 async def test_a_slow_board_is_prepared_before_the_first_set_point_which_is_not_late_then() -> None:
-    fake = FakeBoard(usual=late(0.3))
+    fake = PipedBoard(usual=late(0.3))
     async with opened(fake, speed_cap=100) as board:
         assert await board.stream().send({1: 0})
 
 
 async def test_a_lost_connection_ends_the_stream() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         stream = board.stream()
         await stream.send({1: 5})
@@ -293,7 +300,7 @@ async def test_a_lost_connection_ends_the_stream() -> None:
 
 
 async def test_a_lost_reading_is_asked_for_again_and_a_cancelled_set_point_is_not_sent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, LOST)
     async with opened(fake, speed_cap=100) as board:
         stream = board.stream(gap=1)

@@ -1,6 +1,6 @@
 """A board that a hub shares: who may move it, who has it alone, and what a program is told.
 
-Modules: servolink.client.hub_link, servolink.connection.sharing.
+Modules: servolink.client.hub_link, servolink.connection.packet_connection.
 """
 
 from __future__ import annotations
@@ -17,13 +17,9 @@ from msgspec import Raw
 
 from servolink.client import hub_link
 from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.connection.gates import Gates
-from servolink.control import channel
-from servolink.control.channel import error_of, open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.notifications import ConnectionNow
-from servolink.control.status import ConnectionState
+from servolink.client.connecting import connect
+from servolink.connection import Gates
+from servolink.control import ConnectionNow, ConnectionState, ErrorData, ErrorObject, Greeting, RpcChannel, open_channel
 from servolink.errors import (
     ConnectionLost,
     MotionRefused,
@@ -34,14 +30,11 @@ from servolink.errors import (
     RequestTimeout,
     TargetNotReached,
 )
-from servolink.hub.hub import Hub
-from servolink.hub.methods.control_session import ControlInterface
-from servolink.project.model import Project
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.importing import backup_for
-from servolink.protocol.editing import ExecuteMacroRequest, QueryActionListRequest
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter
-from servolink.virtual.kind import BoardKind
+from servolink.hub import ControlInterface, Hub
+from servolink.project import BackupStore, Project, backup_for
+from servolink.protocol import Action, ExecuteMacroRequest, Macro, MacroCommand, QueryActionListRequest, ServoParameter
+from servolink.support import MIB
+from servolink.virtual import BoardKind
 from tests.hub.door_hub import on_hub, sharing, until
 
 WAVE = Action.pose("Wave", {1: 30}, seconds=0.1, action_id=1)
@@ -335,9 +328,9 @@ def test_an_error_says_that_the_hub_has_lost_the_board() -> None:
 def test_what_a_hub_tells_while_a_program_joins_is_not_older_than_what_it_answers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    call = channel.RpcChannel.call
+    call = RpcChannel.call
 
-    async def call_and_hear(self: channel.RpcChannel, method: str, **options: Any) -> Raw:
+    async def call_and_hear(self: RpcChannel, method: str, **options: Any) -> Raw:
         result = await call(self, method, **options)
         if method == "board.state":
             assert self.on_notification is not None
@@ -348,7 +341,7 @@ def test_what_a_hub_tells_while_a_program_joins_is_not_older_than_what_it_answer
         async with connect("share://rex") as board:
             assert "lost" in repr(board)
 
-    monkeypatch.setattr(channel.RpcChannel, "call", call_and_hear)
+    monkeypatch.setattr(RpcChannel, "call", call_and_hear)
     with_hub(main)
 
 
@@ -408,12 +401,10 @@ def test_a_control_interface_that_does_not_work_is_an_error(
     on_hub(main)
 
 
-def test_an_endless_message_ends_the_channel(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(channel, "_MOST_BYTES", 1000)
-
+def test_an_endless_message_ends_the_channel() -> None:
     async def main(hub: Hub) -> None:
         channel, _ = await open_channel("rex", Greeting(wants="rpc", who="tablet"))
-        channel.data_received(b"x" * 1001)
+        channel.data_received(bytes(64 * MIB + 1))
         await until(lambda: channel.ended)
         with pytest.raises(ConnectionLost):
             await channel.call("status")
@@ -471,7 +462,7 @@ def test_a_refusal_for_other_reasons_is_logged(caplog: pytest.LogCaptureFixture)
     ],
 )
 def test_an_error_of_the_hub_is_one_of_the_library(kind: str, expected: type[Exception]) -> None:
-    assert type(error_of(kind, "text")) is expected
+    assert type(ErrorObject(0, "text", ErrorData(kind, "")).as_error()) is expected
 
 
 def test_messages_that_are_not_from_a_hub_are_logged_and_change_nothing(caplog: pytest.LogCaptureFixture) -> None:

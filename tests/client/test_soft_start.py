@@ -9,24 +9,28 @@ from typing import Any
 
 import pytest
 
-from servolink.client import connect as connecting
+from servolink.client import connecting
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.errors import EncodeError, MotionRefused, RequestError, TargetNotReached
-from servolink.project.model import Project
-from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, QueryActionResponse
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import (
+from servolink.project import Project
+from servolink.protocol import (
+    Action,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    QueryActionRequest,
+    QueryActionResponse,
     QueryServoRequest,
     QueryServoResponse,
     ServoState,
     SetServoParameterRequest,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, lie, now, opened
+from servolink.virtual import VirtualBoard, VirtualTransport
+from tests.client.piped_board import PipedBoard, lie, now, opened
 from tests.client.sockets import Socket
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
@@ -112,7 +116,6 @@ def test_the_pose_of_a_servo_that_was_stopped_or_released_is_unknown(interrupt: 
     async def use(board: Board, virtual: VirtualBoard) -> None:
         await board.move({1: 30}, duration=0.5, wait=True)
         await interrupt(board)
-        await board.move({1: 0}, duration=0.5)  # which it ignores: its next movement is the first one all the same
         for servo_id in (1, 2):
             await board.set_servo(servo_id, start=True, hold=True)
         assert await board.move({1: 0}, duration=0.5, wait=True) == 1.0
@@ -133,13 +136,13 @@ async def test_a_movement_that_a_stop_overtakes_on_a_full_line_makes_no_pose_kno
 ) -> None:
     room = asyncio.Event()
 
-    class FullBehindMovements(FakeBoard):
+    class FullBehindMovements(PipedBoard):
         def take(self, data: bytes) -> Awaitable[object] | None:
             super().take(data)
             return room.wait() if self.sent and isinstance(self.sent[-1][1], ExecuteActionRequest) else None
 
     fake = FullBehindMovements(servos=1)
-    fake.virtual.servos[1].angle = 0.0
+    fake.servos[1].angle = 0.0
     async with opened(fake, soft_start=60) as board:
         moving = asyncio.ensure_future(move(board))
         await asyncio.sleep(0.1)
@@ -255,11 +258,11 @@ def test_servos_that_would_not_move_are_not_waited_for() -> None:
 # --- what can come in between -------------------------------------------------------------------------------------
 
 
-def on_fake(use: Callable[[Board, FakeBoard], Awaitable[Any]], **options: Any) -> FakeBoard:
+def on_fake(use: Callable[[Board, PipedBoard], Awaitable[Any]], **options: Any) -> PipedBoard:
     """Return a fake board on which `use` was done, from all servos at 0."""
-    fake = FakeBoard()
-    fake.virtual.storage.contents = contents_of(STORED)
-    for servo in fake.virtual.servos.values():
+    fake = PipedBoard()
+    fake.storage.contents = contents_of(STORED)
+    for servo in fake.servos.values():
         servo.angle = 0.0
 
     async def main() -> None:
@@ -272,7 +275,7 @@ def on_fake(use: Callable[[Board, FakeBoard], Awaitable[Any]], **options: Any) -
 
 @pytest.mark.parametrize("seconds", [0.0, 0.5, 2.0, 2.99])
 def test_a_stop_during_the_slow_movement_ends_the_run(seconds: float) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         running = asyncio.ensure_future(board.run_macro(1))
         await asyncio.sleep(seconds)
         await board.stop()
@@ -284,7 +287,7 @@ def test_a_stop_during_the_slow_movement_ends_the_run(seconds: float) -> None:
 
 
 def test_a_cancelled_run_does_not_run() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         running = asyncio.ensure_future(board.run_action(1))
         await asyncio.sleep(1)
         running.cancel()
@@ -295,7 +298,7 @@ def test_a_cancelled_run_does_not_run() -> None:
 
 
 def test_a_servo_that_does_not_arrive_ends_the_run() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         states = tuple(ServoState(number, 5, 0, 0, 0, 1, 1) for number in (1, 2, 3, 4))
         fake.plan(QueryServoRequest, *[lie(QueryServoResponse(states))] * 1000)
         with pytest.raises(TargetNotReached, match=r"action 1 .*was not run, as .*: servo 1 is at 5, not at 90"):
@@ -305,7 +308,7 @@ def test_a_servo_that_does_not_arrive_ends_the_run() -> None:
 
 
 def test_a_record_that_changed_during_the_slow_movement_is_checked_again() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         fake.plan(
             QueryActionRequest,
             lie(QueryActionResponse(1, "tame", POSE.steps)),
@@ -320,7 +323,7 @@ def test_a_record_that_changed_during_the_slow_movement_is_checked_again() -> No
 
 
 def test_a_soft_start_that_would_take_too_long_is_refused() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         for going in (board.move({1: 90}, duration=1), board.run_action(1)):
             with pytest.raises(EncodeError, match=r"servo 1: 900 s is outside 0\.01\.\.327\.67 s"):
                 await going

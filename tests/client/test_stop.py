@@ -8,30 +8,32 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.connection.fences import FENCES
-from servolink.errors import ConnectionLost, OutcomeUnknown, RequestError, RequestTimeout
-from servolink.protocol.editing import (
-    AddMacroRequest,
-    ExecuteMacroRequest,
-    QueryActionListRequest,
-    QueryProjectIDRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import (
+from servolink.client.connecting import connect
+from servolink.connection import FENCES
+from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, RequestError, RequestRefused, RequestTimeout
+from servolink.protocol import (
     ALL_SERVOS,
+    Action,
+    AddMacroRequest,
+    ClearAllDataRequest,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    QueryActionListRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
     QueryServoResponse,
     ServoState,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest
-from tests.client.fake_board import LATENCY, LOST, SWALLOWED, FakeBoard, Fate, late, lie, now, opened, turns_of_the_loop
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, LOST, SWALLOWED, PipedBoard, late, lie, now, opened, turns_of_the_loop
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -39,11 +41,12 @@ MOTION = (ExecuteActionRequest, ExecuteActionExRequest, ExecuteMacroRequest)
 
 
 def reported(is_start: int, is_hold: int) -> QueryServoResponse:
-    return QueryServoResponse((ServoState(1, 0, 0, 0, 0, 0, 1), ServoState(2, 0, 0, 0, 0, is_start, is_hold)))
+    flags = {1: (0, 1), 2: (is_start, is_hold), 3: (0, 1), 4: (0, 1)}
+    return QueryServoResponse(tuple(ServoState(servo_id, 0, 0, 0, 0, *flags[servo_id]) for servo_id in flags))
 
 
 async def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.move({1: 170}, duration=10)
         await asyncio.sleep(5)
@@ -56,9 +59,30 @@ async def test_stop_stops_and_holds_all_and_reads_that_back() -> None:
         assert 60 < stopped_at < 110
 
 
+@pytest.mark.parametrize(
+    ("asked", "is_silent"), [(1.0, False), (2.5, False), (2.5, True)], ids=["turning", "blocked", "silent"]
+)
+async def test_a_movement_that_is_waited_for_says_that_a_stop_has_ended_it(asked: float, is_silent: bool) -> None:
+    fake = PipedBoard()
+    async with opened(fake) as board:
+        await board.servos()
+        fake.servos[2].is_start = False  # so that it is still waited for half a second after its time
+        moving = asyncio.create_task(board.move({1: 100, 2: 100}, duration=2, wait=True))
+        await asyncio.sleep(asked)
+        if is_silent:
+            fake.usual_of[QueryServoRequest] = SWALLOWED
+        stopping = asyncio.create_task(board.stop())
+        begun = now()
+        with pytest.raises(RequestRefused, match=r"^the motion was started, and then ended by a stop") as failed:
+            await moving
+        assert failed.value.reason is Reason.STOP
+        assert now() - begun <= (board.connection.patience + 0.5 if is_silent else 0.2)
+        await asyncio.wait([stopping])
+
+
 @pytest.mark.parametrize("depth", [1, 2])
 async def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: int) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoListRequest, late(0.12))
     async with opened(fake, depth=depth) as board:
         ahead = asyncio.create_task(board.servo_ids())
@@ -76,7 +100,7 @@ async def test_stop_goes_before_all_who_wait_and_before_who_has_the_turn(depth: 
 
 
 async def test_stop_goes_while_all_data_is_being_cleared() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(ClearAllDataRequest, late(0.5))
     async with opened(fake) as board:
         clearing = asyncio.create_task(board.clear_all_data())
@@ -88,7 +112,7 @@ async def test_stop_goes_while_all_data_is_being_cleared() -> None:
 
 
 async def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SetServoParameterRequest, late(0.5))
     async with opened(fake) as board:
         setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
@@ -103,7 +127,7 @@ async def test_stop_overtakes_a_set_servo_that_waits_for_its_answer() -> None:
 
 
 async def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(SetServoParameterRequest, SWALLOWED)
     async with opened(fake) as board:
         setting = asyncio.create_task(board.set_servo(2, start=True, hold=True))
@@ -112,7 +136,8 @@ async def test_a_cancelled_set_servo_that_waits_for_its_answer_is_overtaken_too(
         await turns_of_the_loop(3)
         begun = now()
         await board.stop()
-        assert now() - begun == pytest.approx(2 * LATENCY)  # the read-back waits for a fence
+        # The read-back waits for a fence, and is compared with the list of servos.
+        assert now() - begun == pytest.approx(3 * LATENCY)
         await board.release()
 
 
@@ -131,7 +156,7 @@ async def attempt(call: Awaitable[object]) -> object:
 
 @pytest.mark.parametrize("name", MOVES)
 async def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_move_after_it(name: str) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
         await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
@@ -151,7 +176,7 @@ async def test_what_was_asked_for_before_a_stop_and_waits_for_its_turn_does_not_
 
 def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move_after_a_stop() -> None:
     async def main(kind: type[QueryServoRequest | SetAngleUnitRequest]) -> None:
-        fake = FakeBoard()
+        fake = PipedBoard()
         fake.plan(kind, late(0.5))
         async with opened(fake) as board:
             moving = asyncio.create_task(board.move({1: 90}, speed=90))
@@ -168,7 +193,7 @@ def test_a_movement_that_is_reading_the_angles_or_setting_the_unit_does_not_move
 
 @pytest.mark.parametrize("name", ["macro", "start", "move"])
 async def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.add_action(Action(1, "wave", (Step(1, 90, 100),)))
         await board.add_macro(Macro(1, "dance", (MacroCommand(1),)))
@@ -190,7 +215,7 @@ async def test_what_is_waiting_for_a_fence_does_not_move_after_a_stop(name: str)
 
 
 async def test_what_is_asked_for_after_a_stop_moves() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.stop()
         await board.set_servo(1, start=True, hold=True)
@@ -202,7 +227,7 @@ async def test_what_is_asked_for_after_a_stop_moves() -> None:
 
 
 async def test_stopping_and_releasing_wait_for_no_stop() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryActionListRequest, late(0.5))
     async with opened(fake) as board:
         blocking = asyncio.create_task(board.actions())
@@ -220,7 +245,7 @@ async def test_stopping_and_releasing_wait_for_no_stop() -> None:
     [(reported(1, 1), 3), (reported(0, 0), 3), (QueryServoResponse(), 2)],  # the last is asked of each servo
 )
 async def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoResponse, sendings: int) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, lie(doubt), lie(doubt))
     async with opened(fake) as board:
         await board.stop()
@@ -237,7 +262,7 @@ async def test_a_stop_that_is_not_confirmed_is_sent_again(doubt: QueryServoRespo
     ],
 )
 async def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fate, words: str) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.plan(QueryServoRequest, *[doubt] * 100)
     async with opened(fake) as board:
         with pytest.raises(OutcomeUnknown, match=r"sent 3 times and could not be confirmed: .*" + words) as caught:
@@ -247,7 +272,7 @@ async def test_a_stop_that_cannot_be_confirmed_three_times_is_unknown(doubt: Fat
 
 
 async def test_a_stop_that_was_lost_is_sent_again() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         fake.plan(SetServoParameterRequest, LOST, LOST)
         await board.stop()
@@ -255,13 +280,13 @@ async def test_a_stop_that_was_lost_is_sent_again() -> None:
 
 
 async def test_a_damaged_read_back_is_none() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
 
     def one_more(frame: bytes) -> bytes:
         body = frame[:8] + bytes((frame[8] + 1,)) + frame[9:-1]
         return body + bytes((sum(body) & 0xFF,))
 
-    fake.plan(QueryServoRequest, *[Fate(mangle=one_more)] * 100)
+    fake.plan(QueryServoRequest, *[Fate(damage=one_more)] * 100)
     async with opened(fake) as board:
         with pytest.raises(OutcomeUnknown, match="QueryServoResponse: 5 servos take"):
             await board.stop()
@@ -269,10 +294,10 @@ async def test_a_damaged_read_back_is_none() -> None:
 
 @pytest.mark.parametrize("silence", [0.5, 2.0])
 async def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servos()
-        fake.usual = Fate(after=2.5)
+        fake.usual = Fate(delay=2.5)
         asked = (*FENCES, QueryServoRequest(1), SetServoParameterRequest(1, 1, 1), WriteProjectIDRequest(1))
         for request in asked:
             with pytest.raises((RequestTimeout, OutcomeUnknown)):
@@ -288,7 +313,7 @@ async def test_stop_is_sent_though_every_lane_owes_an_answer(silence: float) -> 
 
 
 async def test_stop_says_when_the_connection_is_gone() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         fake.vanish()
         with pytest.raises(ConnectionLost, match="device disconnected"):
@@ -296,7 +321,7 @@ async def test_stop_says_when_the_connection_is_gone() -> None:
 
 
 async def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed_after_it() -> None:
-    fake = FakeBoard(usual=late(0.5))
+    fake = PipedBoard(usual=late(0.5))
     async with connect(fake, handshake=False) as board:
         await board.stop()
         first = fake.sent[0][1]
@@ -307,7 +332,7 @@ async def test_a_stop_goes_before_the_handshake_of_a_slow_board_and_is_confirmed
 
 
 async def test_a_stop_that_a_silent_board_may_have_got_is_not_confirmed() -> None:
-    fake = FakeBoard(usual=SWALLOWED)
+    fake = PipedBoard(usual=SWALLOWED)
     async with connect(fake, handshake=False) as board:
         with pytest.raises(ConnectionLost, match=r"a stop was sent and could not be confirmed; stop again: .*fake"):
             await board.stop()

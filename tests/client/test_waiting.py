@@ -10,12 +10,17 @@ import pytest
 
 from servolink.client.board import Board
 from servolink.errors import ConnectionLost, NotFound, RequestError, TargetNotReached
-from servolink.project.model import Project
-from servolink.project.speed import RecordRun
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.protocol.servos import ExecuteActionExRequest
-from tests.client.fake_board import FakeBoard, now, opened
+from servolink.project import Project, RecordRun
+from servolink.protocol import (
+    Action,
+    ExecuteActionExRequest,
+    ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    Step,
+)
+from tests.client.piped_board import PipedBoard, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import VirtualTimeLoop, run
 
@@ -29,14 +34,14 @@ ENDLESS = Macro(3, "endless", (MacroCommand(3, 2),))
 PAUSE = Macro(4, "pause", (MacroCommand(700, 1),))
 STORED = Project(actions=(WAVE, BACK, ALL_FAR, LACKING), macros=(DANCE, LONG, ENDLESS, PAUSE))
 
-Use = Callable[[Board, FakeBoard], Awaitable[Any]]
+Use = Callable[[Board, PipedBoard], Awaitable[Any]]
 
 
-def used(use: Use, **options: Any) -> FakeBoard:
+def used(use: Use, **options: Any) -> PipedBoard:
     """Return a fake board with all that stored, and servos at 0, on which `use` was done."""
-    fake = FakeBoard()
-    fake.virtual.storage.contents = contents_of(STORED)
-    for servo in fake.virtual.servos.values():
+    fake = PipedBoard()
+    fake.storage.contents = contents_of(STORED)
+    for servo in fake.servos.values():
         servo.angle = 0.0
 
     async def main() -> None:
@@ -67,17 +72,17 @@ def not_run(use: Use) -> None:
 def test_it_returns_when_the_servos_rest(
     start: Callable[[Board], Awaitable[Any]], seconds: float, pose: tuple[int, int], options: dict[str, Any]
 ) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         began = now()
         await start(board)
         assert now() - began == pytest.approx(seconds, abs=0.3)
-        assert (fake.virtual.servos[1].angle, fake.virtual.servos[2].angle) == pose
+        assert (fake.servos[1].angle, fake.servos[2].angle) == pose
 
     used(use, **options)
 
 
 def test_the_line_is_free_while_it_waits() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.run_macro(2, wait=True)
         assert len(fake.sent) < 20
 
@@ -85,7 +90,7 @@ def test_the_line_is_free_while_it_waits() -> None:
 
 
 def test_all_servos_that_do_not_arrive_are_named() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         await board.set_servo(1, start=False, hold=True)
         await board.set_servo(3, start=False, hold=True)
         with pytest.raises(
@@ -97,7 +102,7 @@ def test_all_servos_that_do_not_arrive_are_named() -> None:
 
 
 def test_a_stalled_loop_does_not_take_servos_on_their_way_for_stuck_ones() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         loop, began, deliver = asyncio.get_running_loop(), now(), fake.deliver
         assert isinstance(loop, VirtualTimeLoop)
         stalls = iter([5.0])
@@ -111,13 +116,13 @@ def test_a_stalled_loop_does_not_take_servos_on_their_way_for_stuck_ones() -> No
         await board.move({1: 90}, duration=1.0)
         readings = [servos[0].angle async for servos in board.follow({1: 90}, 1.0)]
         assert (30 < readings[-2] < 90, readings[-1]) == (True, 90)
-        assert fake.virtual.servos[1].angle == 90
+        assert fake.servos[1].angle == 90
 
     used(use)
 
 
 def test_a_stop_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         waiting = asyncio.ensure_future(board.run_macro("long", wait=True))
         await asyncio.sleep(1.0)
         await board.stop()
@@ -130,7 +135,7 @@ def test_a_stop_ends_it() -> None:
 
 
 def test_the_loss_of_the_board_ends_it() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         waiting = asyncio.ensure_future(board.run_macro("long", wait=True))
         await asyncio.sleep(1.0)
         fake.vanish()
@@ -162,7 +167,7 @@ def test_the_loss_of_the_board_ends_it() -> None:
 def test_what_cannot_be_waited_for_is_not_run(
     start: Callable[[Board], Awaitable[Any]], error: type[Exception], text: str
 ) -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         with pytest.raises(error, match=f"^{text}"):
             await start(board)
 
@@ -170,7 +175,7 @@ def test_what_cannot_be_waited_for_is_not_run(
 
 
 def test_a_dry_run_waits_for_nothing() -> None:
-    async def use(board: Board, fake: FakeBoard) -> None:
+    async def use(board: Board, fake: PipedBoard) -> None:
         began = now()
         assert await board.run_action("wave", wait=True, dry_run=True) == 1.0
         await board.run_macro("dance", wait=True, dry_run=True)

@@ -8,14 +8,14 @@ from typing import ParamSpec, TypeVar
 
 import servolink.sync
 from servolink.sync.loop_thread import running_thread
-from tests.client.fake_board import FakeBoard
+from tests.client.piped_board import PipedBoard
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 @contextmanager
-def opened(fake: FakeBoard) -> Iterator[servolink.sync.Board]:
+def opened(fake: PipedBoard) -> Iterator[servolink.sync.Board]:
     """Connect to `fake`, without leaving traces of that."""
     fake.greeting = True
     with servolink.sync.connect(fake) as board:

@@ -18,17 +18,18 @@ import pytest
 import servolink
 import servolink.sync
 from servolink import Servo
-from servolink.client.board import Board
-from servolink.client.button_events import ButtonSubscription
-from servolink.client.servo_readings import ServoWatch
-from servolink.client.session import Session
+from servolink.client import Board, ButtonSubscription, ServoWatch, Session
 from servolink.errors import ConnectionLost, NotFound, OpenError, RequestError, RequestTimeout
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
+from servolink.protocol import (
+    ExecuteActionRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    SubscribeButtonEventRequest,
+)
 from servolink.sync.iterator import BlockingIterator
 from servolink.sync.loop_thread import running_thread
-from servolink.transports.device_info import DeviceInfo
-from tests.client.fake_board import LOST, FakeBoard
+from servolink.transports import DeviceInfo
+from tests.client.piped_board import LOST, PipedBoard
 from tests.sync.sync_board import on_loop, opened
 from tests.tables import over
 
@@ -74,7 +75,7 @@ def test_every_async_function_is_there_with_the_same_arguments() -> None:
     for name in ["connect", *asynchronous]:
         here = getattr(servolink.sync, name)
         assert inspect.signature(here).parameters == inspect.signature(things[name]).parameters, name
-    assert sorted(asynchronous) == ["discover", "reconnecting", "record"]
+    assert sorted(asynchronous) == ["discover", "reconnecting"]
 
 
 def test_it_is_found_in_the_package() -> None:
@@ -90,7 +91,7 @@ def test_iterators_of_many_threads_share_one_part_of_the_board(monkeypatch: pyte
 
     monkeypatch.setattr(ButtonSubscription, "__init__", made)
     monkeypatch.setattr(ServoWatch, "__init__", made)
-    with opened(FakeBoard()) as board:
+    with opened(PipedBoard()) as board:
         for make in (board.button_events, board.watch):
             threads = [threading.Thread(target=make) for _ in range(2)]
             for thread in threads:
@@ -117,7 +118,7 @@ def test_iterators_of_many_threads_share_one_part_of_the_board(monkeypatch: pyte
     ],
 )
 def test_a_misspelt_method_suggests_the_right_one(name: str, hint: str) -> None:
-    with opened(FakeBoard()) as board, pytest.raises(AttributeError) as error:
+    with opened(PipedBoard()) as board, pytest.raises(AttributeError) as error:
         getattr(board, name)
     assert str(error.value) == f"'Board' has no attribute '{name}'{hint}"
     assert "Did you mean" not in "".join(traceback.format_exception(error.value))
@@ -232,7 +233,7 @@ def test_it_works_inside_another_event_loop_as_in_notebooks() -> None:
 
 
 def test_a_lost_board_fails_the_call_that_waits() -> None:
-    fake = FakeBoard(usual=LOST)
+    fake = PipedBoard(usual=LOST)
     with opened(fake) as board:
         threading.Timer(0.05, on_loop, [fake.vanish]).start()
         with pytest.raises(ConnectionLost):
@@ -240,7 +241,7 @@ def test_a_lost_board_fails_the_call_that_waits() -> None:
 
 
 def test_a_request_has_its_time() -> None:
-    with opened(FakeBoard(usual=LOST)) as board, pytest.raises(RequestTimeout):
+    with opened(PipedBoard(usual=LOST)) as board, pytest.raises(RequestTimeout):
         board.request(QueryServoListRequest(), timeout=0.05)
 
 
@@ -275,7 +276,7 @@ def test_reconnecting_yields_a_board_after_each_loss() -> None:
 
 
 def test_the_iterator_of_a_board_keeps_it_open() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.greeting = True
     events = iter(servolink.sync.connect(fake).button_events())
     gc.collect()
@@ -286,7 +287,7 @@ def test_the_iterator_of_a_board_keeps_it_open() -> None:
 
 
 def test_set_points_are_streamed_without_async() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     with opened(fake) as board:
         stream = board.stream(hz=100)
         assert stream.send({1: 12.4}) == {1: 12}

@@ -14,8 +14,8 @@ import pytest
 
 import servolink.sync
 from servolink.errors import ConnectionLost
-from servolink.protocol.joystick import ButtonEventResponse, SubscribeButtonEventRequest
-from tests.client.fake_board import FakeBoard
+from servolink.protocol import ButtonEventResponse, SubscribeButtonEventRequest
+from tests.client.piped_board import PipedBoard
 from tests.processes import until
 from tests.sync.sync_board import on_loop, opened
 
@@ -23,21 +23,21 @@ START, END = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
 
 
 @pytest.fixture
-def fake() -> FakeBoard:
-    return FakeBoard()
+def fake() -> PipedBoard:
+    return PipedBoard()
 
 
 @pytest.fixture
-def board(fake: FakeBoard) -> Iterator[servolink.sync.Board]:
+def board(fake: PipedBoard) -> Iterator[servolink.sync.Board]:
     with opened(fake) as board:
         yield board
 
 
-def press(fake: FakeBoard, *button_ids: int) -> None:
+def press(fake: PipedBoard, *button_ids: int) -> None:
     on_loop(fake.speak, *(ButtonEventResponse(button_id, 1) for button_id in button_ids))
 
 
-def test_events_come_in_order(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_events_come_in_order(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events() as events:
         press(fake, 1, 2, 3)
         assert [next(events).button_id for _ in range(3)] == [1, 2, 3]
@@ -47,7 +47,7 @@ def test_events_come_in_order(fake: FakeBoard, board: servolink.sync.Board) -> N
         next(events)
 
 
-def test_servos_are_read_until_the_end_of_the_block(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_servos_are_read_until_the_end_of_the_block(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.watch(500) as readings:
         assert repr(readings) == "<ServoReadings at 500 Hz, reading>"
         first, second = next(readings), next(readings)
@@ -57,14 +57,14 @@ def test_servos_are_read_until_the_end_of_the_block(fake: FakeBoard, board: serv
         next(readings)
 
 
-def test_a_slow_reader_loses_the_oldest(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_a_slow_reader_loses_the_oldest(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events(limit=2) as events:
         press(fake, 1, 2, 3)
         assert [event.button_id for event in events.within(0)] == [2, 3]
         assert events.dropped == 1
 
 
-def test_a_loop_can_have_its_time(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_a_loop_can_have_its_time(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events() as events:
         assert not list(events.within(0.02))
         press(fake, 7)
@@ -82,7 +82,7 @@ def test_the_time_of_a_loop_must_be_a_number(seconds: Any, error: type[Exception
 
 
 def test_a_loop_slower_than_its_events_ends_in_time(
-    fake: FakeBoard, board: servolink.sync.Board, monkeypatch: pytest.MonkeyPatch
+    fake: PipedBoard, board: servolink.sync.Board, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with board.button_events() as events:
         press(fake, *range(10))
@@ -94,7 +94,7 @@ def test_a_loop_slower_than_its_events_ends_in_time(
         assert [event.button_id for event in events.within(0)] == [2, 3, 4, 5, 6, 7, 8, 9]
 
 
-def test_an_event_after_the_time_is_up_is_not_lost(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_an_event_after_the_time_is_up_is_not_lost(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events() as events:
         assert next(events.within(0.01), None) is None
         press(fake, 7, 8)
@@ -102,7 +102,7 @@ def test_an_event_after_the_time_is_up_is_not_lost(fake: FakeBoard, board: servo
         assert [event.button_id for event in events.within(0)] == [8]
 
 
-def test_leaving_the_loop_unsubscribes(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_leaving_the_loop_unsubscribes(fake: PipedBoard, board: servolink.sync.Board) -> None:
     def press_when_subscribed() -> None:
         until(lambda: fake.executed_of(SubscribeButtonEventRequest) or fake.closed)
         if not fake.closed:
@@ -116,7 +116,7 @@ def test_leaving_the_loop_unsubscribes(fake: FakeBoard, board: servolink.sync.Bo
     assert fake.executed_of(SubscribeButtonEventRequest) == [START, END]
 
 
-def test_closing_ends_another_threads_loop(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_closing_ends_another_threads_loop(fake: PipedBoard, board: servolink.sync.Board) -> None:
     events = board.button_events()
     assert not list(events.within(0))
     seen: list[ButtonEventResponse] = []
@@ -128,7 +128,7 @@ def test_closing_ends_another_threads_loop(fake: FakeBoard, board: servolink.syn
     assert not seen
 
 
-def test_two_threads_share_an_iterator(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_two_threads_share_an_iterator(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events() as events:
         seen: list[int] = []
         threads = [
@@ -142,14 +142,14 @@ def test_two_threads_share_an_iterator(fake: FakeBoard, board: servolink.sync.Bo
     assert sorted(seen) == list(range(10))
 
 
-def test_a_loss_ends_the_loop_with_an_error(fake: FakeBoard, board: servolink.sync.Board) -> None:
+def test_a_loss_ends_the_loop_with_an_error(fake: PipedBoard, board: servolink.sync.Board) -> None:
     with board.button_events() as events:
         on_loop(fake.vanish)
         with pytest.raises(ConnectionLost):
             next(events)
 
 
-def test_states_end_with_the_board(fake: FakeBoard) -> None:
+def test_states_end_with_the_board(fake: PipedBoard) -> None:
     with opened(fake) as board:
         states = board.states()
         assert next(states) == "connected"

@@ -12,16 +12,8 @@ import pytest
 
 import servolink
 from servolink.errors import RecordingError
-from servolink.recorder import recorder as recorder_module
-from servolink.recorder.channels import Event, Wire
-from servolink.recorder.reading import Recording
-from servolink.recorder.writer import RecordingWriter
+from servolink.recorder import Event, Recording, Wire
 from tests import processes
-
-
-@pytest.fixture(autouse=True)
-def written_by_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "ChildWriter", RecordingWriter)  # a process takes longer to start
 
 
 def test_a_block_is_recorded(tmp_path: Path) -> None:
@@ -67,7 +59,7 @@ def test_a_board_of_the_other_kind_is_refused(tmp_path: Path) -> None:
                 pytest.fail("it would wait for itself")
         for wrong in ("virtual://", None):
             with pytest.raises(TypeError, match="must be a connected board, not"):
-                async with servolink.record(path, cast("Any", wrong)):
+                async with servolink.recorder.record(path, cast("Any", wrong)):
                     pytest.fail("there is no board")
 
     asyncio.run(main())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import AsyncGenerator, Generator
 from contextlib import suppress
 from types import TracebackType
@@ -11,12 +10,21 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from msgspec.structs import replace
 
+from servolink.boards import BoardProfile, ProfileFile, ProfileInUse, hub_of, resolve_board, resolve_url
 from servolink.client.board import Board
+from servolink.client.hub_link import join_hub, open_link
+from servolink.client.identity_guard import IdentityGuard
 from servolink.client.session import Session, set_mode
-from servolink.connection.connection import Connection
-from servolink.connection.options import ConnectionOptions, TransmissionMode, options_in
-from servolink.connection.stats import Stats
-from servolink.connection.taps import Taps, TextLog, text_logger
+from servolink.connection import (
+    BoardSharing,
+    Connection,
+    ConnectionOptions,
+    Stats,
+    Taps,
+    TransmissionMode,
+    options_in,
+)
+from servolink.control import ShareTransport
 from servolink.errors import (
     ConnectionLost,
     OpenError,
@@ -25,23 +33,13 @@ from servolink.errors import (
     RequestError,
     RequestTimeout,
     TransportUnavailable,
+    escape,
+    quote,
 )
-from servolink.escaping import escape, quote
-from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import AngleLimits, SpeedCap, motion_limits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.registry import create
-
-if TYPE_CHECKING:  # loaded on use: most boards have no profile
-    from servolink.client.identity_guard import IdentityGuard
-    from servolink.connection.sharing import BoardSharing
-    from servolink.control.share_address import ShareTransport
-    from servolink.discovery.resolving import Resolved
-    from servolink.profiles.profile import BoardProfile, ProfileInUse
-    from servolink.transports.base import Transport
+from servolink.motion import INTERVAL_UNIT, AngleLimits, AngleUnit, MotionPlanner, SpeedCap, motion_limits
+from servolink.protocol import ByteOrder, QueryProjectIDRequest
+from servolink.support import Pauses, Reconnecting
+from servolink.transports import PortTracker, Transport, create
 
 _HOW = (
     "use `async with servolink.connect(...) as board:` or `board = await servolink.connect(...)`, or servolink.sync "
@@ -57,7 +55,8 @@ class connect:  # noqa: N801 - reads as the function it stands for
     outstanding. The options up to `write_depth` can also stand in the address
     (`serial:///dev/ttyACM0?byte_order=big`). Arguments come first, then the address, then the profile; limits of
     the profile only tighten those given. An address or a profile can also have `answers_twice=yes`, for a board
-    that answers requests twice, and `ignore_extra=yes`, for responses longer than documented.
+    that answers requests twice, `late_copies=yes`, for a line that brings copies of responses later, and
+    `ignore_extra=yes`, for responses longer than documented. Two boards on one line are refused with every option.
 
     Args:
         url: Address (`serial:///dev/ttyACM0`, `tcp://host:port`, `virtual://`), device path, name given by
@@ -156,15 +155,12 @@ class connect:  # noqa: N801 - reads as the function it stands for
     async def open(self) -> Board:
         """Open the board, as `await connect(...)` does."""
         if self._url is not None and not isinstance(self._url, str):
-            from servolink.transports.foreign import contained
-
-            transport = contained(self._url)
+            transport = create(self._url)
             options, profile = await self._prepare(transport, None, self._options)
             self._log_text(transport.url, options)
             connection = await self._open_connection(transport, options, Stats(), profile)
             return self._board_on(Session(connection, None, profile))
-        found = await self._resolve()
-        address, name = found.url, found.name
+        address, name = await self._resolve()
         stats, device = Stats(), create(address)
         try:
             options, profile = await self._prepare(device, name, options_in(address) | self._options)
@@ -175,7 +171,6 @@ class connect:  # noqa: N801 - reads as the function it stands for
             raise
         if not self._reconnect:
             return self._board_on(Session(connection, None, profile))
-        from servolink.transports.serial_ports import PortTracker
 
         port = PortTracker(address)
 
@@ -200,40 +195,36 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
     def _log_text(self, url: str, options: ConnectionOptions) -> None:
         """Log the text between frames, if anybody reads that log: a second parser takes time."""
-        if text_logger.isEnabledFor(logging.INFO):
-            self.taps.add(TextLog(url, options.byte_order))
+        self.taps.log_text(url, options.byte_order)
 
     def _board_on(self, session: Session) -> Board:
         if session.profile is None:
-            return Board(session, self._angle_unit, self._limits)
+            return Board(session, self._angle_unit, MotionPlanner(self._limits))
         limits = self._limits.tightened(session.profile.limits)
         interval_unit = session.profile.settings.interval_unit or INTERVAL_UNIT
-        return Board(session, self._angle_unit, limits, interval_unit)
+        return Board(session, self._angle_unit, MotionPlanner(limits, interval_unit))
 
-    async def _resolve(self) -> Resolved:
+    async def _resolve(self) -> tuple[str, str | None]:
         """Return address and name of the board."""
         assert self._url is None or isinstance(self._url, str)  # noqa: S101 - narrows the type
-        from servolink.discovery.resolving import Resolved, resolve_board, resolve_url
 
         if self._profile is not None:  # the board need not be recognised
-            return Resolved(await resolve_url(self._url), None)
-        return await resolve_board(self._url)
+            return await resolve_url(self._url), None
+        found = await resolve_board(self._url)
+        return found.url, found.name
 
     def _profile_of(self, name: str | None) -> ProfileInUse | None:
         """Return the profile given, or else that of the board `name`. Raise ProfileError if it cannot be used."""
         if (profile := self._profile or name) is None:
             return None
-        from servolink.profiles.listing import profile_names
-        from servolink.profiles.profile import ProfileInUse  # late: most boards have no profile
-        from servolink.profiles.store import load_profile
 
         if not isinstance(profile, str):
             return ProfileInUse(name, profile)
-        if (found := load_profile(profile)) is not None:
+        if (found := ProfileFile(profile).load()) is not None:
             return ProfileInUse(profile, found)
         if self._profile is None:
             return None
-        names = ", ".join(profile_names()) or "none"
+        names = ", ".join(ProfileFile.names()) or "none"
         raise ProfileError(f"{profile} has no profile (known: {names}); `servolink doctor {profile} --learn` makes one")
 
     async def _prepare(
@@ -243,7 +234,6 @@ class connect:  # noqa: N801 - reads as the function it stands for
         if (hub := _hub_on(transport)) is None:
             profile = self._profile_of(name)
             return ConnectionOptions(**(_options_in(profile) | given)), profile
-        from servolink.client.hub_link import join_hub  # late: most boards are not shared
 
         return await join_hub(hub, given, self._profile_of(None))
 
@@ -273,15 +263,9 @@ class connect:  # noqa: N801 - reads as the function it stands for
             hub.greeting.byte_order = options.byte_order
         connection = Connection(
             transport,
-            Codec(options.byte_order, options.caption_encoding),
-            patience=options.patience,
-            depth=options.depth,
-            write_depth=options.write_depth,
-            transmission_mode=options.transmission_mode,
+            options,
             unsupported=(profile and profile.settings.unsupported) or (),
-            answers_twice=options.answers_twice and hub is None,
-            ignore_extra=options.ignore_extra,
-            repeats=hub is None,
+            through_hub=hub is not None,
             stats=stats,
             taps=self.taps,
         )
@@ -335,8 +319,6 @@ class connect:  # noqa: N801 - reads as the function it stands for
 
 async def _link_to(hub: ShareTransport, connection: Connection) -> BoardSharing | None:
     """Tie a connection to the control interface of its hub; None for a hub without one."""
-    from servolink.client.hub_link import open_link  # late: most boards are not shared
-
     return await open_link(connection, hub)
 
 
@@ -344,7 +326,6 @@ def _check_url(url: object) -> None:
     """Raise TypeError unless `url` is an address, a transport or None."""
     if url is None or isinstance(url, str):
         return
-    from servolink.transports.base import Transport  # late: most programs give an address
 
     if not isinstance(url, Transport):
         raise TypeError(f"url must be an address as text, a transport or None, not {quote(url)}")
@@ -354,7 +335,6 @@ def _check_profile(profile: object) -> None:
     """Raise TypeError unless `profile` is a profile, a name or None."""
     if profile is None or isinstance(profile, str):
         return
-    from servolink.profiles.profile import BoardProfile
 
     if not isinstance(profile, BoardProfile):
         raise TypeError(f"profile must be a BoardProfile, the name of a board or None, not {quote(profile)}")
@@ -364,7 +344,6 @@ def _guard(connection: Connection, profile: ProfileInUse | None) -> IdentityGuar
     """Guard a connection whose profile identifies the board; None without such a profile."""
     if profile is None or profile.profile.identity is None:
         return None
-    from servolink.client.identity_guard import IdentityGuard
 
     guard = IdentityGuard(connection, profile)
     connection.preparations += (guard.prepare,)
@@ -397,15 +376,12 @@ def _hub_on(transport: Transport) -> ShareTransport | None:
     """Return the transport if a hub is at the other end."""
     if not getattr(transport, "is_shared", False):
         return None
-    from servolink.control.share_address import ShareTransport  # late: most boards are not shared
 
     return transport if isinstance(transport, ShareTransport) else None
 
 
 async def _name_hub(url: str, error: OpenError) -> None:
     """Raise an error with the name of the hub, if a hub uses the board that could not be opened."""
-    from servolink.discovery.hubs import hub_of  # late: most boards can be opened
-
     if (hub := await asyncio.to_thread(hub_of, url)) is not None:
         raise OpenError(
             f"{error}. It is {hub.product}: use {hub.url} (`servolink share --status` shows its programs)"
@@ -424,8 +400,6 @@ async def reconnecting(url: str | None = None, **options: Any) -> AsyncGenerator
     board at once. Takes the address and options of `connect`. Waits 0.1 to 5 s before each further connection, longer
     each time until a board has answered.
     """
-    from servolink.pauses import Pauses, Reconnecting  # late: most programs connect once
-
     _refuse_transport(url, "reconnecting")
     pauses = Pauses()
     async for board in Reconnecting(connect(url, **options).open, pauses, _may_come_back):

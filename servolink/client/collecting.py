@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from servolink.client.servo_state import Servo
 from servolink.errors import MotionRefused, NotFound, RequestRefused
-from servolink.project.model import Project
-from servolink.project.record_lookup import name_of
-from servolink.protocol.record_types import ACTION, MACRO, RecordType, type_of
-from servolink.protocol.records import MAX_NESTING, Action, Macro
-
-if TYPE_CHECKING:  # imported late: most programs run no stored records
-    from servolink.project.speed import RecordRun
+from servolink.project import Project, RecordRun, name_of, uncheckable
+from servolink.protocol import ACTION, MACRO, Action, Macro, RecordType
 
 _MOST = ACTION.list_limit + MACRO.list_limit  # bound of all lists of records
 
@@ -32,13 +27,13 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
     waiting = deque([(record, 0)])
     while waiting:
         caller, depth = waiting.popleft()
-        for called in type_of(caller).references(caller):
+        for called in RecordType.of(caller).references(caller):
             if called in found:
                 continue
-            if depth == MAX_NESTING or len(found) == _MOST:
+            if depth == Macro.MAX_NESTING or len(found) == _MOST:
                 many = f"it runs {len(found):,} records, in macros up to {depth + 1} deep"
                 raise MotionRefused(
-                    f"{name_of(record)} was not run: {many}; at most {_MOST:,} and {MAX_NESTING} are read first"
+                    f"{name_of(record)} was not run: {many}; at most {_MOST:,} and {Macro.MAX_NESTING} are read first"
                 )
             try:
                 found[called] = await get(*called)
@@ -54,8 +49,6 @@ async def collect(get: Get, kind: RecordType[Any], record_id: int) -> Project:
 
 def check_can_wait(run: RecordRun, servos: Iterable[Servo]) -> None:
     """Raise RequestRefused for an endless run, NotFound for a run of missing servos."""
-    from servolink.project.preflight import uncheckable  # late: most runs are not waited for
-
     name = name_of(run.record)
     if why := next(uncheckable(run.stored), ""):
         raise RequestRefused(f"{name} was not run, because its end could not be known: {why}")

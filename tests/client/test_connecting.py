@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client.connecting import connect
 from servolink.errors import (
     ConnectionLost,
     InvalidAddress,
@@ -18,13 +18,17 @@ from servolink.errors import (
     ServolinkError,
     TransportUnavailable,
 )
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action
-from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
-from servolink.transports.base import Receiver
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, FakeBoard, Fate, lie, now, opened
+from servolink.protocol import (
+    ACTION,
+    Action,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+)
+from servolink.testing import Fate
+from servolink.transports import Receiver
+from servolink.virtual import VirtualTransport
+from tests.client.piped_board import LOST, PipedBoard, lie, now, opened
 
 # --- opening and closing ------------------------------------------------------------------------------------------
 
@@ -63,7 +67,7 @@ async def test_async_with_may_be_entered_again_after_an_opening_that_failed() ->
 
 
 async def test_async_with_closes_also_after_an_error() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     with pytest.raises(KeyError):
         async with opened(fake):
             raise KeyError
@@ -71,7 +75,7 @@ async def test_async_with_closes_also_after_an_error() -> None:
 
 
 async def test_the_end_of_async_with_fails_what_still_waits() -> None:
-    fake = FakeBoard(usual=LOST)
+    fake = PipedBoard(usual=LOST)
     async with opened(fake) as board:
         waiting = asyncio.create_task(board.servo_ids())
         await asyncio.sleep(0.1)
@@ -80,7 +84,7 @@ async def test_the_end_of_async_with_fails_what_still_waits() -> None:
 
 
 async def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     board = await connect(fake, patience=15)
     await board.button_events().__aenter__()
     events = board.button_events()
@@ -96,7 +100,7 @@ async def test_closing_takes_no_longer_than_a_second_though_the_board_is_silent(
 
 
 async def test_who_is_cancelled_while_closing_has_closed() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     board = await connect(fake)
     events = board.button_events()
     await events.__aenter__()
@@ -127,7 +131,7 @@ async def test_a_board_whose_closing_fails_is_closed_for_all_who_follow_it(monke
 
 
 async def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake) as board:
         await board.servo_ids()
         fake.vanish()
@@ -137,7 +141,7 @@ async def test_a_board_that_vanishes_while_idle_is_gone_for_the_next_who_asks() 
 
 
 async def test_a_board_that_cannot_be_opened_says_so_and_leaves_nothing_open() -> None:
-    class Busy(FakeBoard):
+    class Busy(PipedBoard):
         async def open(self, receiver: Any) -> None:
             raise OpenError("fake://board: in use by another program; close it")
 
@@ -194,7 +198,7 @@ def test_options_of_the_wrong_kind_are_refused_at_once(options: dict[str, Any], 
 
 
 async def test_options_hold_for_all_requests() -> None:
-    fake = FakeBoard(usual=LOST)
+    fake = PipedBoard(usual=LOST)
     async with opened(fake, patience=0.5) as board:
         begun = now()
         with pytest.raises(RequestTimeout):
@@ -229,17 +233,17 @@ async def test_a_wrong_option_in_the_address_is_refused_before_anything_is_opene
 
 @pytest.mark.virtual_only("the firmware has no old transmission mode")
 async def test_mode_1_is_set_on_connecting_if_asked_for() -> None:
-    fake = FakeBoard()
-    fake.virtual.mode = 0
+    fake = PipedBoard()
+    fake.mode = 0
     async with connect(fake, transmission_mode=1) as board:
-        assert fake.virtual.mode == 1
+        assert fake.mode == 1
         assert len(await board.servo_ids()) == 4
     assert fake.executed_of(TransmissionModeSettingRequest) == [TransmissionModeSettingRequest(1)]
 
 
 @pytest.mark.parametrize("fate", [LOST, lie(TransmissionModeSettingResponse(0))])
 async def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     fake.usual_of[TransmissionModeSettingRequest] = fate
     with pytest.raises(OpenError, match=r"TransmissionModeSettingRequest|in mode 0"):
         await connect(fake, transmission_mode=1, patience=0.5)
@@ -247,18 +251,18 @@ async def test_a_board_that_does_not_take_mode_1_is_not_opened(fate: Fate) -> No
 
 
 async def test_captions_are_written_and_read_in_the_encoding_asked_for() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, caption_encoding="big5") as board:
         await board.add_action(Action(1, "揮手"))
         assert (await board.action(1)).action_caption == "揮手"
-        assert "揮手".encode("big5") in (fake.virtual.storage.get(ACTION, 1) or b"")
+        assert "揮手".encode("big5") in (fake.storage.get(ACTION, 1) or b"")
 
 
 # --- counters -----------------------------------------------------------------------------------------------------
 
 
 async def test_stats_count_what_went_over_the_line() -> None:
-    fake = FakeBoard(servos=2, usual=Fate(after=0.010))
+    fake = PipedBoard(servos=2, usual=Fate(delay=0.010))
     async with opened(fake) as board:
         await board.servo_ids()
         await board.project_id()
@@ -311,5 +315,5 @@ async def test_a_path_is_not_a_project(method: str) -> None:
 @pytest.mark.parametrize("seconds", [0.3, 0.5])
 async def test_a_board_that_takes_longer_than_a_try_for_each_response_is_connected_to(seconds: float) -> None:
     for _ in range(10):
-        async with connect(FakeBoard(usual=Fate(after=seconds))) as board:
+        async with connect(PipedBoard(usual=Fate(delay=seconds))) as board:
             assert len(await board.servo_ids()) == 4

@@ -1,55 +1,34 @@
-"""A board for tests: it answers in order, as the document says, unless a test plans otherwise.
+"""A fake board at the end of a pipe: it answers in order, each request after 4 ms, or the delay of its fate.
 
-What it knows is a virtual board's business; what becomes of a request and of its answer is decided here.
+Where the addresses of `servolink.testing.FakeBoard` lead to a board that works, here a test sees each byte, and when.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections import defaultdict, deque
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.connection.connection import Connection
-from servolink.connection.stats import Stats
+from servolink.client.connecting import connect
+from servolink.connection import Connection, ConnectionOptions, Stats
 from servolink.errors import ConnectionLost
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.transports.base import Receiver
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import ByteOrder, FrameParser, Packet
+from servolink.testing import FakeBoard, Fate
+from servolink.transports import Receiver
+from servolink.virtual import RequestContext, Response, VirtualBoard
 
 LATENCY = 0.004
-
-
-@dataclass(frozen=True, slots=True)
-class Fate:
-    """What becomes of one request and of its answer."""
-
-    arrives: bool = True
-    """Whether the board gets the request at all."""
-    after: float | None = LATENCY
-    """Seconds until it answers; None: never."""
-    copies: int = 1
-    says: Packet | None = None
-    """What it says instead of the truth."""
-    mangle: Callable[[bytes], bytes] = bytes
-    """What the line makes of the answer."""
-
-
-LOST = Fate(arrives=False)
-SWALLOWED = Fate(after=None)
+LOST = Fate(executes=False)
+SWALLOWED = Fate(answers=False)
 """Done, and not answered."""
 
 
 def late(seconds: float) -> Fate:
-    """Answer after `seconds`."""
-    return Fate(after=seconds)
+    """Answer after `seconds`, and not before the usual time."""
+    return Fate(delay=seconds)
 
 
 def lie(packet: Packet) -> Fate:
@@ -57,24 +36,19 @@ def lie(packet: Packet) -> Fate:
     return Fate(says=packet)
 
 
-class FakeBoard:
-    """A transport with such a board behind it."""
+class PipedBoard(FakeBoard):
+    """Such a board, and the transport to it."""
 
-    url = "fake://board"
     takes_at_once = True
     is_stream = True
 
     def __init__(self, *, servos: int = 4, usual: Fate | None = None, byte_order: ByteOrder = "little") -> None:
-        self.codec = Codec(byte_order)
-        self.virtual = VirtualBoard(servos, 0, self.codec)
-        self.usual = usual or Fate()
-        """What becomes of a request for which nothing was planned."""
-        self.usual_of: dict[type[Packet], Fate] = {}
-        """The same for requests of one kind."""
+        super().__init__(servos, byte_order=byte_order, usual=usual)
+        self.url = "fake://board"
         self.sent: list[tuple[float, Packet]] = []
         """All that was sent to it, with the time."""
         self.executed: list[tuple[float, Packet]] = []
-        """What of that arrived."""
+        """What of that it has executed."""
         self.answered_at: list[float] = []
         self.taking: asyncio.Event | None = None
         """While it is there and not set, `send` does not return."""
@@ -82,22 +56,12 @@ class FakeBoard:
         """While it is True, requests are answered at once as usual and forgotten, for the handshake of `opened`."""
         self.closed = 0
         self.gone: Exception | None = None
-        self._plans: defaultdict[type[Packet], deque[Fate]] = defaultdict(deque)
         self._outbox: deque[bytes] = deque()
         self._free_at = 0.0
         self._said: list[bytes] = []
-        self._session = self.virtual.attach(self._said.append)
+        self._session = self.attach(self._said.append)
         self._parser = FrameParser(byte_order)
         self._receiver: Receiver | None = None
-
-    def plan(self, declared: type[Packet], *fates: Fate) -> None:
-        """Deal `fates` to the next requests of this kind, one each."""
-        self._plans[declared].extend(fates)
-
-    def forget_plans(self) -> None:
-        """Deal with all further requests as usual, and alike."""
-        self._plans.clear()
-        self.usual_of.clear()
 
     def sent_of(self, declared: type[Packet]) -> list[float]:
         """Return when packets of this kind were sent."""
@@ -122,6 +86,10 @@ class FakeBoard:
         if self.gone is None:
             self.gone = error or OSError("device disconnected")
             self._receiver.lost(self.gone)
+
+    def handle(self, context: RequestContext[Any]) -> tuple[Response, float]:
+        """Execute a request. Its fate is that of the pipe, which answers while the board works on."""
+        return VirtualBoard.handle(self, context)
 
     async def open(self, receiver: Receiver) -> None:
         self._receiver = receiver
@@ -148,21 +116,23 @@ class FakeBoard:
         if self.greeting:
             self._greet(frame, now)
             return
-        fates = self._plans[type(packet)]
-        fate = fates.popleft() if fates else self.usual_of.get(type(packet), self.usual)
+        fate = self._fate = self.fate_of(packet)
         self.sent.append((now, packet))
-        if not fate.arrives:
+        if fate.unplugs:
+            self.vanish()
             return
-        self.executed.append((now, packet))
         self._said.clear()
-        self._session.receive(frame, now)
+        if fate.executes:
+            self.executed.append((now, packet))
+            self._session.receive(frame, now)
         if fate.says is not None:
-            self._said[:] = [self.codec.encode(fate.says, unchecked=True)]
-        if fate.after is not None:
-            for answer in self._said * fate.copies:
-                self._answer_at(now + fate.after, fate.mangle(answer))
+            self._said[:] = filter(None, [self.frame(packet.packet_id, fate.says)])
+        if fate.answers:
+            for answer in self._said:
+                self._answer_at(now + max(LATENCY, fate.delay), answer)
 
     def _greet(self, frame: bytes, now: float) -> None:
+        self._fate = Fate()
         self._said.clear()
         self._session.receive(frame, now)
         asyncio.get_running_loop().call_soon(self.deliver, b"".join(self._said))
@@ -180,10 +150,11 @@ class FakeBoard:
 
 
 @asynccontextmanager
-async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any) -> AsyncIterator[Connection]:
+async def connected(board: PipedBoard, *, handshake: bool = False, **options: Any) -> AsyncIterator[Connection]:
     """Open a connection to `board`, and close it. It works at its whole depth, unless the options say otherwise."""
-    options = {"write_depth": options.get("depth", 1), "learn": False} | options
-    connection = Connection(board, Codec(board.codec.byte_order), **options)
+    options = {"byte_order": board.codec.byte_order, "write_depth": options.get("depth", 1), "learn": False} | options
+    own = {name: options.pop(name) for name in ConnectionOptions.__struct_fields__ if name in options}
+    connection = Connection(board, ConnectionOptions(**own), **options)
     await connection.open(handshake=handshake)
     try:
         yield connection
@@ -192,7 +163,7 @@ async def connected(board: FakeBoard, *, handshake: bool = False, **options: Any
 
 
 @asynccontextmanager
-async def opened(fake: FakeBoard, **options: Any) -> AsyncIterator[Board]:
+async def opened(fake: PipedBoard, **options: Any) -> AsyncIterator[Board]:
     """Connect to `fake`, which forgets the handshake: what it was sent, and what was planned, begins behind it.
 
     The connection works at its whole depth.
@@ -210,7 +181,7 @@ def work_at(board: Board, depth: int) -> None:
     """Let a board be asked `depth` requests at once from now on, whatever pays."""
     connection = board.connection
     assert isinstance(connection, Connection)
-    window = connection._window
+    window = connection.scheduler.window
     window.learns = False
     window.queries.depth = window.writes.depth = depth
 
