@@ -13,14 +13,19 @@ from typing import Any, NamedTuple
 from msgspec import Struct
 
 from servolink.errors import DecodeError
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import OVERHEAD, Frame, encode_frame
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
+from servolink.protocol import (
+    OVERHEAD,
+    ClearAllDataRequest,
+    Codec,
+    Frame,
+    FrameParser,
+    Packet,
+    TransmissionModeSettingRequest,
+    encode_frame,
+)
 from servolink.virtual.handlers import HANDLERS, RequestContext, Response
 from servolink.virtual.hardware import NEW_PROTOCOL, Hardware
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.storage import Contents, partial_write
 
 _SILENCE = 0.25  # seconds after which an incomplete frame is dropped
@@ -43,7 +48,7 @@ class VirtualBoard(Hardware):
         servos: int = 16,
         seed: int = 0,
         codec: Codec | None = None,
-        kind: BoardKind = DEFAULT_KIND,
+        kind: BoardKind = BoardKind.DEFAULT,
     ) -> None:
         """Switch on a board. The same `seed` gives the same behaviour. Raise ValueError for a value out of range."""
         super().__init__(servos, kind, seed=seed, codec=codec, send_event=self._send_event)
@@ -99,6 +104,15 @@ class VirtualBoard(Hardware):
         if self.kind.ignores(context.request):
             return None, 0.0
         return HANDLERS[type(context.request)](context), self.kind.turnaround
+
+    def frame(self, packet_id: int, response: Response) -> bytes | None:
+        """Return the frame of a response to the request `packet_id`; None without a response."""
+        if response is None:
+            return None
+        if isinstance(response, Packet):
+            return self.codec.encode(response)
+        content = bytes((response,)) if isinstance(response, bool) else response
+        return encode_frame(packet_id + 1, content, self.codec.byte_order)
 
     def power_cycle(self, now: float) -> None:
         """Interrupt the power: servos stop, and all state outside the storage is lost. Hosts stay attached."""
@@ -236,15 +250,7 @@ class HostSession:
             self._last_write = StoredChange(before, board.storage.contents)
             is_clear = isinstance(request, ClearAllDataRequest)
             seconds += board.kind.clear_seconds if is_clear else board.kind.write_seconds
-        if isinstance(response, bool):
-            response = bytes((response,))
-        return None if response is None else self._encode(packet_id, response), seconds
-
-    def _encode(self, packet_id: int, response: Packet | bytes) -> bytes:
-        codec = self.board.codec
-        if isinstance(response, Packet):
-            return codec.encode(response)
-        return encode_frame(packet_id + 1, response, codec.byte_order)
+        return board.frame(packet_id, response), seconds
 
     def _take(self, frames: Iterable[Frame], now: float) -> None:
         for packet_id, content in frames:

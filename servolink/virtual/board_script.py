@@ -8,12 +8,12 @@ switches the board off and on. Empty lines and text after a `#` are skipped.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
-from servolink.escaping import quote
+from servolink.errors import quote
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.buttons import LONG_PRESS_AFTER
-from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.hardware import Hardware
 
 SHORT = 0.1
 """Duration of `press`, in seconds."""
@@ -32,6 +32,10 @@ class ButtonChange(NamedTuple):
     button_id: int
     down: bool
 
+    def apply(self, board: VirtualBoard, now: float) -> None:
+        """Let it happen on the board at the time `now`."""
+        (board.press_button if self.down else board.release_button)(self.button_id, now)
+
 
 class Push(NamedTuple):
     """Turn of a servo by hand at the time `at`, in seconds."""
@@ -40,11 +44,19 @@ class Push(NamedTuple):
     servo_id: int
     degree: int
 
+    def apply(self, board: VirtualBoard, now: float) -> None:
+        """Let it happen on the board at the time `now`."""
+        board.push_servo(self.servo_id, self.degree, now)
+
 
 class PowerCycle(NamedTuple):
     """Interruption of the power at the time `at`, in seconds."""
 
     at: float
+
+    def apply(self, board: VirtualBoard, now: float) -> None:
+        """Let it happen on the board at the time `now`."""
+        board.power_cycle(now)
 
 
 Event: TypeAlias = ButtonChange | Push | PowerCycle
@@ -88,29 +100,15 @@ def _events(words: list[str]) -> tuple[Sequence[Event], int]:
         return [PowerCycle(float(words[0]))], 0
     if len(words) > 1 and words[1] == "push":
         at, _, servo_id, degree = words
-        return [Push(float(at), int(servo_id), int(degree))], MAX_SERVOS
+        return [Push(float(at), int(servo_id), int(degree))], Hardware.MAX_SERVOS
     at, word, button = words
     return presses(float(at), word, int(button)), _MAX_BUTTON_ID
 
 
-def apply(board: VirtualBoard, event: Event, now: float) -> None:
-    """Let `event` happen on the board at the time `now`."""
-    match event:
-        case Push():
-            board.push_servo(event.servo_id, event.degree, now)
-        case ButtonChange(down=True):
-            board.press_button(event.button_id, now)
-        case ButtonChange():
-            board.release_button(event.button_id, now)
-        case PowerCycle():
-            board.power_cycle(now)
-
-
-HELP = "keys: 0-9 press a button, l then 0-9 make a long press, p switches off and on, Ctrl-C ends"
-
-
 class Keys:
     """Converter of typed characters into events."""
+
+    HELP: ClassVar[str] = "keys: 0-9 press a button, l then 0-9 make a long press, p switches off and on, Ctrl-C ends"
 
     def __init__(self) -> None:
         """Start without a typed `l`."""

@@ -6,10 +6,7 @@ from collections.abc import Callable
 
 from msgspec import Struct
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.joystick import LONG_PRESS, PRESS, UP, ButtonEventResponse
-from servolink.protocol.record_types import TABLE
-from servolink.protocol.records import Button
+from servolink.protocol import TABLE, Button, ButtonEventResponse, Codec
 from servolink.virtual.player import Player
 from servolink.virtual.storage import Storage
 
@@ -53,7 +50,7 @@ class Buttons:
         if button_id in self._held:
             return
         self.last = button_id
-        self._send_event(button_id, PRESS)
+        self._send_event(button_id, ButtonEventResponse.PRESS)
         self._held[button_id] = _Held(now + LONG_PRESS_AFTER)
         self._run(self._button(button_id).button_press_macro, now)
 
@@ -62,7 +59,7 @@ class Buttons:
         held = self._held.pop(button_id, None)
         if held is None:
             return
-        self._send_event(button_id, UP)
+        self._send_event(button_id, ButtonEventResponse.UP)
         button = self._button(button_id)
         long_macro_runs = held.long_macro != 0 and self._player.macro_id == held.long_macro
         if long_macro_runs and button.uninterruptible:
@@ -79,7 +76,7 @@ class Buttons:
         for button_id, held in self._held.items():
             if not held.is_long and held.long_at <= now:
                 held.is_long = True
-                self._send_event(button_id, LONG_PRESS)
+                self._send_event(button_id, ButtonEventResponse.LONG_PRESS)
                 macro_id = self._button(button_id).button_long_press_macro
                 if self._run(macro_id, held.long_at):
                     held.long_macro = macro_id

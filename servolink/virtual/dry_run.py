@@ -7,10 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from servolink.errors import ProjectError
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest
-from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import Action, Macro
+from servolink.protocol import ACTION, MACRO, Action, Macro, RecordType, layout
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.simulated_servo import HIGHEST, LOWEST, SimulatedServo
@@ -59,12 +56,15 @@ class DryRun:
         self._moves: list[DryMove] = []
         for servo_id in servo_ids:
             self.hardware.servos[servo_id] = _RecordingServo(servo_id, self._moves.append)
-        self._put(ACTION, [AddActionRequest(one.action_id, "", one.steps) for one in actions])
-        self._put(MACRO, [AddMacroRequest(one.macro_id, "", one.commands) for one in macros])
+        self._put(ACTION, [Action(one.action_id, "", one.steps) for one in actions])
+        self._put(MACRO, [Macro(one.macro_id, "", one.commands) for one in macros])
 
-    def _put(self, record_type: RecordType[Any], requests: Sequence[AddActionRequest | AddMacroRequest]) -> None:
-        encode = self.hardware.codec.encode
-        contents = {record_type.id_of(request): encode(request)[HEADER_SIZE:-1] for request in requests}
+    def _put(self, record_type: RecordType[Any], records: Sequence[Action | Macro]) -> None:
+        codec = self.hardware.codec
+        encode = layout(record_type.add_class, codec.byte_order).encode
+        contents = {
+            record_type.id_of(record): encode(record_type.add(record), codec.caption_encoding) for record in records
+        }
         if not self.hardware.storage.put(record_type, contents):
             raise ProjectError(f"the id of one {record_type} is 0, not allowed on any board")
 

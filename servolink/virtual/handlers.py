@@ -11,12 +11,43 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from msgspec import Struct
 
-from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.codec import in_range, response_class
-from servolink.protocol.layout import content_size, layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, RecordType
-from servolink.protocol.servos import ALL_SERVOS
+from servolink.protocol import (
+    ALL_SERVOS,
+    PACKETS,
+    RECORD_TYPES,
+    SERVO_PARAMETER,
+    AddServoParameterRequest,
+    ClearAllDataRequest,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Packet,
+    QueryActiveJoystickTableRequest,
+    QueryActiveJoystickTableResponse,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoParameterRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    RecordType,
+    SendDummyDataRequest,
+    SetActiveJoystickTableRequest,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+    WriteProjectIDRequest,
+    layout,
+)
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.player import is_playable
 from servolink.virtual.simulated_servo import SimulatedServo
@@ -63,87 +94,87 @@ def handles(declared: type[P]) -> Callable[[Handler[P]], Handler[P]]:
 # ── settings, 3.1 ──
 
 
-@handles(settings.TransmissionModeSettingRequest)
-def _set_mode(context: RequestContext[settings.TransmissionModeSettingRequest]) -> Response:
-    if in_range(context.request):
+@handles(TransmissionModeSettingRequest)
+def _set_mode(context: RequestContext[TransmissionModeSettingRequest]) -> Response:
+    if context.request.is_in_range():
         context.hardware.mode = context.request.mode
-    return settings.TransmissionModeSettingResponse(context.hardware.mode)
+    return TransmissionModeSettingResponse(context.hardware.mode)
 
 
-@handles(settings.ClearAllDataRequest)
-def _clear(context: RequestContext[settings.ClearAllDataRequest]) -> Response:
+@handles(ClearAllDataRequest)
+def _clear(context: RequestContext[ClearAllDataRequest]) -> Response:
     context.hardware.player.stop()
     context.hardware.storage.clear()
     return True
 
 
-@handles(settings.QueryMemorySizeRequest)
-def _memory(context: RequestContext[settings.QueryMemorySizeRequest]) -> Response:
+@handles(QueryMemorySizeRequest)
+def _memory(context: RequestContext[QueryMemorySizeRequest]) -> Response:
     storage, kind = context.hardware.storage, context.hardware.kind
     total = kind.memory_reported * kind.memory_unit or storage.memory
     free = max(0, total - storage.used)
-    return settings.QueryMemorySizeResponse(free // kind.memory_unit, total // kind.memory_unit)
+    return QueryMemorySizeResponse(free // kind.memory_unit, total // kind.memory_unit)
 
 
-@handles(settings.QueryRemainPowerRequest)
-def _power(context: RequestContext[settings.QueryRemainPowerRequest]) -> Response:
-    return settings.QueryRemainPowerResponse(round(context.hardware.battery))
+@handles(QueryRemainPowerRequest)
+def _power(context: RequestContext[QueryRemainPowerRequest]) -> Response:
+    return QueryRemainPowerResponse(round(context.hardware.battery))
 
 
-@handles(settings.SendDummyDataRequest)
-def _dummy(context: RequestContext[settings.SendDummyDataRequest]) -> Response:
+@handles(SendDummyDataRequest)
+def _dummy(context: RequestContext[SendDummyDataRequest]) -> Response:
     return None
 
 
 # ── servos, 3.2 ──
 
 
-@handles(servos.QueryServoListRequest)
-def _servo_list(context: RequestContext[servos.QueryServoListRequest]) -> Response:
-    return servos.QueryServoListResponse(tuple(context.hardware.servos))
+@handles(QueryServoListRequest)
+def _servo_list(context: RequestContext[QueryServoListRequest]) -> Response:
+    return QueryServoListResponse(tuple(context.hardware.servos))
 
 
-@handles(servos.QueryServoRequest)
-def _servo(context: RequestContext[servos.QueryServoRequest]) -> Response:
+@handles(QueryServoRequest)
+def _servo(context: RequestContext[QueryServoRequest]) -> Response:
     servo_id = context.request.servo_id
     addressed = _addressed(context.hardware, servo_id)
     if not addressed and servo_id != ALL_SERVOS and _is_silent(context):
         return None
-    return servos.QueryServoResponse(tuple([servo.state() for servo in addressed]))
+    return QueryServoResponse(tuple([servo.state() for servo in addressed]))
 
 
-@handles(servos.SetServoParameterRequest)
-def _set_flags(context: RequestContext[servos.SetServoParameterRequest]) -> Response:
+@handles(SetServoParameterRequest)
+def _set_flags(context: RequestContext[SetServoParameterRequest]) -> Response:
     request, addressed = context.request, _addressed(context.hardware, context.request.servo_id)
-    if not addressed or not in_range(request):
+    if not addressed or not request.is_in_range():
         # The flags of servo 0 must differ as well: a query may address servo 0.
-        return servos.SetServoParameterResponse(0, int(not request.is_start), int(not request.is_hold))
+        return SetServoParameterResponse(0, int(not request.is_start), int(not request.is_hold))
     if request.servo_id == ALL_SERVOS and not request.is_start:
         context.hardware.player.stop()
     for servo in addressed:
         servo.set_flags(request.is_start, request.is_hold, context.now)
-    return servos.SetServoParameterResponse(request.servo_id, request.is_start, request.is_hold)
+    return SetServoParameterResponse(request.servo_id, request.is_start, request.is_hold)
 
 
-@handles(servos.SetAngleUnitRequest)
-def _set_unit(context: RequestContext[servos.SetAngleUnitRequest]) -> Response:
+@handles(SetAngleUnitRequest)
+def _set_unit(context: RequestContext[SetAngleUnitRequest]) -> Response:
     request, addressed = context.request, _addressed(context.hardware, context.request.servo_id)
-    if not addressed or not in_range(request):
-        return servos.SetAngleUnitResponse(0, int(not request.unit_type))
+    if not addressed or not request.is_in_range():
+        return SetAngleUnitResponse(0, int(not request.unit_type))
     for servo in addressed:
         servo.unit = request.unit_type
-    return servos.SetAngleUnitResponse(request.servo_id, request.unit_type)
+    return SetAngleUnitResponse(request.servo_id, request.unit_type)
 
 
-@handles(servos.ExecuteActionRequest)
-def _move(context: RequestContext[servos.ExecuteActionRequest]) -> Response:
-    if in_range(context.request):
+@handles(ExecuteActionRequest)
+def _move(context: RequestContext[ExecuteActionRequest]) -> Response:
+    if context.request.is_in_range():
         context.hardware.player.move(context.request.steps, context.now)
     return None
 
 
-@handles(servos.ExecuteActionExRequest)
-def _run_action(context: RequestContext[servos.ExecuteActionExRequest]) -> Response:
+@handles(ExecuteActionExRequest)
+def _run_action(context: RequestContext[ExecuteActionExRequest]) -> Response:
     context.hardware.player.run_action(context.request.action_id, context.now)
     return None
 
@@ -164,7 +195,9 @@ def _addressed(hardware: Hardware, servo_id: int) -> list[SimulatedServo]:
 
 
 def _handle_records(record_type: RecordType[Any]) -> None:
-    not_found = bytes(content_size(response_class(record_type.query(0))))  # all zeros: id 0, empty caption, no parts
+    not_found = bytes(
+        layout(PACKETS.response_of(record_type.query(0)), "little").size()
+    )  # all zeros: id 0, empty caption, no parts
 
     @handles(type(record_type.list_request))
     def list_all(context: RequestContext[Any]) -> Response:
@@ -195,7 +228,7 @@ def _group(context: RequestContext[Any], records: Iterable[tuple[int, bytes]]) -
     An entry in a list is the beginning of the record: id and caption.
     """
     order = context.hardware.codec.byte_order
-    rule = layout(response_class(context.request), order).rule
+    rule = layout(PACKETS.response_of(context.request), order).rule
     entries = [record[: rule.unit] for _, record in records][: rule.limit]
     return len(entries).to_bytes(rule.base, order) + b"".join(entries)
 
@@ -203,50 +236,50 @@ def _group(context: RequestContext[Any], records: Iterable[tuple[int, bytes]]) -
 # ── editing, 3.3 ──
 
 
-@handles(editing.ExecuteMacroRequest)
-def _run_macro(context: RequestContext[editing.ExecuteMacroRequest]) -> Response:
+@handles(ExecuteMacroRequest)
+def _run_macro(context: RequestContext[ExecuteMacroRequest]) -> Response:
     return context.hardware.player.run_macro(context.request.macro_id, context.now)
 
 
-@handles(editing.QueryServoParameterRequest)
-def _servo_parameters(context: RequestContext[editing.QueryServoParameterRequest]) -> Response:
+@handles(QueryServoParameterRequest)
+def _servo_parameters(context: RequestContext[QueryServoParameterRequest]) -> Response:
     return _group(context, context.hardware.storage.all(SERVO_PARAMETER))
 
 
-@handles(editing.AddServoParameterRequest)
-def _add_servo_parameters(context: RequestContext[editing.AddServoParameterRequest]) -> Response:
+@handles(AddServoParameterRequest)
+def _add_servo_parameters(context: RequestContext[AddServoParameterRequest]) -> Response:
     parameters = servo_parameters(context.request, context.content)
-    valid = parameters.keys() <= context.hardware.servos.keys() and in_range(context.request)
+    valid = parameters.keys() <= context.hardware.servos.keys() and context.request.is_in_range()
     return valid and context.hardware.storage.put(SERVO_PARAMETER, parameters)
 
 
-@handles(editing.WriteProjectIDRequest)
-def _write_project_id(context: RequestContext[editing.WriteProjectIDRequest]) -> Response:
+@handles(WriteProjectIDRequest)
+def _write_project_id(context: RequestContext[WriteProjectIDRequest]) -> Response:
     context.hardware.storage.project_id = context.request.project_id
     return True
 
 
-@handles(editing.QueryProjectIDRequest)
-def _project_id(context: RequestContext[editing.QueryProjectIDRequest]) -> Response:
-    return editing.QueryProjectIDResponse(context.hardware.storage.project_id)
+@handles(QueryProjectIDRequest)
+def _project_id(context: RequestContext[QueryProjectIDRequest]) -> Response:
+    return QueryProjectIDResponse(context.hardware.storage.project_id)
 
 
 # ── remote control, 3.4 ──
 
 
-@handles(joystick.SetActiveJoystickTableRequest)
-def _activate(context: RequestContext[joystick.SetActiveJoystickTableRequest]) -> Response:
+@handles(SetActiveJoystickTableRequest)
+def _activate(context: RequestContext[SetActiveJoystickTableRequest]) -> Response:
     return context.hardware.storage.activate(context.request.table_id)
 
 
-@handles(joystick.QueryActiveJoystickTableRequest)
-def _active(context: RequestContext[joystick.QueryActiveJoystickTableRequest]) -> Response:
-    return joystick.QueryActiveJoystickTableResponse(context.hardware.storage.active_table)
+@handles(QueryActiveJoystickTableRequest)
+def _active(context: RequestContext[QueryActiveJoystickTableRequest]) -> Response:
+    return QueryActiveJoystickTableResponse(context.hardware.storage.active_table)
 
 
-@handles(joystick.SubscribeButtonEventRequest)
-def _subscribe(context: RequestContext[joystick.SubscribeButtonEventRequest]) -> Response:
-    if not in_range(context.request):
+@handles(SubscribeButtonEventRequest)
+def _subscribe(context: RequestContext[SubscribeButtonEventRequest]) -> Response:
+    if not context.request.is_in_range():
         return False
     context.host.subscribed = bool(context.request.subscribe)
     return True

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from random import Random
+from typing import ClassVar
 
-from servolink.protocol.codec import Codec
+from servolink.protocol import Codec
 from servolink.virtual.buttons import Buttons
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
+from servolink.virtual.kind import BoardKind
 from servolink.virtual.player import Player
 from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
 
-MAX_SERVOS = 254
-"""Most servos of a board: ids are one byte, 0 means "no such servo", and 255 means all servos."""
 NEW_PROTOCOL = 1
 """Transmission mode in which a board accepts all requests (3.1.1)."""
 
@@ -28,18 +27,21 @@ _PER_CHARGE = _FULL / (2000.0 * 3600)  # a current of 2000 raw ADC lasts an hour
 class Hardware:
     """Servos, storage, buttons, battery, and player of stored records."""
 
+    MAX_SERVOS: ClassVar[int] = 254
+    """Most servos of a board: ids are one byte, 0 means "no such servo", and 255 means all servos."""
+
     def __init__(
         self,
         servos: int,
-        kind: BoardKind = DEFAULT_KIND,
+        kind: BoardKind = BoardKind.DEFAULT,
         *,
         seed: int = 0,
         codec: Codec | None = None,
         send_event: Callable[[bytes], None] = lambda frame: None,
     ) -> None:
         """Switch on, and pass frames of button events to `send_event`. Raise ValueError for a value out of range."""
-        if not 0 <= servos <= MAX_SERVOS:
-            raise ValueError(f"servos must be 0..{MAX_SERVOS}, not {servos}")
+        if not 0 <= servos <= self.MAX_SERVOS:
+            raise ValueError(f"servos must be 0..{self.MAX_SERVOS}, not {servos}")
         self._random = random = Random(seed)  # noqa: S311 - servos that differ a little, no secrets
         self.codec = codec or Codec()
         self.servos = {

@@ -7,15 +7,14 @@ from __future__ import annotations
 
 from functools import cache
 from operator import is_not
-from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, get_args, get_origin
 
 import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import astuple
 
-from servolink.escaping import quote
-from servolink.protocol.codec import PACKETS_BY_NAME
-from servolink.protocol.packet import Packet
+from servolink.errors import quote
+from servolink.protocol import PACKETS, Packet
 
 OnDuplicate = Literal["replace", "append", "reject"]
 """Effect of adding a stored id: the new record replaces the old record, is stored in addition, or is refused."""
@@ -67,10 +66,19 @@ class BoardKind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     bus_powered: Annotated[bool, Meta(description="power is lost when the last host detaches")] = False
     partial_writes: Annotated[bool, Meta(description="a loss of power leaves part of an unfinished write")] = False
 
+    DEFAULT: ClassVar[BoardKind]
+    """Kind of most boards."""
+
+    @classmethod
+    @cache  # and not at import: most boards are of the default kind
+    def options(cls) -> tuple[KindOption, ...]:
+        """Return all options, in order of their description."""
+        return tuple(map(_option, msgspec.structs.fields(cls)))
+
     def __post_init__(self) -> None:
         """Check the values of all options, unless all are defaults."""
         if any(map(is_not, astuple(self), self.__struct_defaults__)):
-            for option in kind_options():
+            for option in self.options():
                 option.check(getattr(self, option.name))
 
     @property
@@ -129,7 +137,7 @@ class KindOption(NamedTuple):
 
 
 def _request_names() -> set[str]:
-    return {name.removesuffix(_REQUEST) for name in PACKETS_BY_NAME if name.endswith(_REQUEST)}
+    return {name.removesuffix(_REQUEST) for name in PACKETS.by_name if name.endswith(_REQUEST)}
 
 
 def _option(field: msgspec.structs.FieldInfo) -> KindOption:
@@ -150,10 +158,4 @@ def _option(field: msgspec.structs.FieldInfo) -> KindOption:
     return KindOption(field.name, field.type, field.default, meaning, unit, allowed)
 
 
-@cache  # and not at import: most boards are of the default kind
-def kind_options() -> tuple[KindOption, ...]:
-    """Return all options, in order of their description."""
-    return tuple(map(_option, msgspec.structs.fields(BoardKind)))
-
-
-DEFAULT_KIND = BoardKind()
+BoardKind.DEFAULT = BoardKind()

@@ -7,11 +7,18 @@ from typing import TypeVar
 
 from msgspec import Struct
 
-from servolink.protocol.codec import Codec, in_range
-from servolink.protocol.editing import AddMacroRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import MAX_NESTING, Action, Macro, MacroCommandType, MacroPlaying, Step
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    Action,
+    Codec,
+    Macro,
+    MacroCommandType,
+    MacroPlaying,
+    Packet,
+    RecordType,
+    Step,
+)
 from servolink.virtual.kind import INTERVAL_UNIT
 from servolink.virtual.simulated_servo import SimulatedServo
 from servolink.virtual.storage import Storage
@@ -22,7 +29,8 @@ _WORK_AT_ONCE = 2000
 _BREAK = 0.01
 
 _TOO_DEEP = (
-    f"macros are nested more than {MAX_NESTING} levels deep, the limit of a virtual board; other boards may differ"
+    f"macros are nested more than {Macro.MAX_NESTING} levels deep, the limit of a virtual board; "
+    "other boards may differ"
 )
 
 T = TypeVar("T", bound=Struct)
@@ -33,8 +41,8 @@ def is_playable(request: Packet) -> bool:
 
     A record left by an interrupted write may have any values.
     """
-    commands = request.commands if isinstance(request, AddMacroRequest) else ()
-    return in_range(request) and all(
+    commands = request.commands if isinstance(request, Macro) else ()
+    return request.is_in_range() and all(
         command.type != MacroCommandType.DELAY or command.command_id >= 0 for command in commands
     )
 
@@ -157,7 +165,7 @@ class Player:
         if (height := snapshot.heights.get(macro_id)) is None:
             if macro_id in snapshot.macros:  # the macro is being collected: a circle
                 raise _Unplayable(f"macro {macro_id} runs itself")
-            if above >= MAX_NESTING:
+            if above >= Macro.MAX_NESTING:
                 raise _Unplayable(_TOO_DEEP)
             if (macro := self._record(MACRO, macro_id)) is None:
                 raise _Unplayable(f"macro {macro_id} is missing, or has unplayable values")
@@ -169,7 +177,7 @@ class Player:
                 elif command.type == MacroCommandType.ACTION:
                     self._collect_action(command.command_id, snapshot)
             snapshot.heights[macro_id] = height
-        if above + height > MAX_NESTING:
+        if above + height > Macro.MAX_NESTING:
             raise _Unplayable(_TOO_DEEP)
         return height
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from math import exp
+from typing import ClassVar
 
 from msgspec import Struct
 
-from servolink.protocol.servos import ServoState
+from servolink.protocol import ServoState
 
 DEGREES, ADC = 0, 1
 """Values of `SimulatedServo.unit`, the angle unit."""
 LOWEST, HIGHEST = -180.0, 180.0
 """Mechanical stops, in degrees."""
-IDLE_CURRENT, MAX_CURRENT = 3.0, 900.0
-"""Current of a released servo, and highest current, raw ADC."""
 
 _ADC_CENTRE, _ADC_PER_DEGREE, _ADC_HIGHEST = 2048, 4096 / 360, 4095
 _HOLDING, _MOVING = 40.0, 120.0  # current, raw ADC
@@ -40,6 +39,11 @@ class _Motion(Struct):
 
 class SimulatedServo:
     """Servo with movements at constant speed."""
+
+    IDLE_CURRENT: ClassVar[float] = 3.0
+    """Current of a released servo, raw ADC."""
+    MAX_CURRENT: ClassVar[float] = 900.0
+    """Highest current, raw ADC."""
 
     def __init__(self, servo_id: int, angle: float, friction: float) -> None:
         """Start at rest at `angle` (degrees). `friction`, about 1, multiplies the current, different for each servo."""
@@ -68,8 +72,8 @@ class SimulatedServo:
     def current(self) -> float:
         """Present current of the servo, raw ADC."""
         if self._motion is not None:
-            return min(MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
-        return _HOLDING * self._friction if self.is_hold else IDLE_CURRENT
+            return min(self.MAX_CURRENT, (_MOVING + _PER_SPEED * abs(self._motion.speed)) * self._friction)
+        return _HOLDING * self._friction if self.is_hold else self.IDLE_CURRENT
 
     def state(self) -> ServoState:
         """Return the state for a response of the board, with the angle in the unit of the servo."""

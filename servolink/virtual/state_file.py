@@ -16,12 +16,19 @@ import msgspec
 from msgspec import Meta, Struct
 
 from servolink.errors import PacketError, ServolinkError
-from servolink.files import MIB, read_file, reason, write_atomically
-from servolink.platforms.locks import open_locked, remove_locked
-from servolink.protocol import editing, joystick
-from servolink.protocol.frame import HEADER_SIZE, ByteOrder, encode_frame
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, TABLE
+from servolink.protocol import (
+    RECORD_TYPES,
+    SERVO_PARAMETER,
+    TABLE,
+    AddServoParameterRequest,
+    ByteOrder,
+    FrameAt,
+    Packet,
+    SetActiveJoystickTableRequest,
+    WriteProjectIDRequest,
+    encode_frame,
+)
+from servolink.support import MIB, LockedFile, read_file, reason, write_atomically
 from servolink.virtual.hardware import Hardware
 from servolink.virtual.storage import Contents, servo_parameters
 
@@ -49,7 +56,7 @@ class StateFile:
         # A separate lock file, because saving replaces the state file.
         self._lock_path = target.with_name(f".{target.name}.servolink-lock") if target.name else target
         try:
-            lock = open_locked(self._lock_path)
+            lock = LockedFile.open(self._lock_path)
         except OSError as error:
             load_state(board, path)  # the error of `load_state` is better for an unusable path
             raise ServolinkError(f"{path}: cannot be locked: {self._lock_path}: {reason(error)}") from error
@@ -74,7 +81,7 @@ class StateFile:
     def __exit__(self, *_: object) -> None:
         """Release the lock of the file."""
         with suppress(OSError):
-            remove_locked(self._lock_path, self._lock)
+            self._lock.remove()
 
     @property
     def is_outdated(self) -> bool:
@@ -148,7 +155,7 @@ def _angles(board: Hardware) -> dict[int, float]:
 def _requests(board: Hardware) -> Iterator[bytes]:
     """Yield frames of requests to restore the storage of `board`."""
     codec, storage = board.codec, board.storage
-    yield codec.encode(editing.WriteProjectIDRequest(storage.project_id))
+    yield codec.encode(WriteProjectIDRequest(storage.project_id))
     parameters = storage.servo_content(codec.byte_order)
     yield encode_frame(SERVO_PARAMETER.add_class.packet_id, parameters, codec.byte_order)
     for record_type in RECORD_TYPES:
@@ -156,7 +163,7 @@ def _requests(board: Hardware) -> Iterator[bytes]:
             yield encode_frame(record_type.add_class.packet_id, record, codec.byte_order)
     chosen = storage.contents.chosen_table
     if chosen and storage.get(TABLE, chosen) is not None:  # an interrupted deletion of the table may leave the id
-        yield codec.encode(joystick.SetActiveJoystickTableRequest(chosen))
+        yield codec.encode(SetActiveJoystickTableRequest(chosen))
 
 
 def _store(board: Hardware, request: str) -> str:
@@ -166,7 +173,7 @@ def _store(board: Hardware, request: str) -> str:
         packet = board.codec.decode_frame(frame)
     except (PacketError, ValueError) as error:
         return str(error)
-    stored = _carry_out(board, packet, frame[HEADER_SIZE:-1])
+    stored = _carry_out(board, packet, FrameAt(packet.packet_id, len(frame), frame).content)
     if stored is None:
         return f"{type(packet).__name__} stores nothing"
     return "" if stored else f"this {type(packet).__name__} needs more memory or servos, or a missing table"
@@ -179,13 +186,13 @@ def _carry_out(board: Hardware, packet: Packet, content: bytes) -> bool | None:
         if isinstance(packet, record_type.add_class):
             return storage.put(record_type, {record_type.id_of(packet): content}, on_duplicate="append")
     match packet:
-        case editing.WriteProjectIDRequest():
+        case WriteProjectIDRequest():
             storage.project_id = packet.project_id
             return True
-        case editing.AddServoParameterRequest():
+        case AddServoParameterRequest():
             parameters = servo_parameters(packet, content)
             return parameters.keys() <= board.servos.keys() and storage.put(SERVO_PARAMETER, parameters)
-        case joystick.SetActiveJoystickTableRequest():
+        case SetActiveJoystickTableRequest():
             return storage.activate(packet.table_id)
         case _:
             return None

@@ -15,14 +15,20 @@ from typing import Any, TypeAlias
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.layout import content_size, layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE, RecordType, StoredType
-from servolink.protocol.records import ServoParameter
-from servolink.protocol.servos import QueryServoRequest
+from servolink.protocol import (
+    SERVO_PARAMETER,
+    STORED_TYPES,
+    TABLE,
+    AddServoParameterRequest,
+    ByteOrder,
+    Codec,
+    Packet,
+    QueryServoRequest,
+    RecordType,
+    ServoParameter,
+    StoredType,
+    layout,
+)
 from servolink.virtual.kind import BoardKind, OnDuplicate
 
 AnyType: TypeAlias = StoredType[Any]
@@ -148,7 +154,7 @@ class Storage:
     def servo_content(self, byte_order: ByteOrder) -> bytes:
         """Return the content of a request to store all servo parameters again."""
         records = [record for _, record in self.all(SERVO_PARAMETER)]
-        count = len(records).to_bytes(content_size(SERVO_PARAMETER.add_class), byte_order)
+        count = len(records).to_bytes(layout(SERVO_PARAMETER.add_class, "little").size(), byte_order)
         return count + b"".join(records)
 
     def servo_parameters(self, codec: Codec) -> tuple[ServoParameter, ...]:
@@ -242,13 +248,11 @@ def _without_tail(stored_type: AnyType, record: Record, random: Random, byte_ord
     rule = layout(stored_type.add_class, byte_order).rule
     is_erased = random.random() < 0.5
     if not isinstance(stored_type, RecordType):  # parameters of a servo have no counted parts
-        at = random.randrange(content_size(QueryServoRequest), len(content))
+        at = random.randrange(layout(QueryServoRequest, "little").size(), len(content))
         return record_id, content[:at].ljust(len(content), b"\xff" if is_erased else b"\0")
-    at = random.randrange(content_size(stored_type.query_class), len(content))
+    at = random.randrange(layout(stored_type.query_class, "little").size(), len(content))
     parts = rule.base  # position of the first part, directly after the count
-    count = content_size(
-        AddServoParameterRequest
-    )  # size of a count: the request without parameters has no other content
+    count = layout(AddServoParameterRequest, "little").size()  # of a count: without parameters, there is nothing else
     if is_erased:
         left = content[:at].ljust(len(content), b"\xff")
         return record_id, left[: parts - count] + content[parts - count : parts] + left[parts:]

@@ -6,22 +6,17 @@ import asyncio
 import logging
 from collections.abc import Callable
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 from servolink.errors import OpenError, ServolinkError, TransportUnavailable
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.address import Address
-from servolink.transports.lifecycle import BaseTransport
-from servolink.transports.line_faults import Faults, FaultyTransport
+from servolink.protocol import ByteOrder, Codec
+from servolink.support import call_at
+from servolink.transports import Address, BaseTransport, Faults, FaultyTransport
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.hardware import MAX_SERVOS, Hardware
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind, kind_options
-
-if TYPE_CHECKING:  # late: most virtual boards have no state file
-    from pathlib import Path
-
-    from servolink.virtual.state_file import StateFile
+from servolink.virtual.hardware import Hardware
+from servolink.virtual.kind import BoardKind
+from servolink.virtual.state_file import StateFile
 
 SAVE_AFTER = 0.5
 """Seconds from a change of the storage to the saving."""
@@ -40,7 +35,7 @@ class AttachedSession(Protocol):
 
 
 class ServedBoard(Protocol):
-    """Board that can be driven and served, such as `VirtualBoard` and `OddBoard`."""
+    """Board that can be driven and served, such as `VirtualBoard`."""
 
     def attach(
         self, send: Callable[[bytes], None], unsent: Callable[[], int], unplugged: Callable[[], None]
@@ -79,6 +74,7 @@ class BoardDriver:
         self._board = board
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
+        self._due = 0.0  # loop time of the timer
         board.advance(self._loop.time())
         board.watch(self._schedule)
         self._schedule()
@@ -90,11 +86,11 @@ class BoardDriver:
 
     def _schedule(self) -> None:
         due = self._board.next_due(self._loop.time())
-        if self._timer is not None and self._timer.when() == due:
+        if self._timer is not None and self._due == due:
             return
         self._cancel()
         if due is not None:
-            self._timer = self._loop.call_at(due, self._wake, due)
+            self._due, self._timer = due, call_at(self._loop, due, self._wake, due)
 
     def _wake(self, due: float) -> None:
         self._timer = None
@@ -140,31 +136,21 @@ class StateSaver:
 def from_address(address: Address) -> BoardTransport[Any] | FaultyVirtualTransport:
     """Return a transport to a new board for `virtual://?servos=16&seed=1&drop=0.01&state=FILE...`.
 
-    `byte_order` applies to the board, and by default also to the connection. `odd=KIND` is an odd board instead, which
-    has no other options than the faults of the line. `twin=FILE` gives the board the body of a project.
+    `byte_order` applies to the board, and by default also to the connection. `twin=FILE` gives the board the body of a
+    project. `virtual://NAME` leads to the board of this name in `BOARDS`, and its only options are faults of the line.
     """
     board = BOARDS.get(address.host)
     if (address.host and board is None) or address.port or address.path.strip("/"):
         raise address.refusal("a virtual board has no host or path, only options: virtual://?servos=16")
     seed = address.integer("seed", 0, 0, 2**63 - 1)
     faults = Faults.from_address(address)
-    address.text("odd", "")  # declared, also for the list of options in an error
-    if board is None and "odd" in address.options:
-        board = _odd(address)
     transport = _virtual(address, seed) if board is None else BoardTransport(board, address.url)
     address.refuse_unknown()
     return transport if faults == Faults() else FaultyVirtualTransport(transport, faults, seed=seed)
 
 
-def _odd(address: Address) -> ServedBoard:
-    """Return a new odd board. Raise InvalidAddress for an unknown kind."""
-    from servolink.virtual.odd.kinds import KINDS  # late: reads the transcribed document
-
-    return KINDS[address.choice("odd", "plain", tuple(KINDS))]()
-
-
 def _virtual(address: Address, seed: int) -> VirtualTransport:
-    servos = address.integer("servos", 16, 0, MAX_SERVOS)
+    servos = address.integer("servos", 16, 0, Hardware.MAX_SERVOS)
     codec = Codec(cast("ByteOrder", address.choice("byte_order", "little", ("little", "big"))))
     kind = _kind_in(address)
     project = address.text("twin", "")
@@ -176,7 +162,6 @@ def _virtual(address: Address, seed: int) -> VirtualTransport:
     state = address.text("state", "")
     if not state:
         return VirtualTransport(board, address.url)
-    from pathlib import Path
 
     return VirtualTransport(board, address.url, Path(state))
 
@@ -195,8 +180,8 @@ def _kind_in(address: Address) -> BoardKind:
     given = {}
     texts = {name: address.text(name, "") for name in BoardKind.__struct_fields__}
     if texts.keys().isdisjoint(address.options):
-        return DEFAULT_KIND
-    for option in kind_options():
+        return BoardKind.DEFAULT
+    for option in BoardKind.options():
         if option.name in address.options:
             try:
                 given[option.name] = option.read(texts[option.name])
@@ -289,8 +274,6 @@ class VirtualTransport(BoardTransport[VirtualBoard]):
     async def _open(self) -> None:
         """Attach to the board. Raise OpenError if the state file cannot be loaded, or is used by another board."""
         if self._state is not None:
-            from servolink.virtual.state_file import StateFile
-
             try:
                 self._file = StateFile(self.board, self._state)
             except ServolinkError as error:

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import TypeVar, cast
 
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest
-from servolink.protocol.packet import Packet, Request, Response
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.records import MacroCommand, Step
-from servolink.protocol.servos import QueryServoRequest, ServoState
+from servolink.protocol import (
+    AddActionRequest,
+    AddMacroRequest,
+    FrameParser,
+    MacroCommand,
+    Packet,
+    QueryServoRequest,
+    Request,
+    Response,
+    ServoState,
+    Step,
+)
 from servolink.virtual.board import VirtualBoard
 
 R = TypeVar("R", bound=Response)

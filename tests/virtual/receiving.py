@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.listeners.tcp import host_and_port
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.transports.base import Transport
+from servolink.protocol import Codec, FrameParser, Packet
+from servolink.transports import NetworkPlace, Transport
 
 GUARD = 120.0
 """Seconds after which a test that waits for real input gives up."""
@@ -17,7 +14,7 @@ ANY_PORT = "127.0.0.1:0"
 
 async def client(url: str) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
     """Connect to a place, or to the place of an address, without a transport."""
-    return await asyncio.open_connection(*host_and_port(url.removeprefix("tcp://")))
+    return await asyncio.open_connection(*NetworkPlace.parse(url.removeprefix("tcp://")))
 
 
 class Heard:

@@ -9,23 +9,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servolink.protocol.codec import PACKETS, Codec
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.records import MacroCommand
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.protocol.settings import (
+from servolink.protocol import (
+    PACKETS,
+    Codec,
+    ExecuteMacroRequest,
+    FrameParser,
+    MacroCommand,
+    Packet,
     QueryMemorySizeRequest,
     QueryRemainPowerRequest,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
     SendDummyDataRequest,
     TransmissionModeSettingRequest,
+    encode_frame,
 )
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.hardware import MAX_SERVOS
+from servolink.virtual.hardware import Hardware
 from servolink.virtual.kind import BoardKind
-from tests.fuzz.amounts import MANY
+from tests.proofs.fuzz.amounts import MANY
 from tests.protocol.declared import any_packet
 from tests.virtual.host import START, Host
 
@@ -40,12 +43,12 @@ def test_a_fresh_board_is_empty_and_ready() -> None:
     assert host.board.next_due(START) is None
 
 
-@pytest.mark.parametrize("servos", [0, 1, MAX_SERVOS])
+@pytest.mark.parametrize("servos", [0, 1, Hardware.MAX_SERVOS])
 def test_it_has_as_many_servos_as_it_was_given(servos: int) -> None:
     assert len(Host(VirtualBoard(servos)).ask(QueryServoRequest(255)).servos) == servos
 
 
-@pytest.mark.parametrize("servos", [-1, MAX_SERVOS + 1])
+@pytest.mark.parametrize("servos", [-1, Hardware.MAX_SERVOS + 1])
 def test_more_servos_than_ids_are_refused(servos: int) -> None:
     with pytest.raises(ValueError, match=f"servos must be 0..254, not {servos}"):
         VirtualBoard(servos)

@@ -5,19 +5,18 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import EncodeError
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.joystick import (
-    LONG_PRESS,
-    PRESS,
-    UP,
+from servolink.protocol import (
     AddJoystickTableRequest,
+    Button,
     ButtonEventResponse,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    MacroCommand,
     SetActiveJoystickTableRequest,
+    Step,
     SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
 )
-from servolink.protocol.records import Button, MacroCommand, Step
-from servolink.protocol.servos import ExecuteActionRequest
-from servolink.protocol.settings import TransmissionModeSettingRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.buttons import LONG_PRESS_AFTER
 from tests.virtual.host import START, Host
@@ -52,25 +51,33 @@ def test_a_short_press_is_two_events(host: Host) -> None:
     host.board.press_button(7, START)
     host.board.release_button(7, START + 0.1)
     host.board.advance(START + 10)
-    assert events(host) == [(7, PRESS), (7, UP)]
+    assert events(host) == [(7, ButtonEventResponse.PRESS), (7, ButtonEventResponse.UP)]
 
 
 def test_held_long_enough_it_is_three_and_the_second_comes_by_itself(host: Host) -> None:
     host.board.press_button(7, START)
     assert host.board.next_due(START) == LONG
     host.board.advance(LONG - 0.001)
-    assert events(host) == [(7, PRESS)]
+    assert events(host) == [(7, ButtonEventResponse.PRESS)]
     host.board.advance(LONG)
-    assert events(host) == [(7, PRESS), (7, LONG_PRESS)]
+    assert events(host) == [(7, ButtonEventResponse.PRESS), (7, ButtonEventResponse.LONG_PRESS)]
     assert host.board.next_due(LONG) is None
     host.board.release_button(7, LONG + 5)
-    assert events(host) == [(7, PRESS), (7, LONG_PRESS), (7, UP)]
+    assert events(host) == [
+        (7, ButtonEventResponse.PRESS),
+        (7, ButtonEventResponse.LONG_PRESS),
+        (7, ButtonEventResponse.UP),
+    ]
 
 
 def test_a_release_that_comes_late_still_had_its_long_press(host: Host) -> None:
     host.board.press_button(7, START)
     host.board.release_button(7, LONG + 1)
-    assert events(host) == [(7, PRESS), (7, LONG_PRESS), (7, UP)]
+    assert events(host) == [
+        (7, ButtonEventResponse.PRESS),
+        (7, ButtonEventResponse.LONG_PRESS),
+        (7, ButtonEventResponse.UP),
+    ]
 
 
 def test_bounces_and_releases_of_what_is_up_are_nothing(host: Host) -> None:
@@ -79,7 +86,7 @@ def test_bounces_and_releases_of_what_is_up_are_nothing(host: Host) -> None:
     host.board.press_button(7, START + 0.1)
     host.board.release_button(7, START + 0.2)
     host.board.release_button(7, START + 0.3)
-    assert events(host) == [(7, PRESS), (7, UP)]
+    assert events(host) == [(7, ButtonEventResponse.PRESS), (7, ButtonEventResponse.UP)]
 
 
 def test_buttons_are_held_independently(host: Host) -> None:
@@ -87,7 +94,12 @@ def test_buttons_are_held_independently(host: Host) -> None:
     host.board.press_button(2, START + 0.5)
     host.board.release_button(1, START + 0.6)
     host.board.advance(START + 2)
-    assert events(host) == [(1, PRESS), (2, PRESS), (1, UP), (2, LONG_PRESS)]
+    assert events(host) == [
+        (1, ButtonEventResponse.PRESS),
+        (2, ButtonEventResponse.PRESS),
+        (1, ButtonEventResponse.UP),
+        (2, ButtonEventResponse.LONG_PRESS),
+    ]
 
 
 def test_only_subscribers_hear_of_it_and_only_while_they_are(host: Host) -> None:
@@ -98,7 +110,7 @@ def test_only_subscribers_hear_of_it_and_only_while_they_are(host: Host) -> None
     host.board.press_button(7, START)
     host.tell(SubscribeButtonEventRequest(0))
     host.board.release_button(7, START)
-    assert events(host) == [(7, PRESS)]
+    assert events(host) == [(7, ButtonEventResponse.PRESS)]
     assert events(other) == events(third) == []
 
 
@@ -181,7 +193,11 @@ def test_macros_that_are_not_there_are_not_run(host: Host) -> None:
     host.board.press_button(7, START)
     host.board.release_button(7, LONG + 1)
     assert host.angle(1, START + 5) == 0
-    assert events(host) == [(7, PRESS), (7, LONG_PRESS), (7, UP)]
+    assert events(host) == [
+        (7, ButtonEventResponse.PRESS),
+        (7, ButtonEventResponse.LONG_PRESS),
+        (7, ButtonEventResponse.UP),
+    ]
 
 
 def test_a_macro_started_meanwhile_takes_the_place_of_the_one_that_waits(host: Host) -> None:

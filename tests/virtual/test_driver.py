@@ -7,7 +7,7 @@ from collections.abc import Callable, Coroutine
 from contextvars import Context
 from typing import TypeVarTuple
 
-from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse
+from servolink.protocol import ButtonEventResponse
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.transport import BoardDriver
 from tests.virtual.host import Host
@@ -43,7 +43,10 @@ def test_a_timer_that_fires_early_does_what_was_due() -> None:
         driver = BoardDriver(board)
         board.press_button(1, loop.time())
         await asyncio.sleep(1)
-        assert host.heard == [ButtonEventResponse(1, PRESS), ButtonEventResponse(1, LONG_PRESS)]
+        assert host.heard == [
+            ButtonEventResponse(1, ButtonEventResponse.PRESS),
+            ButtonEventResponse(1, ButtonEventResponse.LONG_PRESS),
+        ]
         driver.stop()
 
     _run(main)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from servolink.errors import EncodeError, ProjectError
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from servolink.virtual import dry_run as rehearsal
 from servolink.virtual.dry_run import LONGEST, DryMove, DryRun, Timeline
 

@@ -6,10 +6,59 @@ import struct
 
 import pytest
 
-from servolink.protocol import editing, joystick, records, servos, settings
-from servolink.protocol.codec import PACKETS, Codec
-from servolink.protocol.frame import MAGIC, OVERHEAD, ByteOrder, encode_frame
-from servolink.protocol.packet import Command, Packet, Request, Response
+from servolink.protocol import (
+    MAGIC,
+    OVERHEAD,
+    PACKETS,
+    ActionEntry,
+    AddActionRequest,
+    AddJoystickTableRequest,
+    AddMacroRequest,
+    AddServoParameterRequest,
+    Button,
+    ByteOrder,
+    ClearAllDataRequest,
+    Codec,
+    Command,
+    DeleteActionRequest,
+    DeleteJoystickTableRequest,
+    DeleteMacroRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    JoystickTableEntry,
+    MacroCommand,
+    MacroEntry,
+    Packet,
+    QueryActionListRequest,
+    QueryActionRequest,
+    QueryActiveJoystickTableRequest,
+    QueryJoystickTableListRequest,
+    QueryJoystickTableRequest,
+    QueryJoystickTableResponse,
+    QueryMacroListRequest,
+    QueryMacroRequest,
+    QueryMacroResponse,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryProjectIDRequest,
+    QueryRemainPowerRequest,
+    QueryServoListRequest,
+    QueryServoParameterRequest,
+    QueryServoRequest,
+    Request,
+    Response,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+    Step,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
+    encode_frame,
+)
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.handlers import HANDLERS
 from servolink.virtual.kind import BoardKind
@@ -64,11 +113,11 @@ def test_commands_are_not_answered(declared: type[Packet]) -> None:
 
 
 def test_the_mode_is_echoed_and_the_old_protocol_hears_nothing_but_mode_setting(host: Host) -> None:
-    assert host.ask(settings.TransmissionModeSettingRequest(1)).result == 1
-    assert host.ask(settings.TransmissionModeSettingRequest(0)).result == 0
-    assert host.tell(servos.QueryServoListRequest()) == []
-    assert host.ask(settings.TransmissionModeSettingRequest(1)).result == 1
-    assert host.ask(servos.QueryServoListRequest()).servo_id_list == (1, 2, 3)
+    assert host.ask(TransmissionModeSettingRequest(1)).result == 1
+    assert host.ask(TransmissionModeSettingRequest(0)).result == 0
+    assert host.tell(QueryServoListRequest()) == []
+    assert host.ask(TransmissionModeSettingRequest(1)).result == 1
+    assert host.ask(QueryServoListRequest()).servo_id_list == (1, 2, 3)
 
 
 def test_an_unknown_mode_is_answered_with_the_one_in_force(host: Host) -> None:
@@ -76,40 +125,40 @@ def test_an_unknown_mode_is_answered_with_the_one_in_force(host: Host) -> None:
 
 
 def test_memory_is_counted_to_the_byte(host: Host) -> None:
-    empty = host.ask(settings.QueryMemorySizeRequest())
+    empty = host.ask(QueryMemorySizeRequest())
     assert empty.size == empty.total_size == host.board.storage.memory
     host.store_action(1, (1, 90, 100), (2, 90, 100))
-    assert host.ask(settings.QueryMemorySizeRequest()).size == empty.size - (38 + 2 * 5)
-    host.ask(editing.DeleteActionRequest(1))
-    assert host.ask(settings.QueryMemorySizeRequest()) == empty
+    assert host.ask(QueryMemorySizeRequest()).size == empty.size - (38 + 2 * 5)
+    host.ask(DeleteActionRequest(1))
+    assert host.ask(QueryMemorySizeRequest()) == empty
 
 
 def test_clearing_forgets_all_that_is_stored(host: Host) -> None:
     host.store_action(1)
     host.store_macro(1)
-    host.ask(joystick.AddJoystickTableRequest(1))
-    host.ask(joystick.SetActiveJoystickTableRequest(1))
-    host.ask(editing.AddServoParameterRequest((records.ServoParameter(1),)))
-    host.ask(editing.WriteProjectIDRequest(9))
-    assert host.ask(settings.ClearAllDataRequest()).result == 1
-    assert host.ask(editing.QueryActionListRequest()).actions == ()
-    assert host.ask(editing.QueryMacroListRequest()).macros == ()
-    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == ()
-    assert host.ask(joystick.QueryActiveJoystickTableRequest()).table_id == 0
-    assert host.ask(editing.QueryServoParameterRequest()).servos == ()
-    assert host.ask(editing.QueryProjectIDRequest()).project_id == 0
+    host.ask(AddJoystickTableRequest(1))
+    host.ask(SetActiveJoystickTableRequest(1))
+    host.ask(AddServoParameterRequest((ServoParameter(1),)))
+    host.ask(WriteProjectIDRequest(9))
+    assert host.ask(ClearAllDataRequest()).result == 1
+    assert host.ask(QueryActionListRequest()).actions == ()
+    assert host.ask(QueryMacroListRequest()).macros == ()
+    assert host.ask(QueryJoystickTableListRequest()).tables == ()
+    assert host.ask(QueryActiveJoystickTableRequest()).table_id == 0
+    assert host.ask(QueryServoParameterRequest()).servos == ()
+    assert host.ask(QueryProjectIDRequest()).project_id == 0
 
 
 def test_the_battery_drains_with_time_and_faster_with_motion() -> None:
     def after(packet: Packet, hours: float) -> int:
         host = Host(VirtualBoard())
         host.tell(packet)
-        return host.ask(settings.QueryRemainPowerRequest(), START + 3600 * hours).permil
+        return host.ask(QueryRemainPowerRequest(), START + 3600 * hours).permil
 
-    released = servos.SetServoParameterRequest(255, 1, 0)
-    moved = servos.ExecuteActionRequest(tuple(records.Step(servo_id, 180, 32767) for servo_id in range(1, 17)))
+    released = SetServoParameterRequest(255, 1, 0)
+    moved = ExecuteActionRequest(tuple(Step(servo_id, 180, 32767) for servo_id in range(1, 17)))
     assert after(released, 0) == 1000
-    assert after(moved, 0.09) < after(servos.SetServoParameterRequest(255, 1, 1), 0.09) < after(released, 0.09) < 1000
+    assert after(moved, 0.09) < after(SetServoParameterRequest(255, 1, 1), 0.09) < after(released, 0.09) < 1000
     assert after(released, 1000) == 0
 
 
@@ -117,44 +166,44 @@ def test_the_battery_drains_with_time_and_faster_with_motion() -> None:
 
 
 def test_states_are_told_of_all_of_one_and_of_none(host: Host) -> None:
-    everything = host.ask(servos.QueryServoRequest(255)).servos
+    everything = host.ask(QueryServoRequest(255)).servos
     assert [servo.servo_id for servo in everything] == [1, 2, 3]
-    assert host.ask(servos.QueryServoRequest(2)).servos == (everything[1],)
-    assert host.ask(servos.QueryServoRequest(4)).servos == ()
-    assert host.ask(servos.QueryServoRequest(0)).servos == ()
+    assert host.ask(QueryServoRequest(2)).servos == (everything[1],)
+    assert host.ask(QueryServoRequest(4)).servos == ()
+    assert host.ask(QueryServoRequest(0)).servos == ()
 
 
 def test_flags_are_set_for_one_and_for_all(host: Host) -> None:
-    assert host.ask(servos.SetServoParameterRequest(2, 0, 1)) == servos.SetServoParameterResponse(2, 0, 1)
-    flags = [(servo.is_start, servo.is_hold) for servo in host.ask(servos.QueryServoRequest(255)).servos]
+    assert host.ask(SetServoParameterRequest(2, 0, 1)) == SetServoParameterResponse(2, 0, 1)
+    flags = [(servo.is_start, servo.is_hold) for servo in host.ask(QueryServoRequest(255)).servos]
     assert flags == [(1, 1), (0, 1), (1, 1)]
-    assert host.ask(servos.SetServoParameterRequest(255, 1, 0)) == servos.SetServoParameterResponse(255, 1, 0)
-    flags = [(servo.is_start, servo.is_hold) for servo in host.ask(servos.QueryServoRequest(255)).servos]
+    assert host.ask(SetServoParameterRequest(255, 1, 0)) == SetServoParameterResponse(255, 1, 0)
+    flags = [(servo.is_start, servo.is_hold) for servo in host.ask(QueryServoRequest(255)).servos]
     assert flags == [(1, 0)] * 3
 
 
 @pytest.mark.parametrize("servo_id", [0, 4, 254])
 @pytest.mark.parametrize("value", [0, 1])
 def test_unknown_servos_are_answered_with_0_and_what_was_not_asked(host: Host, servo_id: int, value: int) -> None:
-    flags = host.ask(servos.SetServoParameterRequest(servo_id, value, value))
-    assert flags == servos.SetServoParameterResponse(0, 1 - value, 1 - value)
-    unit = host.ask(servos.SetAngleUnitRequest(servo_id, value))
-    assert unit == servos.SetAngleUnitResponse(0, 1 - value)
+    flags = host.ask(SetServoParameterRequest(servo_id, value, value))
+    assert flags == SetServoParameterResponse(0, 1 - value, 1 - value)
+    unit = host.ask(SetAngleUnitRequest(servo_id, value))
+    assert unit == SetAngleUnitResponse(0, 1 - value)
 
 
 def test_flags_and_units_out_of_range_change_nothing(host: Host) -> None:
-    before = host.ask(servos.QueryServoRequest(255))
+    before = host.ask(QueryServoRequest(255))
     assert raw(host, 20030, b"\x01\x02\x01")[8] == 0
     assert raw(host, 20040, b"\x01\x02")[8] == 0
-    assert host.ask(servos.QueryServoRequest(255)) == before
+    assert host.ask(QueryServoRequest(255)) == before
 
 
 def test_each_servo_has_its_own_unit(host: Host) -> None:
-    host.tell(servos.ExecuteActionRequest((records.Step(1, 90, 0), records.Step(2, 90, 0))))
-    assert host.ask(servos.SetAngleUnitRequest(2, 1)) == servos.SetAngleUnitResponse(2, 1)
+    host.tell(ExecuteActionRequest((Step(1, 90, 0), Step(2, 90, 0))))
+    assert host.ask(SetAngleUnitRequest(2, 1)) == SetAngleUnitResponse(2, 1)
     assert (host.angle(1, START), host.angle(2, START)) == (90, 3072)
-    host.tell(servos.ExecuteActionRequest((records.Step(2, 1024, 0),)))
-    assert host.ask(servos.SetAngleUnitRequest(255, 0)) == servos.SetAngleUnitResponse(255, 0)
+    host.tell(ExecuteActionRequest((Step(2, 1024, 0),)))
+    assert host.ask(SetAngleUnitRequest(255, 0)) == SetAngleUnitResponse(255, 0)
     assert host.angle(2, START) == -90
 
 
@@ -171,73 +220,73 @@ def test_records_are_listed_read_replaced_and_deleted(host: Host) -> None:
     host.store_action(5, (1, 10, 20))
     host.store_action(-3)
     host.store_action(5, (2, 30, 40))
-    entries = host.ask(editing.QueryActionListRequest()).actions
-    assert entries == (records.ActionEntry(5, "action 5"), records.ActionEntry(-3, "action -3"))
-    assert host.ask(editing.QueryActionRequest(5)).steps == (records.Step(2, 30, 40),)
-    assert host.ask(editing.DeleteActionRequest(5)).result == 1
-    assert host.ask(editing.DeleteActionRequest(5)).result == 0
-    assert host.ask(editing.QueryActionListRequest()).actions == entries[1:]
+    entries = host.ask(QueryActionListRequest()).actions
+    assert entries == (ActionEntry(5, "action 5"), ActionEntry(-3, "action -3"))
+    assert host.ask(QueryActionRequest(5)).steps == (Step(2, 30, 40),)
+    assert host.ask(DeleteActionRequest(5)).result == 1
+    assert host.ask(DeleteActionRequest(5)).result == 0
+    assert host.ask(QueryActionListRequest()).actions == entries[1:]
 
 
 def test_a_board_that_appends_lists_an_id_twice_and_gives_and_deletes_the_first() -> None:
     host = Host(VirtualBoard(kind=BoardKind(on_duplicate="append")))
     for caption in ("one", "two"):
-        assert host.ask(editing.AddActionRequest(7, caption)).result == 1
-    entries = (records.ActionEntry(7, "one"), records.ActionEntry(7, "two"))
-    assert host.ask(editing.QueryActionListRequest()).actions == entries
-    assert host.ask(editing.QueryActionRequest(7)).action_caption == "one"
-    assert host.ask(editing.DeleteActionRequest(7)).result == 1
-    assert host.ask(editing.QueryActionListRequest()).actions == entries[1:]
-    assert host.ask(editing.QueryActionRequest(7)).action_caption == "two"
+        assert host.ask(AddActionRequest(7, caption)).result == 1
+    entries = (ActionEntry(7, "one"), ActionEntry(7, "two"))
+    assert host.ask(QueryActionListRequest()).actions == entries
+    assert host.ask(QueryActionRequest(7)).action_caption == "one"
+    assert host.ask(DeleteActionRequest(7)).result == 1
+    assert host.ask(QueryActionListRequest()).actions == entries[1:]
+    assert host.ask(QueryActionRequest(7)).action_caption == "two"
 
 
 def test_a_board_that_rejects_keeps_what_it_has() -> None:
     host = Host(VirtualBoard(kind=BoardKind(on_duplicate="reject")))
-    results = [host.ask(joystick.AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
+    results = [host.ask(AddJoystickTableRequest(7, caption)).result for caption in ("one", "two")]
     assert results == [1, 0]
-    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(7, "one"),)
+    assert host.ask(QueryJoystickTableListRequest()).tables == (JoystickTableEntry(7, "one"),)
 
 
 def test_clearing_the_records_ends_the_macro_and_leaves_project_id_and_parameters() -> None:
     host = Host(VirtualBoard(kind=BoardKind(clear="records")))
-    host.ask(editing.WriteProjectIDRequest(5))
-    parameters = (records.ServoParameter(1, 2, "hip"),)
-    host.ask(editing.AddServoParameterRequest(parameters))
-    host.store_macro(1, records.MacroCommand(100, 1))
-    host.ask(editing.ExecuteMacroRequest(1))
-    assert host.ask(settings.ClearAllDataRequest()).result == 1
+    host.ask(WriteProjectIDRequest(5))
+    parameters = (ServoParameter(1, 2, "hip"),)
+    host.ask(AddServoParameterRequest(parameters))
+    host.store_macro(1, MacroCommand(100, 1))
+    host.ask(ExecuteMacroRequest(1))
+    assert host.ask(ClearAllDataRequest()).result == 1
     assert host.board.next_due(START) is None
-    assert host.ask(editing.QueryMacroListRequest()).macros == ()
-    assert host.ask(editing.QueryProjectIDRequest()).project_id == 5
-    assert host.ask(editing.QueryServoParameterRequest()).servos == parameters
+    assert host.ask(QueryMacroListRequest()).macros == ()
+    assert host.ask(QueryProjectIDRequest()).project_id == 5
+    assert host.ask(QueryServoParameterRequest()).servos == parameters
 
 
 def test_what_is_not_there_is_answered_with_id_0_or_result_0(host: Host) -> None:
-    assert host.ask(editing.QueryActionRequest(5)).action_id == 0
-    assert host.ask(editing.QueryMacroRequest(5)).macro_id == 0
-    assert host.ask(joystick.QueryJoystickTableRequest(5)).table_id == 0
-    assert host.ask(editing.DeleteMacroRequest(5)).result == 0
-    assert host.ask(joystick.DeleteJoystickTableRequest(5)).result == 0
-    assert host.ask(editing.ExecuteMacroRequest(5)).result == 0
-    assert host.ask(joystick.SetActiveJoystickTableRequest(5)).result == 0
+    assert host.ask(QueryActionRequest(5)).action_id == 0
+    assert host.ask(QueryMacroRequest(5)).macro_id == 0
+    assert host.ask(QueryJoystickTableRequest(5)).table_id == 0
+    assert host.ask(DeleteMacroRequest(5)).result == 0
+    assert host.ask(DeleteJoystickTableRequest(5)).result == 0
+    assert host.ask(ExecuteMacroRequest(5)).result == 0
+    assert host.ask(SetActiveJoystickTableRequest(5)).result == 0
 
 
 def test_id_0_cannot_be_stored(host: Host) -> None:
-    assert host.ask(editing.AddActionRequest(0)).result == 0
-    assert host.ask(editing.AddMacroRequest(0)).result == 0
-    assert host.ask(joystick.AddJoystickTableRequest(0)).result == 0
+    assert host.ask(AddActionRequest(0)).result == 0
+    assert host.ask(AddMacroRequest(0)).result == 0
+    assert host.ask(AddJoystickTableRequest(0)).result == 0
 
 
 def test_macros_and_tables_come_back_as_they_were_sent(host: Host) -> None:
-    commands = (records.MacroCommand(1, 2, 50, 3, 9000), records.MacroCommand(500, 1))
-    assert host.ask(editing.AddMacroRequest(8, "walk", commands)).result == 1
-    assert host.ask(editing.QueryMacroRequest(8)) == editing.QueryMacroResponse(8, "walk", commands)
-    assert host.ask(editing.QueryMacroListRequest()).macros == (records.MacroEntry(8, "walk"),)
-    buttons = (records.Button(0xFFFF_FFFF, "fire", 1, 2, 3, 1),)
-    assert host.ask(joystick.AddJoystickTableRequest(9, "pad", buttons)).result == 1
-    assert host.ask(joystick.QueryJoystickTableRequest(9)) == joystick.QueryJoystickTableResponse(9, "pad", buttons)
-    assert host.ask(joystick.QueryJoystickTableListRequest()).tables == (records.JoystickTableEntry(9, "pad"),)
-    assert host.ask(joystick.QueryActiveJoystickTableRequest()).table_id == 9
+    commands = (MacroCommand(1, 2, 50, 3, 9000), MacroCommand(500, 1))
+    assert host.ask(AddMacroRequest(8, "walk", commands)).result == 1
+    assert host.ask(QueryMacroRequest(8)) == QueryMacroResponse(8, "walk", commands)
+    assert host.ask(QueryMacroListRequest()).macros == (MacroEntry(8, "walk"),)
+    buttons = (Button(0xFFFF_FFFF, "fire", 1, 2, 3, 1),)
+    assert host.ask(AddJoystickTableRequest(9, "pad", buttons)).result == 1
+    assert host.ask(QueryJoystickTableRequest(9)) == QueryJoystickTableResponse(9, "pad", buttons)
+    assert host.ask(QueryJoystickTableListRequest()).tables == (JoystickTableEntry(9, "pad"),)
+    assert host.ask(QueryActiveJoystickTableRequest()).table_id == 9
 
 
 @pytest.mark.parametrize(
@@ -268,56 +317,54 @@ def test_captions_of_tables_and_servos_come_back_byte_for_byte(host: Host) -> No
 
 
 def test_servo_parameters_are_kept_for_each_servo(host: Host) -> None:
-    one, two = records.ServoParameter(1, 5, "hip"), records.ServoParameter(2, -5, "knee")
-    assert host.ask(editing.AddServoParameterRequest((two, one))).result == 1
-    better = records.ServoParameter(2, 0, "knee")
-    assert host.ask(editing.AddServoParameterRequest((better,))).result == 1
-    assert set(host.ask(editing.QueryServoParameterRequest()).servos) == {one, better}
+    one, two = ServoParameter(1, 5, "hip"), ServoParameter(2, -5, "knee")
+    assert host.ask(AddServoParameterRequest((two, one))).result == 1
+    better = ServoParameter(2, 0, "knee")
+    assert host.ask(AddServoParameterRequest((better,))).result == 1
+    assert set(host.ask(QueryServoParameterRequest()).servos) == {one, better}
 
 
 def test_parameters_of_an_unknown_servo_are_refused_with_the_others(host: Host) -> None:
-    parameters = (records.ServoParameter(1), records.ServoParameter(4))
-    assert host.ask(editing.AddServoParameterRequest(parameters)).result == 0
-    assert host.ask(editing.QueryServoParameterRequest()).servos == ()
+    parameters = (ServoParameter(1), ServoParameter(4))
+    assert host.ask(AddServoParameterRequest(parameters)).result == 0
+    assert host.ask(QueryServoParameterRequest()).servos == ()
 
 
 def test_a_full_memory_refuses_and_keeps_what_it_has() -> None:
     host = Host(VirtualBoard(kind=BoardKind(memory=100)))
     host.store_action(1, (1, 90, 100))
-    assert host.ask(editing.AddActionRequest(2, "", (records.Step(1, 0, 0),) * 5)).result == 0
-    assert host.ask(editing.AddMacroRequest(1, "", (records.MacroCommand(1),) * 2)).result == 0
-    assert host.ask(joystick.AddJoystickTableRequest(1, "", (records.Button(1),))).result == 0
-    assert (
-        host.ask(editing.AddServoParameterRequest((records.ServoParameter(1), records.ServoParameter(2)))).result == 0
-    )
-    assert host.ask(editing.QueryActionRequest(1)).steps == (records.Step(1, 90, 100),)
-    assert host.ask(settings.QueryMemorySizeRequest()) == settings.QueryMemorySizeResponse(57, 100)
+    assert host.ask(AddActionRequest(2, "", (Step(1, 0, 0),) * 5)).result == 0
+    assert host.ask(AddMacroRequest(1, "", (MacroCommand(1),) * 2)).result == 0
+    assert host.ask(AddJoystickTableRequest(1, "", (Button(1),))).result == 0
+    assert host.ask(AddServoParameterRequest((ServoParameter(1), ServoParameter(2)))).result == 0
+    assert host.ask(QueryActionRequest(1)).steps == (Step(1, 90, 100),)
+    assert host.ask(QueryMemorySizeRequest()) == QueryMemorySizeResponse(57, 100)
 
 
 def test_the_project_id_is_written_over(host: Host) -> None:
     for project_id in (5, -(2**31)):
-        assert host.ask(editing.WriteProjectIDRequest(project_id)).result == 1
-        assert host.ask(editing.QueryProjectIDRequest()).project_id == project_id
+        assert host.ask(WriteProjectIDRequest(project_id)).result == 1
+        assert host.ask(QueryProjectIDRequest()).project_id == project_id
 
 
 def test_lists_longer_than_a_frame_show_what_fits() -> None:
     host = Host(VirtualBoard(kind=BoardKind(memory=10**6)))
     for action_id in range(1, 2001):
         host.store_action(action_id)
-    listed = host.ask(editing.QueryActionListRequest()).actions
+    listed = host.ask(QueryActionListRequest()).actions
     assert [entry.action_id for entry in listed] == list(range(1, 1821))
-    assert host.ask(editing.QueryActionRequest(2000)).action_id == 2000
+    assert host.ask(QueryActionRequest(2000)).action_id == 2000
 
 
 @pytest.mark.parametrize("byte_order", ["little", "big"])
 def test_the_largest_action_that_fits_a_frame_comes_back(byte_order: ByteOrder) -> None:
     host = Host(VirtualBoard(codec=Codec(byte_order), kind=BoardKind(memory=10**6)))
-    steps = tuple(records.Step(at % 256, at, at) for at in range(13099))
-    assert host.ask(editing.AddActionRequest(1, "long", steps)).result == 1
-    assert host.ask(editing.QueryActionRequest(1)).steps == steps
+    steps = tuple(Step(at % 256, at, at) for at in range(13099))
+    assert host.ask(AddActionRequest(1, "long", steps)).result == 1
+    assert host.ask(QueryActionRequest(1)).steps == steps
 
 
 def test_an_unknown_subscription_is_refused(host: Host) -> None:
     assert raw(host, 40070, b"\x02")[8] == 0
-    assert host.ask(joystick.SubscribeButtonEventRequest(1)).result == 1
+    assert host.ask(SubscribeButtonEventRequest(1)).result == 1
     assert len(raw(host, 40070, b"\x00")) == OVERHEAD + 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -10,30 +9,30 @@ import msgspec
 import pytest
 
 from servolink import connect
-from servolink.cli.developers import virtual as command
 from servolink.errors import InvalidAddress, NotFound, RequestTimeout
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ACTION,
+    Action,
     AddActionRequest,
-    ExecuteMacroRequest,
-    QueryActionRequest,
-    QueryActionResponse,
-    QueryMacroRequest,
-    QueryProjectIDRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.joystick import QueryJoystickTableRequest
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action, MacroCommand, Step
-from servolink.protocol.servos import (
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    MacroCommand,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryJoystickTableRequest,
+    QueryMacroRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
+    Step,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import QueryMemorySizeRequest, TransmissionModeSettingRequest
-from servolink.transports.address import Address
+from servolink.transports import Address
 from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind, KindOption, kind_options
+from servolink.virtual.kind import BoardKind, KindOption
 from servolink.virtual.transport import VirtualTransport, from_address
 from tests.virtual.host import START, Host
 from tests.virtual_time import run
@@ -89,35 +88,22 @@ def made(**options: object) -> VirtualBoard:
     return board
 
 
-def parsed(*args: str) -> BoardKind:
-    parser = argparse.ArgumentParser(exit_on_error=False)
-    for option in command.run.options:
-        option.add_to(parser)
-    values = vars(parser.parse_args(args))
-    return BoardKind(**{kind.name: values[kind.name] for kind in kind_options()})
-
-
 def test_the_samples_are_of_all_options() -> None:
-    assert [option.name for option in kind_options()] == list(RIGHT) == list(WRONG)
+    assert [option.name for option in BoardKind.options()] == list(RIGHT) == list(WRONG)
 
 
 @pytest.mark.parametrize("name", RIGHT)
-def test_an_option_means_the_same_everywhere(name: str) -> None:
+def test_an_option_of_the_address_is_that_of_the_kind(name: str) -> None:
     text, value = RIGHT[name]
     kind = BoardKind(**{name: value})
     assert kind == msgspec.structs.replace(BoardKind(), **{name: value}) != BoardKind()
     assert made(**{name: text}).kind == kind
-    flag = "--" + name.replace("_", "-")
-    assert parsed(flag, *([] if value is True else [text])) == kind
 
 
 @pytest.mark.parametrize(("name", "text"), [(name, text) for name, texts in WRONG.items() for text in texts])
 def test_a_wrong_value_is_refused_with_the_option_and_what_it_must_be(name: str, text: str) -> None:
     with pytest.raises(InvalidAddress, match=rf"option {name} must be .*(, not |, and )"):
         made(**{name: text})
-    flag = "--" + name.replace("_", "-")
-    with pytest.raises((argparse.ArgumentError, SystemExit)):
-        parsed(flag, text)
 
 
 def test_a_kind_checks_what_a_program_gives() -> None:
@@ -232,7 +218,7 @@ def test_captions_are_stored_in_the_encoding_of_the_address() -> None:
     assert run(main())[4:10] == b"a\0b\0\0\0"
 
 
-@pytest.mark.parametrize("option", kind_options(), ids=lambda option: option.name)
+@pytest.mark.parametrize("option", BoardKind.options(), ids=lambda option: option.name)
 def test_the_page_describes_every_option(option: KindOption) -> None:
     page = (Path(__file__).parents[2] / "docs/reference/virtual-board.md").read_text(encoding="utf-8")
     flag = "--" + option.name.replace("_", "-") + (f" {option.unit}" if option.unit.isupper() else "")
@@ -241,5 +227,5 @@ def test_the_page_describes_every_option(option: KindOption) -> None:
 
 
 def test_an_unknown_option_is_answered_with_all_options() -> None:
-    with pytest.raises(InvalidAddress, match=r"virtual:// has: seed, .*, odd, servos, .*, twin, state; every"):
+    with pytest.raises(InvalidAddress, match=r"virtual:// has: seed, .*, servos, .*, twin, state; every"):
         from_address(Address.parse("virtual://?kind=late"))

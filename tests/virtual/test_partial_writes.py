@@ -7,14 +7,24 @@ from random import Random
 
 import pytest
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, AddMacroRequest, AddServoParameterRequest
-from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.joystick import AddJoystickTableRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE
-from servolink.protocol.records import Button, MacroCommand, Step
-from servolink.protocol.records import ServoParameter as Parameter
+from servolink.protocol import (
+    ACTION,
+    HEADER_SIZE,
+    MACRO,
+    SERVO_PARAMETER,
+    STORED_TYPES,
+    TABLE,
+    AddActionRequest,
+    AddJoystickTableRequest,
+    AddMacroRequest,
+    AddServoParameterRequest,
+    Button,
+    Codec,
+    MacroCommand,
+    Packet,
+    Step,
+)
+from servolink.protocol import ServoParameter as Parameter
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.storage import AnyType, Contents, Record, Storage, partial_write
 

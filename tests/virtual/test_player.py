@@ -6,19 +6,23 @@ import struct
 
 import pytest
 
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ACTION,
+    MACRO,
     AddMacroRequest,
     AddMacroResponse,
+    ClearAllDataRequest,
     DeleteActionRequest,
     DeleteMacroRequest,
+    ExecuteActionExRequest,
     ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
     QueryMacroRequest,
+    SetServoParameterRequest,
+    encode_frame,
 )
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import MAX_NESTING, MacroCommand, MacroCommandType
-from servolink.protocol.servos import ExecuteActionExRequest, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
 from servolink.virtual.board import VirtualBoard
 from tests.virtual.host import START, Host
 
@@ -174,26 +178,26 @@ def test_a_macro_used_twice_is_no_cycle(host: Host) -> None:
 def test_macros_that_meet_again_and_again_are_looked_at_once(host: Host) -> None:
     """Two calls on each of 32 levels: two billion paths."""
     host.store_macro(1, MacroCommand(10, DELAY))
-    for macro_id in range(2, MAX_NESTING + 1):
+    for macro_id in range(2, Macro.MAX_NESTING + 1):
         host.store_macro(macro_id, *[MacroCommand(macro_id - 1, RUN_MACRO)] * 2)
-    assert execute(host, MAX_NESTING) == 1
-    assert host.board.player.macro_id == MAX_NESTING
+    assert execute(host, Macro.MAX_NESTING) == 1
+    assert host.board.player.macro_id == Macro.MAX_NESTING
 
 
 def test_nesting_has_a_limit(host: Host) -> None:
     host.store_macro(1, MacroCommand(10, DELAY))
-    for macro_id in range(2, MAX_NESTING + 2):
+    for macro_id in range(2, Macro.MAX_NESTING + 2):
         host.store_macro(macro_id, MacroCommand(macro_id - 1, RUN_MACRO))
-    assert execute(host, MAX_NESTING) == 1
-    assert execute(host, MAX_NESTING + 1) == 0
+    assert execute(host, Macro.MAX_NESTING) == 1
+    assert execute(host, Macro.MAX_NESTING + 1) == 0
 
 
 def test_nesting_is_judged_along_every_path(host: Host) -> None:
     """A macro first met high up, where it is allowed, may also be used too far down."""
     host.store_macro(1, MacroCommand(10, DELAY))
-    for macro_id in range(2, MAX_NESTING):
+    for macro_id in range(2, Macro.MAX_NESTING):
         host.store_macro(macro_id, MacroCommand(1, RUN_MACRO), MacroCommand(macro_id - 1, RUN_MACRO))
-    top = MAX_NESTING - 1
+    top = Macro.MAX_NESTING - 1
     host.store_macro(100, MacroCommand(top, RUN_MACRO))
     host.store_macro(101, MacroCommand(top, RUN_MACRO), MacroCommand(100, RUN_MACRO))
     assert execute(host, 100) == 1

@@ -6,19 +6,24 @@ from collections.abc import Callable
 
 import pytest
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, DeleteActionRequest, ExecuteMacroRequest, WriteProjectIDRequest
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import MacroCommand, Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
+    AddActionRequest,
+    ClearAllDataRequest,
+    Codec,
+    DeleteActionRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    MacroCommand,
+    Packet,
     QueryServoListRequest,
     QueryServoListResponse,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, TransmissionModeSettingRequest
 from servolink.virtual.board import HostSession, VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.simulated_servo import ADC, DEGREES

@@ -14,18 +14,24 @@ import pytest
 from msgspec.structs import replace
 
 from servolink.errors import ServolinkError
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    MACRO,
+    STORED_TYPES,
+    TABLE,
+    AddJoystickTableRequest,
     AddMacroRequest,
     AddServoParameterRequest,
+    Button,
+    Codec,
+    ExecuteActionRequest,
     ExecuteMacroRequest,
+    MacroCommand,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
+    Step,
     WriteProjectIDRequest,
+    encode_frame,
 )
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.joystick import AddJoystickTableRequest, SetActiveJoystickTableRequest
-from servolink.protocol.record_types import MACRO, STORED_TYPES, TABLE
-from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
-from servolink.protocol.servos import ExecuteActionRequest
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind, OnDuplicate
 from servolink.virtual.state_file import load_state, save_state

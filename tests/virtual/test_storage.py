@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE
+from servolink.protocol import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE
 from servolink.virtual.kind import BoardKind, OnDuplicate
 from servolink.virtual.storage import AnyType, Contents, Storage
 

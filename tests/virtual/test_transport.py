@@ -10,28 +10,35 @@ from typing import Any
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ConnectionLost, OpenError, TransportUnavailable
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    MACRO,
     AddMacroRequest,
     AddMacroResponse,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    Codec,
+    ExecuteActionRequest,
     ExecuteMacroRequest,
+    MacroCommand,
+    Packet,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    Step,
+    SubscribeButtonEventRequest,
     WriteProjectIDRequest,
     WriteProjectIDResponse,
 )
-from servolink.protocol.joystick import LONG_PRESS, PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import MACRO
-from servolink.protocol.records import MacroCommand, Step
-from servolink.protocol.servos import ExecuteActionRequest, QueryServoListRequest, QueryServoListResponse
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, QueryMemorySizeResponse
-from servolink.transports.address import Address
+from servolink.transports import Address
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
 from servolink.virtual.state_file import load_state
 from servolink.virtual.transport import BoardTransport, FaultyVirtualTransport, VirtualTransport, from_address
 from tests.client.reconnections import until
+from tests.lab.odd.kinds import KINDS
 from tests.virtual.receiving import Heard, ask
 from tests.virtual_time import run
 
@@ -144,7 +151,10 @@ def test_the_board_acts_by_itself_at_the_right_time() -> None:
         times.clear()
         transport.board.press_button(3, start)
         await heard.until(3)
-        assert heard.packets[1:] == [ButtonEventResponse(3, PRESS), ButtonEventResponse(3, LONG_PRESS)]
+        assert heard.packets[1:] == [
+            ButtonEventResponse(3, ButtonEventResponse.PRESS),
+            ButtonEventResponse(3, ButtonEventResponse.LONG_PRESS),
+        ]
         await transport.close()
         return [time - start for time in times]
 
@@ -452,6 +462,6 @@ def test_a_bad_state_file_opens_nothing(tmp_path: Path) -> None:
 
 async def test_a_board_that_sends_by_itself_begins_when_it_is_opened() -> None:
     await asyncio.sleep(1000)
-    async with connect("virtual://?odd=flooding") as board:
+    async with connect(BoardTransport(KINDS["flooding"]())) as board:
         assert len(await board.servos()) == 4
         assert board.stats.events_received < 10, "one every 5 ms, and not those of 1000 s"

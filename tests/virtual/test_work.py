@@ -7,32 +7,29 @@ from typing import Any
 import pytest
 
 from servolink import Action, Step, connect
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ACTION,
     AddActionRequest,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    ExecuteActionRequest,
+    Packet,
+    QueryMemorySizeRequest,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
-    WriteProjectIDRequest,
-    WriteProjectIDResponse,
-)
-from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.servos import (
-    ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
-    SetServoParameterRequest,
-)
-from servolink.protocol.settings import (
-    ClearAllDataRequest,
-    QueryMemorySizeRequest,
     SendDummyDataRequest,
+    SetServoParameterRequest,
+    SubscribeButtonEventRequest,
     TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
 )
 from servolink.virtual.board import VirtualBoard
 from servolink.virtual.kind import BoardKind
-from servolink.virtual.serve import serve
+from servolink.virtual.servers import serve
 from servolink.virtual.transport import VirtualTransport
 from tests.tables import over
 from tests.virtual.host import START, Host
@@ -194,7 +191,7 @@ def test_events_are_sent_while_it_works() -> None:
     busy.send(ClearAllDataRequest())
     busy.host.board.press_button(3, START + 0.5)
     busy.host.board.release_button(3, START + 0.6)
-    assert busy.host.heard[0] == ButtonEventResponse(3, PRESS)
+    assert busy.host.heard[0] == ButtonEventResponse(3, ButtonEventResponse.PRESS)
     assert len(busy.host.heard) == 2
 
 

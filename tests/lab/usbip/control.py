@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self, TypeAlias
 
-from servolink.usbip.descriptors import (
+from tests.lab.usbip.descriptors import (
     CDC_CONTROL,
     CONFIGURATION,
     HID,
@@ -16,7 +16,7 @@ from servolink.usbip.descriptors import (
     device_descriptors,
     hid_descriptors,
 )
-from servolink.usbip.endpoint import Endpoint
+from tests.lab.usbip.endpoint import Endpoint
 
 STALL = None
 """Response to a request unknown to the device."""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import count
 
-from servolink.virtual.odd.board import OddBoard, OddLine
-from servolink.virtual.odd.wire import NAMES, Values, frame
+from tests.lab.odd.board import OddBoard, OddLine
+from tests.lab.odd.wire import NAMES, Values, decode, frame
 
 _BUTTON_EVENT = 40081
 
@@ -212,6 +213,71 @@ class TenthTwice(Twice, name="twice-10"):
 
     lesson = "rare copies are counted too"
     each = 10
+
+
+class LateCopies(OddBoard, name="late-copies"):
+    """Responses sent again, unchanged, one second later."""
+
+    lesson = "copies are noticed and reported, and readings are proved"
+    copied_after: float = 1.0
+    """Seconds from a response to its copy."""
+    each = 1
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sent = count(1)
+
+    def transmit(self, line: OddLine, data: bytes) -> None:
+        super().transmit(line, data)
+        if not next(self._sent) % self.each:
+            self.after(self.delay + self.copied_after, lambda: line.send(data))
+
+
+class CrowdedLine(OddBoard, name="two-boards"):
+    """Two boards on one line, with different project ids and angles; the second one answers 4 ms later."""
+
+    lesson = "answers to one request are compared, and nothing but a stop is sent"
+    others = 1
+    lag = 0.004
+    """Seconds by which each further board is later than the one before."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.twins = [self.twin(number) for number in range(1, self.others + 1)]
+
+    def twin(self, number: int) -> OddBoard:
+        """Return another board of the line."""
+        board = OddBoard()
+        board.project_id = 700 + number
+        for servo in board.servos.values():
+            servo.move(-70 - number, 0, 0.0)
+        return board
+
+    def answers(self) -> list[OddBoard]:
+        """Return the other boards that execute and answer the next request."""
+        return self.twins
+
+    def take(self, line: OddLine, packet_id: int, content: bytes) -> None:
+        super().take(line, packet_id, content)
+        for number, twin in enumerate(self.answers(), 1):
+            twin.now = self.now
+            response = twin.answer(packet_id, decode(packet_id, content, self.order))
+            if response is not None:
+                data = frame(packet_id + 1, twin.content(packet_id + 1, response), self.order)
+                self.after(self.delay + number * self.lag, partial(line.send, data))
+
+
+class Twins(CrowdedLine, name="twins"):
+    """Three boards on one line that differ in the angle of one servo only, and answer at almost the same time."""
+
+    lesson = "all servos are compared before a board that answers more than once is used"
+    others = 2
+    lag = 0.0001
+
+    def twin(self, number: int) -> OddBoard:
+        board = OddBoard()
+        board.servos[3].move(number, 0, 0.0)
+        return board
 
 
 class BadSum(OddBoard, name="bad-sum"):

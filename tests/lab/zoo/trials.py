@@ -9,13 +9,13 @@ from typing import TypeAlias
 
 import pytest
 
-from servolink.profiles.store import load_profile
-from servolink.virtual.odd.board import OddBoard
-from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.transport import BOARDS
+from servolink.boards import ProfileFile
+from servolink.virtual import BOARDS
 from tests.cli.programs import Said, call
+from tests.lab.odd.board import OddBoard
+from tests.lab.odd.kinds import KINDS
+from tests.lab.zoo.table import COMMANDS
 from tests.virtual_time import VirtualClock
-from tests.zoo.table import COMMANDS
 
 GOAL = 10
 """Degrees to which the first servo is moved."""
@@ -42,9 +42,10 @@ class Zoo:
         self.seconds = self.clock.now - started_at
         return said
 
-    def verdict(self) -> tuple[str, ...]:
-        """Return the findings of doctor."""
-        return tuple(finding["check"] for finding in self("--json", "doctor", "rex").json["findings"])
+    def verdict(self) -> tuple[tuple[str, ...], str]:
+        """Return the names of doctor's findings, and their words."""
+        findings = self("--json", "doctor", "rex").json["findings"]
+        return tuple(finding["check"] for finding in findings), str(findings)
 
     def learn(self) -> Said:
         """Learn the board, which is not asked for anything but queries."""
@@ -55,7 +56,7 @@ class Zoo:
 
     def learnt(self) -> dict[str, object]:
         """Return the settings kept in the profile."""
-        profile = load_profile("rex")
+        profile = ProfileFile("rex").load()
         assert profile is not None
         settings = profile.settings
         return {

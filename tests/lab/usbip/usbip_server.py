@@ -9,11 +9,11 @@ from contextlib import AbstractContextManager, asynccontextmanager
 from typing import TypeAlias
 
 from servolink.errors import DecodeError
-from servolink.listeners.forwarding import listen
-from servolink.usbip import usbip_messages
-from servolink.usbip.descriptors import HID_IN
-from servolink.usbip.device import UsbDevice
-from servolink.usbip.endpoint import Urb
+from servolink.transports import Stranger, listen
+from tests.lab.usbip import usbip_messages
+from tests.lab.usbip.descriptors import HID_IN
+from tests.lab.usbip.device import UsbDevice
+from tests.lab.usbip.endpoint import Urb
 
 MAX_OUTSTANDING = 4096
 """Most outstanding URBs of a host; the drivers of Linux use some dozens."""
@@ -114,12 +114,11 @@ class UsbIpServer:
         if self._host is not None:
             self._host.transport.abort()
 
-    async def converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def converse(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, stranger: Stranger) -> None:
         """Serve a connection until its end."""
         try:
-            async with asyncio.timeout(_OPENING_LIMIT):
-                await self._welcome(reader, writer)
-            if self._host is writer:
+            await self._welcome(reader, writer)
+            if self._host is writer and stranger.admit("usbip"):
                 attachment = Attachment(reader, writer, self._serial_number)
                 with self._use(attachment.device):
                     await attachment.serve()
@@ -150,5 +149,5 @@ class UsbIpServer:
 async def serve_usbip(use: Use, serial_number: str, host: str, port: int) -> AsyncIterator[tuple[str, UsbIpServer]]:
     """Export a device at `host` and `port`; yield the place, HOST:PORT, and the server."""
     server = UsbIpServer(use, serial_number)
-    async with listen(server.converse, host, port) as place:
+    async with listen(server.converse, host, port, seconds=_OPENING_LIMIT) as place:
         yield place, server

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from itertools import count
 from typing import Any, ClassVar
 
-from servolink.virtual.odd.wire import NAMES, ByteOrder, FrameReader, Values, decode, encode, frame
+from tests.lab.odd.wire import NAMES, ByteOrder, FrameReader, Values, decode, encode, frame
 
 ALL = 0xFF
 _INTERVAL_UNIT = 0.01  # seconds

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from servolink.virtual.odd import contents, lines
-from servolink.virtual.odd.board import OddBoard
+from tests.lab.odd import bridges, contents, dialects, firmwares, lines
+from tests.lab.odd.board import OddBoard
 
 KINDS: dict[str, type[OddBoard]] = {
     kind.name: kind
-    for module in (lines, contents)
+    for module in (lines, contents, bridges, firmwares, dialects)
     for kind in (OddBoard, *vars(module).values())
     if isinstance(kind, type) and issubclass(kind, OddBoard)
 }

@@ -1,7 +1,4 @@
-"""The virtual board over USB/IP, as hosts meet it: good ones, and others.
-
-Modules: servolink.usbip.usbip_messages, servolink.usbip.usbip_server.
-"""
+"""The virtual board over USB/IP, as hosts meet it: good ones, and others."""
 
 from __future__ import annotations
 
@@ -9,29 +6,31 @@ import asyncio
 import gc
 import random
 import shutil
-import signal
 import struct
-import sys
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
 import pytest
 
-from servolink.listeners.tcp import host_and_port
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import WriteProjectIDRequest
-from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
-from servolink.usbip import device, usbip_messages, usbip_server
-from servolink.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
-from servolink.usbip.usbip_server import UsbIpServer
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.serve import serve, serve_usb_device
+from servolink.protocol import (
+    ButtonEventResponse,
+    Codec,
+    Packet,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
+    SubscribeButtonEventRequest,
+    WriteProjectIDRequest,
+)
+from servolink.transports import NetworkPlace
+from servolink.virtual import BoardKind, VirtualBoard
 from tests import processes
-from tests.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
+from tests.lab.usb_board import serve_usb_device
+from tests.lab.usbip import device, usbip_messages, usbip_server
+from tests.lab.usbip.descriptors import BULK_IN, BULK_OUT, HID_IN, HID_OUT, SERIAL_IN, SERIAL_OUT
+from tests.lab.usbip.usbip_host import IMPORT, UNLINKED, UsbHost, attached, submit, unlink
+from tests.lab.usbip.usbip_server import UsbIpServer
 from tests.virtual.receiving import GUARD
 
 CODEC = Codec()
@@ -53,7 +52,7 @@ def in_time(main: Callable[[], Coroutine[Any, Any, None]]) -> None:
 @asynccontextmanager
 async def exported(board: VirtualBoard | None = None) -> AsyncIterator[tuple[tuple[str, int], UsbIpServer]]:
     async with serve_usb_device(board or VirtualBoard(servos=3), "virtual-1", "127.0.0.1", 0) as (place, usbip):
-        yield host_and_port(place), usbip
+        yield NetworkPlace.parse(place), usbip
 
 
 async def ask(host: UsbHost, way: str, packet: Packet) -> bytes:
@@ -90,7 +89,7 @@ def test_the_three_ways_are_conversations_of_their_own_with_one_board() -> None:
             board.press_button(5, asyncio.get_running_loop().time())
             said = await host.next()
             assert said.number == events
-            assert said.data.startswith(CODEC.encode(ButtonEventResponse(5, PRESS)))
+            assert said.data.startswith(CODEC.encode(ButtonEventResponse(5, ButtonEventResponse.PRESS)))
             host.unlink(unrelated)
             assert (await host.next()).command == UNLINKED
         assert len(board.sessions) == 0
@@ -145,16 +144,13 @@ def test_reports_come_one_each_millisecond_as_on_a_bus_and_the_rest_before_one_i
     in_time(main)
 
 
-def test_the_descriptors_come_over_the_line_and_the_serial_number_is_the_seeds() -> None:
+def test_the_descriptors_come_over_the_line_with_the_serial_number() -> None:
     async def main() -> None:
-        async with serve(VirtualBoard(), usbip="127.0.0.1:0", seed=42) as (url,):
-            scheme, _, place = url.partition("://")
-            assert scheme == "usbip"
-            async with attached(*host_and_port(place)) as host:
-                device = (await host.control(0x80, 0x06, 0x0100, 0, 18)).data
-                text = (await host.control(0x80, 0x06, 0x0300 | device[16], 0x0409, 255)).data
-                assert text[2:].decode("utf-16-le") == "virtual-42"
-                assert (await host.control(0x80, 0x06, 0x0F00, 0, 5)).status == -32
+        async with exported() as (place, _), attached(*place) as host:
+            device = (await host.control(0x80, 0x06, 0x0100, 0, 18)).data
+            text = (await host.control(0x80, 0x06, 0x0300 | device[16], 0x0409, 255)).data
+            assert text[2:].decode("utf-16-le") == "virtual-1"
+            assert (await host.control(0x80, 0x06, 0x0F00, 0, 5)).status == -32
 
     in_time(main)
 
@@ -357,23 +353,6 @@ def test_any_commands_end_in_answers_or_a_hang_up(seed: int) -> None:
             await detached(usbip)
             async with attached(*place) as host:
                 assert (await ask(host, "bulk", LIST)).startswith(CODEC.encode(ANSWER))
-
-    in_time(main)
-
-
-def test_the_command_exports_the_board_and_serves_nothing_that_was_not_asked_for() -> None:
-    async def main() -> None:
-        command = [sys.executable, "-m", "servolink", "virtual", "--usbip", "127.0.0.1:0", "--seed", "5"]
-        program = await processes.start_async(*command)
-        assert program.stdout is not None
-        word, _, url = (await program.stdout.readline()).decode().strip().partition(" ")
-        assert (word, url.partition("://")[0]) == ("listening", "usbip")
-        async with attached(*host_and_port(url.removeprefix("usbip://"))) as host:
-            assert (await ask(host, "bulk", LIST))[8] == 16  # servos
-            program.send_signal(signal.SIGINT)
-            assert await host.ended()
-        assert await program.communicate() == (b"", b"ended: what the board stores is gone\n")
-        assert program.returncode == 0
 
     in_time(main)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from servolink.usbip.descriptors import PACKET
+from tests.lab.usbip.descriptors import PACKET
 
 DONE = 0
 """Status of a completed URB. Other statuses are error numbers of Linux, used by USB/IP on every system."""

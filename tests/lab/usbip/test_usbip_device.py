@@ -1,7 +1,4 @@
-"""The USB device, URB by URB, without a line to a host.
-
-Modules: servolink.usbip.control, servolink.usbip.descriptors, servolink.usbip.device, servolink.usbip.endpoint.
-"""
+"""The USB device, URB by URB, without a line to a host."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from typing import NamedTuple
 import pytest
 
 from servolink.errors import DecodeError
-from servolink.usbip.descriptors import (
+from tests.lab.usbip.descriptors import (
     BULK_IN,
     BULK_OUT,
     HID_IN,
@@ -22,8 +19,8 @@ from servolink.usbip.descriptors import (
     SERIAL_NOTIFICATION,
     SERIAL_OUT,
 )
-from servolink.usbip.device import MAX_UNREAD, MAX_WAITING, UsbDevice, reports, transfers
-from servolink.usbip.endpoint import DONE, NO_RESPONSE, OVERFLOW, STALLED, UNLINKED, Urb
+from tests.lab.usbip.device import MAX_UNREAD, MAX_WAITING, UsbDevice, reports, transfers
+from tests.lab.usbip.endpoint import DONE, NO_RESPONSE, OVERFLOW, STALLED, UNLINKED, Urb
 
 BOTH = pytest.mark.parametrize(
     ("name", "out", "into"), [("serial", SERIAL_OUT, SERIAL_IN), ("bulk", BULK_OUT, BULK_IN)]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterator
-from importlib.resources import files
+from pathlib import Path
 from typing import Any, Literal
 
 ByteOrder = Literal["little", "big"]
 Values = dict[str, Any]
 """Fields of a packet, by their names in the document; captions are 32 bytes."""
 
-_DOCUMENT = json.loads(files("servolink.virtual.odd").joinpath("protocol.json").read_text(encoding="utf-8"))
+_DOCUMENT = json.loads(Path(__file__).with_name("protocol.json").read_text(encoding="utf-8"))
 MAGIC = bytes.fromhex(_DOCUMENT["magic"])
 FIELDS: dict[int, list[dict[str, Any]]] = {packet["id"]: packet["fields"] for packet in _DOCUMENT["packets"]}
 """Fields of each packet, by packet id."""

@@ -10,25 +10,24 @@ from typing import Any, cast
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.boards import ProfileFile
+from servolink.client import connect
+from servolink.doctor import Relay
 from servolink.errors import OpenError
-from servolink.hub.doors.in_process import LocalTransport
-from servolink.hub.hub import share
-from servolink.profiles.store import load_profile
-from servolink.protocol.codec import Codec
-from servolink.spy.relay import Relay
-from servolink.transports.lifecycle import BaseTransport
-from servolink.transports.stream import StreamTransport
-from servolink.virtual.odd.board import OddBoard
-from servolink.virtual.transport import BoardTransport
+from servolink.hub import share
+from servolink.protocol import Codec
+from servolink.transports import BaseTransport, StreamTransport
+from servolink.virtual import BoardTransport
+from tests.hub.local_transport import LocalTransport
+from tests.lab.odd.board import OddBoard
+from tests.lab.zoo.table import TABLE
+from tests.lab.zoo.trials import MakeZoo
 from tests.sampling import sampled
-from tests.zoo.table import TABLE
-from tests.zoo.trials import MakeZoo
 
-NO_WAY_IN = {"no response", "opening", "absent", "echo", "contents", "connection"}
-"""Findings of doctor about a board that it could not open."""
 ALWAYS = {"big-old", "old-at-opening", "twice", "padded", "no-project-id", "servos-only", "resetting", "loop-back"}
 """Kinds that are tried in every run, beside others."""
+NOT_YET = {"text-bridge", "one-behind", "hanging-up", "sleeper"}
+"""Kinds that some of the ways open, and others do not."""
 
 
 class Port(BoardTransport[OddBoard]):
@@ -86,7 +85,7 @@ async def by_spy(board: OddBoard) -> bool:
     for _ in range(2):  # the first opening resets some boards
         relay = Relay(cast("StreamTransport", Port(board)), lambda *heard: None, bool)
         await relay.open()
-        is_opened = await _is_opened(Spied(relay), profile=load_profile("rex"))
+        is_opened = await _is_opened(Spied(relay), profile=ProfileFile("rex").load())
         await relay.close()
         if is_opened:
             return True
@@ -94,13 +93,17 @@ async def by_spy(board: OddBoard) -> bool:
 
 
 @pytest.mark.parametrize("kind", sampled(TABLE, 3, ALWAYS))
-def test_what_one_of_the_ways_opens_all_open(kind: str, zoo: MakeZoo) -> None:
+def test_what_one_of_the_ways_opens_all_open(kind: str, zoo: MakeZoo, request: pytest.FixtureRequest) -> None:
+    if kind in NOT_YET:
+        request.applymarker(
+            pytest.mark.xfail(strict=kind != "one-behind", reason="opened in some ways only, one of them by chance")
+        )
     board = zoo(kind)
     ways = {
         "learn": board.learn().code == 0,
         "connect": board.clock.run(_is_opened("rex")),
         "hub": board.clock.run(by_hub()),
         "spy": board.clock.run(by_spy(board.board)),
-        "doctor": not NO_WAY_IN & set(board.verdict()),
+        "doctor": board("--json", "doctor", "rex").json["response"] is not None,
     }
     assert len({*ways.values()}) == 1, ways

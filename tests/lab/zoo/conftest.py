@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.zoo.trials import MakeZoo, Zoo
+from tests.lab.zoo.trials import MakeZoo, Zoo
 
 
 @pytest.fixture(name="zoo")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from servolink.virtual.odd.board import ALL, OddBoard, OddServo
-from servolink.virtual.odd.wire import NAMES, Values
+from tests.lab.odd.board import ALL, OddBoard, OddServo
+from tests.lab.odd.wire import NAMES, Values
 
 
 def _from(*starts: str) -> frozenset[str]:
@@ -181,7 +181,7 @@ class Clipping(OddBoard, name="clipping"):
 class MissingServo(OddBoard, name="missing-servo"):
     """List of four servos, and three states in the response for all servos."""
 
-    lesson = "both counts are shown"
+    lesson = "servos that the response for all leaves out are asked singly"
 
     def servo_states(self, values: Values) -> Values:
         found = super().servo_states(values)

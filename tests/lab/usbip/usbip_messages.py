@@ -6,7 +6,7 @@ import struct
 from typing import NamedTuple
 
 from servolink.errors import DecodeError
-from servolink.usbip.descriptors import (
+from tests.lab.usbip.descriptors import (
     CONFIGURATION,
     FULL_SPEED,
     INTERFACE_CLASSES,
@@ -15,7 +15,7 @@ from servolink.usbip.descriptors import (
     VENDOR_ID,
     VERSION,
 )
-from servolink.usbip.endpoint import Urb
+from tests.lab.usbip.endpoint import Urb
 
 OPENING_SIZE = 8
 COMMAND_SIZE = 48

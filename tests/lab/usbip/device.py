@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from servolink.errors import DecodeError
-from servolink.usbip.control import ControlEndpoint
-from servolink.usbip.descriptors import (
+from tests.lab.usbip.control import ControlEndpoint
+from tests.lab.usbip.descriptors import (
     BULK_IN,
     BULK_OUT,
     HID_IN,
@@ -16,7 +16,7 @@ from servolink.usbip.descriptors import (
     SERIAL_NOTIFICATION,
     SERIAL_OUT,
 )
-from servolink.usbip.endpoint import (
+from tests.lab.usbip.endpoint import (
     DONE,
     NO_RESPONSE,
     STALLED,

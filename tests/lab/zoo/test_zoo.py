@@ -1,31 +1,31 @@
 """Odd boards in virtual time: the verdict on each, the learnt settings, and the commands that work on it.
 
-Modules: servolink.client.all_servos, servolink.virtual.odd.contents, servolink.virtual.odd.kinds,
-servolink.virtual.odd.lines, servolink.virtual.odd.wire.
+Module: servolink.client.all_servos.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from docs.odd_boards import PAGE, with_table
-from servolink.cli.command_session import WOKEN
-from servolink.script import NO_BOARD
-from servolink.virtual.odd.board import OddBoard, OddLine
-from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.odd.lines import OldMode, Resetting
-from servolink.virtual.odd.wire import Values
+from servolink.support import ExitCode
+from tests.lab.odd.board import OddBoard, OddLine
+from tests.lab.odd.kinds import KINDS
+from tests.lab.odd.lines import OldMode, Resetting
+from tests.lab.odd.wire import Values
+from tests.lab.zoo.table import COMMANDS, FREE, NOT_YET, TABLE, USUAL
+from tests.lab.zoo.trials import MakeZoo
 from tests.sampling import sampled
-from tests.zoo.table import COMMANDS, FREE, TABLE, USUAL
-from tests.zoo.trials import MakeZoo
 
 ALWAYS = {"plain", "big", "old-at-opening", "twice", "old-firmware", "servos-only", "no-all", "silent"}
 """Kinds that are tried in every run, beside others."""
 REFUSED_WITHIN = 6.0
 """Seconds until a device that is not a board is refused."""
+WOKEN = "the board was in transmission mode 0, and is in mode 1 now; `servolink board mode 0` puts it back"
 
 
 def _stay_in_mode_1(board: OddBoard, values: Values) -> Values:
@@ -33,22 +33,28 @@ def _stay_in_mode_1(board: OddBoard, values: Values) -> Values:
     return {"result": 1}
 
 
-def check(found: Mapping[str, str], expected: Mapping[str, str]) -> None:
-    """Compare the errors of commands with the words expected of each."""
-    assert found.keys() == expected.keys(), found
+def check(found: Mapping[str, str], expected: Mapping[str, str], by_chance: frozenset[str] = frozenset()) -> None:
+    """Compare the errors of commands with the words expected of each; commands of `by_chance` may refuse too."""
+    assert found.keys() - by_chance == expected.keys(), found
     for name, words in expected.items():
         assert words in found[name], name
 
 
 @pytest.mark.parametrize("kind", sampled(TABLE, 4, ALWAYS))
-def test_each_board_is_judged_used_and_learnt_as_the_table_says(kind: str, zoo: MakeZoo) -> None:
+def test_each_board_is_judged_used_and_learnt_as_the_table_says(
+    kind: str, zoo: MakeZoo, request: pytest.FixtureRequest
+) -> None:
+    if kind in NOT_YET:
+        request.applymarker(pytest.mark.xfail(strict=kind != "one-behind", reason="not said so far, or by chance"))
     board, row = zoo(kind), TABLE[kind]
-    assert board.verdict() == row.verdict
+    verdict, words = board.verdict()
+    assert verdict == row.verdict
+    assert row.said in words
     if isinstance(row.refused, str):
         refused = board.refusals(FREE)
         check(refused, dict.fromkeys(refused, row.refused))
     else:
-        check(board.refusals(), row.refused)
+        check(board.refusals(), row.refused, row.by_chance)
     said = board.learn()
     if isinstance(row.learnt, str):
         assert said.code
@@ -59,7 +65,7 @@ def test_each_board_is_judged_used_and_learnt_as_the_table_says(kind: str, zoo: 
         assert board.learnt() == {name: value for name, value in expected.items() if value is not None}
     after = row.refused if row.after is None else row.after
     assert not isinstance(after, str)
-    check(board.refusals(), after)
+    check(board.refusals(), after, row.by_chance)
 
 
 @pytest.mark.parametrize("kind", ["silent", "chatting", "loop-back", "modem"])
@@ -101,7 +107,7 @@ def test_a_board_that_resets_at_the_first_opening_is_opened_once_more(command: s
     assert board.seconds < 1
 
 
-@pytest.mark.parametrize(("resets", "code", "seconds"), [(1, 0, 0.5), (5, 0, 1.5), (100, NO_BOARD, 3.5)])
+@pytest.mark.parametrize(("resets", "code", "seconds"), [(1, 0, 0.5), (5, 0, 1.5), (100, ExitCode.NO_BOARD, 3.5)])
 def test_a_stop_is_repeated_while_the_board_resets(
     resets: int, code: int, seconds: float, zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,7 +127,7 @@ def test_a_stop_is_repeated_while_the_board_resets(
 def test_a_board_that_resets_at_each_opening_is_named(zoo: MakeZoo, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Resetting, "opened", lambda board, line: line.close())
     said = zoo("resetting").on_board("servos")
-    assert said.code == NO_BOARD
+    assert said.code == ExitCode.NO_BOARD
     assert "the board may reset when its port is opened, so wait until it has started" in said.err
 
 
@@ -136,6 +142,20 @@ def test_each_servo_is_stopped_on_a_board_that_ignores_requests_for_all(zoo: Mak
     assert board.on_board("servo", "start", "all").code == 0
     assert [servo.is_start for servo in board.board.servos.values()] == [1, 1, 1, 1]
     assert board.seconds < 1
+
+
+def test_a_servo_that_is_listed_twice_is_counted_once(zoo: MakeZoo) -> None:
+    board = zoo("listed-twice")
+    assert re.search(r"^servos +4$", board.on_board("info").out, re.MULTILINE)
+    assert board.on_board("stop").out.startswith("all 4 servos report")
+
+
+def test_a_confirmed_stop_is_said_where_the_servos_cannot_be_shown(zoo: MakeZoo) -> None:
+    board = zoo("text-bridge")
+    said = board.on_board("stop")
+    assert said.code
+    assert "servos report that they are stopped and held; they cannot be shown: SetAngleUnitRequest" in said.err
+    assert {servo.is_start for servo in board.board.servos.values()} == {0}
 
 
 def test_angles_are_shown_as_adc_with_the_reason(zoo: MakeZoo) -> None:
@@ -216,6 +236,19 @@ def test_a_response_that_contradicts_itself_is_named(zoo: MakeZoo) -> None:
     assert "QueryServoList is answered, and the response contradicts itself" in said.out
 
 
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("missing-servo", "all 4 servos report that they are stopped and held\n"),
+        ("wrong-count", "servos 1, 2, 3, 4, on a board that does not list its servos, are stopped and held\n"),
+    ],
+)
+def test_a_stop_counts_the_servos_in_the_list(zoo: MakeZoo, kind: str, words: str) -> None:
+    said = zoo(kind).on_board("stop")
+    assert said.out.startswith(words), said.err
+    assert len(said.out.splitlines()) == 6
+
+
 def test_the_page_of_odd_boards_is_made_from_their_declarations() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert page == with_table(page), "run `python -m docs.odd_boards`"
@@ -226,3 +259,10 @@ def test_every_kind_has_a_row() -> None:
     assert all(kind.__doc__ and kind.lesson for kind in KINDS.values())
     refusing = [each for row in TABLE.values() for each in (row.refused, row.after) if isinstance(each, dict)]
     assert all({*each} <= {*COMMANDS} for each in refusing)
+
+
+@pytest.mark.xfail(strict=True, reason="doctor names the contradiction, and a first movement is sent all the same")
+def test_no_movement_is_sent_in_a_byte_order_that_the_board_contradicts(zoo: MakeZoo) -> None:
+    board = zoo("mixed-order")
+    board.on_board("move", f"{board.servo_id}=10", "--duration", "0.1")
+    assert abs(board.board.servos[board.servo_id].degrees(board.board.now + 10)) <= 10
