@@ -8,14 +8,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from servolink.connection.connection import Connection
-from servolink.connection.evidence import HandshakeFailed
+from servolink.connection import Connection, ConnectionOptions, HandshakeFailed
 from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import ConnectionLost, DecodeError, RequestTimeout, TransportError
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.registry import create
+from servolink.protocol import ByteOrder, QueryProjectIDRequest
+from servolink.transports import create
 
 PATIENCE = 1.0
 """Seconds of silence after which a device counts as no board, with `probe`."""
@@ -35,7 +32,7 @@ class ProbeResponse:
     transmission_mode: int
     """Apparent mode before the contact, which sets mode 1: 1 for the document's protocol, 0 for the old protocol."""
     project_id: int | None
-    """None for a board that does not tell it."""
+    """None for a board without an answer to the query."""
     seconds: float
 
 
@@ -66,18 +63,15 @@ async def connect_in_any_order(
     for order, seconds in zip(orders, (patience or _FIRST, min(patience or _SECOND, _SECOND)), strict=True):
         connection = Connection(
             transport,
-            Codec(order),
-            patience=seconds,
+            ConnectionOptions(byte_order=order, patience=seconds, answers_twice=True, ignore_extra=ignore_extra),
             unsupported=unsupported,
-            answers_twice=True,
-            ignore_extra=ignore_extra,
         )
         try:
             await connection.open()
             await connection.shake_hands()
         except HandshakeFailed as error:
             await connection.close()
-            if error.evidence.answered or error.evidence.longer:
+            if error.evidence.answered or error.evidence.longer or error.evidence.several:
                 raise
             failures.append(error)
             await transport.send(_FILLER)
@@ -123,14 +117,14 @@ async def response_of(connection: Connection) -> ProbeResponse:
     return ProbeResponse(connection.codec.byte_order, mode, project_id, loop.time() - begun)
 
 
-async def probe(url: str, patience: float = PATIENCE) -> ProbeResult:
-    """Ask the device at `url` whether it is a board, for `patience` seconds of silence, and close it.
+async def probe(url: str, patience: float | None = None) -> ProbeResult:
+    """Ask the device at `url` whether it is a board, for `patience` seconds of silence (1 unless given), and close it.
 
     A board that is silent is put into the new transmission mode. It is left there: one that was only slow to start must
     not be put into the old mode.
     """
     try:
-        transport, connection = await reach(url, patience=patience)
+        transport, connection = await reach(url, patience=patience or PATIENCE)
     except HandshakeFailed:
         return ProbeResult(None)
     except TransportError as error:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import PurePosixPath
 
-from servolink.discovery.hubs import hub_of
-from servolink.doctor import Finding
+from servolink.boards import hub_of
+from servolink.doctor.finding import Finding
 from servolink.doctor.permissions import ADAPTERS, INSTALL, rule_named
 from servolink.doctor.system import (
     ListedUsbDevice,
@@ -17,7 +17,7 @@ from servolink.doctor.system import (
     usb_device,
     usb_devices,
 )
-from servolink.escaping import escape
+from servolink.errors import escape
 
 LATENCY_TIMER = "latency timer"
 _LATENCY_CAUSE = "an FTDI adapter holds short responses back until its latency timer, usually 16 ms, has expired"

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from servolink.boards import Measured
+from servolink.doctor.all_responses import FORGETS, after_pause
 from servolink.doctor.learn_captions import encoding_finding, listed_captions
 from servolink.doctor.learn_line import Quality, SharedTransport, TrialLine, measure_quality
 from servolink.doctor.learn_queries import (
@@ -29,11 +31,10 @@ from servolink.doctor.learn_writes import (
     project_id_finding,
     write_depth_finding,
 )
-from servolink.errors import ConnectionLost, ServolinkError
-from servolink.profiles.profile import Measured
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import Codec
-from servolink.transports.address import Address
+from servolink.errors import ConnectionLost, OpenError, ServolinkError
+from servolink.project import BackupStore
+from servolink.protocol import Codec
+from servolink.transports import Address
 
 Step = Callable[[str], None]
 """Function called with the next step, such as "sending many queries at once"."""
@@ -61,6 +62,16 @@ class Learnt:
         return Codec(self.contact.byte_order, str(caption_encoding or self.value("caption_encoding") or "utf-8"))
 
 
+_FORGETS = (
+    Measured(
+        "transmission_mode",
+        value=1,
+        confidence="likely",
+        evidence="after a pause, the board answered only when mode 1 was set again",
+    ),
+)
+
+
 async def learn_by_asking(
     transport: SharedTransport,
     contact: Contact,
@@ -75,22 +86,25 @@ async def learn_by_asking(
     response times are known.
     """
     async with TrialLine(transport, Codec(contact.byte_order)) as line:
-        line.patience = patience or line.patience
+        line.patience = patience or max(line.patience, 2 * contact.slowest)
+        pause = await after_pause(transport, line, contact.answered[0])
+        if pause is not None and pause.check != FORGETS:
+            raise OpenError(f"{transport.url}: {pause.observation}: {pause.meaning}; learn after that")
         on_step("sending single queries")
         quality = await measure_quality(line, contact.answered)
         on_step("sending each kind of query")
-        survey = await survey_board(line, quality)
+        survey = await survey_board(line, quality, transport.record)
         learnt = Learnt(contact, quality, survey)
         learnt.measured += [
             byte_order_finding(contact, quality),
             *longer_findings(contact),
             *twice_findings(contact),
-            *mode_findings(contact, quality, power_cycled=power_cycled),
+            *(_FORGETS if pause else mode_findings(contact, quality, power_cycled=power_cycled)),
             encoding_finding(listed_captions(survey)),
             unsupported_finding(survey, quality),
         ]
         on_step("querying ids that the board does not list")
-        learnt.measured.append(await unknown_ids_finding(line, survey, quality))
+        learnt.measured.append(await unknown_ids_finding(line, survey, quality, transport.record))
         learnt.measured.append(turnaround_finding(contact.answered[0], survey, quality, _baudrate(transport.url)))
         on_step("sending many queries at once")
         learnt.measured.append(await depth_finding(line, survey, quality))

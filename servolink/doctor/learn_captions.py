@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
 import unicodedata
-from collections.abc import Callable, Iterable, Sequence
-from functools import cache
-from struct import calcsize
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from servolink.boards import Measured
 from servolink.doctor.learn_queries import Survey
-from servolink.escaping import quote
-from servolink.profiles.profile import Measured
-from servolink.protocol.caption import CAPTION_SIZE
-from servolink.protocol.codec import response_class
-from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.packet import Packet, Value, bare, counted, field_hints, group, value
-from servolink.protocol.record_types import RECORD_TYPES
+from servolink.errors import quote
+from servolink.protocol import CAPTION_SIZE, PACKETS, RECORD_TYPES, QueryServoParameterRequest, layout
 
 _SURE = 4  # characters outside ASCII needed for certainty
 _EXAMPLES = 3
@@ -24,13 +19,13 @@ _EXAMPLES = 3
 def listed_captions(survey: Survey) -> list[bytes]:
     """Return the bytes of all captions in the lists of the board, padding included."""
     lists = (*(each.list_request for each in RECORD_TYPES), QueryServoParameterRequest())
-    found = ((response_class(query), survey.frames[query]) for query in lists if query in survey.frames)
-    return [caption for declared, (_, content) in found for caption in captions_in(declared, content)]
+    found = ((PACKETS.response_of(query), survey.frames[query]) for query in lists if query in survey.frames)
+    return [caption for declared, (_, content) in found for caption in layout(declared, "little").captions_in(content)]
 
 
 def encoding_finding(captions: Iterable[bytes]) -> Measured:
-    """Return the only encoding where all captions are plausible text; bytes behind the end of a caption are ignored."""
-    written = sorted({raw for raw in captions if any(raw)})
+    """Return the encoding where all captions are the most plausible text; bytes behind the end are ignored."""
+    written = sorted({unpadded for raw in captions if (unpadded := raw.rstrip(b"\xff")) and any(unpadded)})
     fitting, note = _fitting(written), ""
     if not fitting:  # bytes behind the end, which is visible only in encodings with a zero of one byte
         written = sorted({raw.partition(b"\0")[0] for raw in written} - {b""})
@@ -43,144 +38,143 @@ def encoding_finding(captions: Iterable[bytes]) -> Measured:
     if not fitting:
         text = f"{_count(written)} no text in any of {', '.join(_ENCODINGS)}"
         return Measured("caption_encoding", None, "guess", text)
-    if len(fitting) > 1:
-        text = f"{_count(written)} text in {' and in '.join(fitting)}: too few to tell, or choose one yourself"
+    (name, best), *others = sorted(fitting.items(), key=lambda each: each[1].bits)
+    lead = min((other.bits - best.bits for _, other in others), default=_MOST_LEAD)
+    if lead < _LEAST_LEAD:
+        near = " and in ".join(other for other, reading in fitting.items() if reading.bits < best.bits + _LEAST_LEAD)
+        text = f"{_count(written)} text in {near}: too few to tell, or choose one yourself"
         return Measured("caption_encoding", None, "guess", text)
-    ((name, texts),) = fitting.items()
-    examples = ", ".join(quote(text) for text in sorted(texts, key=str.isascii)[:_EXAMPLES])
-    is_sure = sum(not character.isascii() for text in texts for character in text) >= _SURE
-    text = f"{_count(written)} text in {name} and in no other encoding tried: {examples}{note}"
+    examples = ", ".join(quote(text) for text in sorted(best.texts, key=str.isascii)[:_EXAMPLES])
+    characters = sum(not character.isascii() for text in best.texts for character in text)
+    is_sure = characters >= _SURE and lead >= _SURE_LEAD
+    rest = (
+        "and in no other encoding tried" if not others else f"and hardly in {', '.join(other for other, _ in others)}"
+    )
+    text = f"{_count(written)} text in {name} {rest}: {examples}{note}"
     return Measured("caption_encoding", name, "certain" if is_sure else "likely", text)
 
 
-def _fitting(written: Sequence[bytes]) -> dict[str, list[str]]:
-    """Return the encodings where all captions are plausible text, with the texts."""
-    fitting = {name: texts for name in _ENCODINGS if (texts := _texts(written, name)) is not None}
-    # Any two letters of ASCII are a Chinese character in UTF-16.
-    return {name: texts for name, texts in fitting.items() if not name.startswith("utf-16")} or fitting
+class _Reading(NamedTuple):
+    """All captions in one encoding."""
+
+    texts: list[str]
+    bits: float
+    """How surprising the texts are."""
+
+
+def _fitting(written: Sequence[bytes]) -> dict[str, _Reading]:
+    """Return the encodings in which all captions are text."""
+    return {name: reading for name in _ENCODINGS if (reading := _reading(written, name)) is not None}
 
 
 def _count(captions: Sequence[bytes]) -> str:
     return "1 caption is" if len(captions) == 1 else f"{len(captions)} captions are"
 
 
-def _texts(captions: Iterable[bytes], encoding: str) -> list[str] | None:
-    """Return all captions as texts; None if a caption is implausible in `encoding`."""
-    texts = []
+def _reading(captions: Iterable[bytes], encoding: str) -> _Reading | None:
+    """Return all captions as texts; None if `encoding` cannot decode one."""
+    texts, total, rare = list[str](), _ENCODINGS[encoding], list[float]()
+    decoder = codecs.getincrementaldecoder(_PYTHON.get(encoding, encoding))()
     for raw in captions:
         unpadded = _unpadded(raw, 2 if encoding.startswith("utf-16") else 1)
         if unpadded is None:
             return None
+        decoder.reset()
         try:
-            text = unpadded.decode(encoding)
+            text = decoder.decode(unpadded).rstrip()
         except UnicodeDecodeError:
             return None
-        if not all(" " <= each <= "~" or (not each.isascii() and _ENCODINGS[encoding](each)) for each in text):
+        if decoder.getstate()[0]:  # a last character that is cut, as where captions fill all bytes
+            total += _CUT if len(raw) < CAPTION_SIZE else 0.0
+        bits = [_bits(each, encoding) for each in text]
+        if None in bits:
             return None
         texts.append(text)
-    return texts
+        total += sum(each for each in bits if each is not None)
+        rare += [each for each, character in zip(bits, text, strict=True) if each is not None and character > "~"]
+    is_text = any(texts) and (not rare or sum(rare) <= _MOST_BITS * len(rare))
+    return _Reading(texts, total) if is_text else None
 
 
 def _unpadded(raw: bytes, width: int) -> bytes | None:
     """Return a caption up to the terminator, `width` zeros; None if anything but zeros follows."""
     end = next((at for at in range(0, len(raw), width) if not any(raw[at : at + width])), len(raw))
-    return None if any(raw[end:]) else raw[:end]
-
-
-# --- where captions are in a packet ----------------------------------------------------------------------------------
-
-
-class _Places(NamedTuple):
-    """Positions of captions in the content of a packet."""
-
-    head: list[int]
-    base: int
-    """Start of the first record of the group."""
-    unit: int
-    """Bytes of a record; 0 without a group."""
-    record: list[int]
-    """Positions of captions in each record."""
-
-
-def captions_in(declared: type[Packet], content: bytes) -> list[bytes]:
-    """Return the 32 bytes of each caption in `content`, for any byte order."""
-    head, base, unit, record = _places(declared)
-    starts = list(head)
-    if record:
-        starts += [at + place for at in range(base, len(content) - unit + 1, unit) for place in record]
-    return [content[at : at + CAPTION_SIZE] for at in starts]
-
-
-@cache
-def _places(declared: type[Packet]) -> _Places:
-    fixed, count, records = list[Value](), "", list[Value]()
-    for name, hint in field_hints(declared).items():
-        if (how := counted(hint)) is not None:
-            count, records = how.count, group(hint)[1]
-        elif bare(hint) is not bytes:
-            fixed.append(value(name, hint))
-    head, end = _captions(fixed)
-    record, unit = _captions(records)
-    return _Places(head, end + calcsize(f"<{count}"), unit, record)
-
-
-def _captions(values: list[Value]) -> tuple[list[int], int]:
-    """Return the positions of captions among `values`, and the end of the values."""
-    found, at = list[int](), 0
-    for each in values:
-        if each.is_caption:
-            found.append(at)
-        at += calcsize(f"<{each.code}")
-    return found, at
+    if any(raw[end:]):
+        return None
+    return raw[:end] if width > 1 else raw[:end].rstrip(b" ")  # spaces may follow a cut character
 
 
 # --- plausible characters: the bytes of an encoding can be rare characters of another ---------------------------------
 
+_ENCODINGS = {
+    "utf-8": 0.0,
+    "gb18030": 0.0,
+    "big5": 0.0,
+    "shift_jis": 2.0,
+    "euc_jp": 4.0,
+    "euc_kr": 2.0,
+    "utf-16-le": 4.0,
+    "utf-16-be": 4.0,
+}
+"""Encodings to try, each with the bits by which it is rarer than the most usual ones."""
+_PYTHON = {"shift_jis": "cp932", "euc_kr": "cp949", "big5": "cp950"}
+"""Codecs that know more characters of the same encoding."""
 
-def _in_gb18030(character: str) -> bool:
-    """The 3,755 characters of GB 2312 in order of sound, punctuation and wide letters."""
-    return _is_between(character, "gb2312", (0xA1, 0xA3), (0xB0, 0xD7))
+_CHINESE = frozenset(
+    "的一是不了在人有我他这這个個们們中来來上大为為和国國地到以说說时時要就出会會可也你对對生能下自后後作里用道行家成方多"
+    "去学學如同现現动動面起看定天分好小心前开開左右手走跑停止头頭腿脚腳臂举舉挥揮转轉身体體站坐立蹲跳舞踢打拳躬拜握关關"
+    "始复復位初原点點见見进進退向摇搖点抬伸张張合快慢高低二三四五六七八九十"
+)
+_KOREAN = frozenset(
+    "이다는에의가을하고로들지기를리한사은어아인대자해서도시정나그일수보전있스라부구여제과원상장주것면안손발"
+)
+_JAPANESE = frozenset("手足左右上下前後歩走止動作頭腕立座振向回開閉始終大小中人一二三")
+
+_ASCII, _FREQUENT, _KANA, _LETTER, _USUAL, _UNUSUAL, _RARE = 6.0, 8.5, 8.0, 8.0, 12.0, 16.0, 20.0
+"""Bits of surprise of a character."""
+_MOST_BITS = 15.5  # of a character outside ASCII, on average
+_CUT = 10.0  # bits of a character cut before the end of the field
+_LEAST_LEAD, _SURE_LEAD, _MOST_LEAD = 6.0, 14.0, 100.0  # bits before the next encoding
 
 
-def _in_big5(character: str) -> bool:
-    """The 5,401 characters of everyday use, and punctuation."""
-    return _is_between(character, "big5", (0xA1, 0xA2), (0xA4, 0xC6))
+def _bits(character: str, encoding: str) -> float | None:
+    """Return how surprising a character is in texts of an encoding; None for what is in no text."""
+    if character.isascii():
+        return _ASCII if character.isprintable() else None
+    category = unicodedata.category(character)
+    if category in {"Cc", "Cf", "Cn", "Co", "Cs"}:
+        return None
+    if encoding.startswith("utf"):
+        if character < "\u2e80":
+            return _LETTER if category.startswith("L") else _UNUSUAL
+        return _USUAL if category == "So" else min(_east_asian_bits(character, each) for each in _LEVELS)
+    return _east_asian_bits(character, encoding)
 
 
-def _in_shift_jis(character: str) -> bool:
-    """Kana, the 2,965 characters of everyday use, and punctuation; not the narrow kana, encoded as single bytes."""
-    return _is_between(character, "shift_jis", (0x81, 0x83), (0x88, 0x97))
+_LEVELS: dict[str, tuple[int, int, int]] = {
+    "gb18030": (0xB0A1, 0xD7F9, 0xF7FE),
+    "big5": (0xA440, 0xC67E, 0xF9D5),
+    "shift_jis": (0x889F, 0x9872, 0xEAA4),
+    "euc_jp": (0xB0A1, 0xCFD3, 0xF4A6),
+    "euc_kr": (0xB0A1, 0xC8FE, 0xFDFE),
+}
+"""First character of everyday use, the last one, and the last one of the standard, by their two bytes."""
 
 
-def _in_euc_kr(character: str) -> bool:
-    """Hangul."""
-    return "\uac00" <= character <= "\ud7a3"
-
-
-def _is_between(character: str, encoding: str, *leads: tuple[int, int]) -> bool:
+def _east_asian_bits(character: str, encoding: str) -> float:
+    """Return the same for the encodings of Chinese, Japanese and Korean."""
+    frequent = _KOREAN if encoding == "euc_kr" else _JAPANESE if encoding in {"shift_jis", "euc_jp"} else _CHINESE
+    if character in frequent:
+        return _FREQUENT
+    if encoding in {"shift_jis", "euc_jp"} and "\u3041" <= character <= "\u30fe":
+        return _KANA
     try:
         raw = character.encode(encoding)
     except UnicodeEncodeError:
-        return False
-    return len(raw) == 2 and any(low <= raw[0] <= high for low, high in leads)
-
-
-def _in_unicode(character: str) -> bool:
-    """Any letter of the other encodings, European letters, and symbols outside the first plane, such as faces."""
-    if character >= "\U0001f300":
-        return unicodedata.category(character) == "So"
-    if "\u00a0" <= character < "\u0530":
-        return unicodedata.category(character)[0] in "LPNSZ"
-    return _in_gb18030(character) or _in_big5(character) or _in_shift_jis(character) or _in_euc_kr(character)
-
-
-_ENCODINGS: dict[str, Callable[[str], bool]] = {
-    "utf-8": _in_unicode,
-    "gb18030": _in_gb18030,
-    "big5": _in_big5,
-    "shift_jis": _in_shift_jis,
-    "euc_kr": _in_euc_kr,
-    "utf-16-le": _in_unicode,
-    "utf-16-be": _in_unicode,
-}
-"""Encodings to try, each with the function that decides whether a character is plausible."""
+        return _RARE
+    code, (first, usual, last) = int.from_bytes(raw, "big"), _LEVELS[encoding]
+    if len(raw) != 2 or (encoding == "gb18030" and raw[1] < 0xA1):
+        return _RARE
+    if code < first:
+        return _UNUSUAL if unicodedata.category(character)[0] in "PZ" else _RARE
+    return _USUAL if code <= usual else _UNUSUAL if code <= last else _RARE

@@ -10,15 +10,11 @@ from statistics import median
 from types import TracebackType
 from typing import Self
 
+from servolink.boards import BoardSettings
+from servolink.connection import LONG_PAUSE, LineBytes, NewsTimer, lost
 from servolink.errors import ConnectionLost, DecodeError, OpenError, Reason
-from servolink.profiles.profile import BoardSettings
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import Frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.lenient import LenientParser
-from servolink.protocol.packet import Packet, Request, Response
-from servolink.protocol.parser import FrameParser
-from servolink.transports.base import Receiver, Transport
+from servolink.protocol import ButtonEventResponse, Codec, Frame, FrameParser, LenientParser, Packet, Request, Response
+from servolink.transports import Receiver, Transport
 
 PATIENCE = 0.4
 """Seconds to wait for each response until round trips are known."""
@@ -29,6 +25,47 @@ _QUIET = 0.1  # seconds without a response, after which no more responses are ex
 _LONGEST_SETTLING = 3.0  # seconds
 _LATEST = 3.0  # seconds after which a response is no longer waited for
 _LONGEST_WAIT = 10.0  # seconds for the responses to a burst, on a line that is never quiet
+
+_BEGINNING, _LONGEST_FRAME = 4096, 4096
+_MOST, _KEPT = 262_144, 65_536
+"""Bytes of a direction before the oldest are dropped, and bytes kept then."""
+
+
+class LineRecord:
+    """Bytes received on a line, as far back as a verdict needs; places are counted from the first byte."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        self.beginning = b""
+        """First bytes received."""
+        self.received = 0
+        """Number of bytes received."""
+        self.sent_at = 0.0
+        """Time of the latest sending (loop time); 0 before the first."""
+        self.pause = 0.0
+        """Longest pause inside a frame, in seconds."""
+        self._bytes = bytearray()
+        self._heard_at = 0.0
+
+    def add(self, chunk: bytes, now: float) -> None:
+        """Take bytes received at `now` (loop time)."""
+        pause, self._heard_at = now - self._heard_at, now
+        if self.received and pause > max(self.pause, LONG_PAUSE) and self._ends_inside():
+            self.pause = pause
+        if len(self.beginning) < _BEGINNING:
+            self.beginning += chunk[: _BEGINNING - len(self.beginning)]
+        self.received += len(chunk)
+        self._bytes += chunk
+        if len(self._bytes) > _MOST:
+            del self._bytes[:-_KEPT]
+
+    def _ends_inside(self) -> bool:
+        latest = bytes(self._bytes[-_LONGEST_FRAME:])
+        return LineBytes(latest).ends_inside()
+
+    def since(self, place: int) -> bytes:
+        """Return what was received behind a place, as far as it is kept."""
+        return bytes(self._bytes[max(0, len(self._bytes) - (self.received - place)) :])
 
 
 class SharedTransport:
@@ -42,6 +79,8 @@ class SharedTransport:
         self._lost: ConnectionLost | None = None
         self.settings = BoardSettings()
         """Settings without which the board cannot be used, as far as they are known."""
+        self.record = LineRecord()
+        """Bytes received since the first opening."""
 
     @property
     def url(self) -> str:
@@ -65,6 +104,7 @@ class SharedTransport:
 
     async def send(self, data: bytes) -> None:
         """Send all of `data` to the board."""
+        self.record.sent_at = asyncio.get_running_loop().time()
         await self._inner.send(data)
 
     async def close(self) -> None:
@@ -79,7 +119,8 @@ class SharedTransport:
         await self._inner.close()
 
     def data(self, chunk: bytes, /) -> None:
-        """Pass on a chunk; bytes between two uses are dropped."""
+        """Pass on a chunk; bytes between two uses are only recorded."""
+        self.record.add(chunk, asyncio.get_running_loop().time())
         if self._receiver is not None:
             self._receiver.data(chunk)
 
@@ -96,13 +137,13 @@ class TrialLine:
 
     def __init__(self, transport: SharedTransport, codec: Codec) -> None:
         """Speak as `codec` does. `async with` opens the line and ends the use of `transport`."""
-        self._loop = asyncio.get_running_loop()
+        self._news = NewsTimer(lambda: self.received)
         self.codec = codec
         self.patience = PATIENCE
         """Seconds to wait for a response, and after the last response for another."""
         self.received = 0
         """Number of bytes received so far."""
-        self.received_at = self._loop.time()
+        self.received_at = self._news.now
         """Time of the latest byte, on the clock of the event loop."""
         self.answered_at = 0.0
         """Time of the first response to the latest burst; 0 before."""
@@ -117,8 +158,6 @@ class TrialLine:
         self._received_frames: list[Frame] = []  # all frames since the latest burst began
         self._fences: list[Request[Response]] = []  # sent after the latest burst
         self._fence_kinds: deque[Request[Response]] = deque()
-        self._news = asyncio.Event()
-        self._ended: Exception | None = None
 
     async def __aenter__(self) -> Self:
         """Open the line, and wait for silence."""
@@ -135,18 +174,17 @@ class TrialLine:
     def data(self, chunk: bytes, /) -> None:
         """Take bytes from the transport."""
         self.received += len(chunk)
-        self.received_at = self._loop.time()
+        self.received_at = self._news.now
         frames = self._parser.feed(chunk)
         if self._parser.partial_frame or any(packet_id != ButtonEventResponse.packet_id for packet_id, _ in frames):
             self._responded_at = self.received_at
         self._frames += frames
         self._received_frames += frames
-        self._news.set()
+        self._news.tell()
 
     def lost(self, error: Exception | None, /) -> None:
         """End: the transport has ended."""
-        self._ended = error or ConnectionLost(f"{self._transport.url}: closed")
-        self._news.set()
+        self._news.fail(lost(self._transport.url, error))
 
     def use_fences(self, queries: Iterable[Request[Response]]) -> None:
         """Where a response is missing, wait until a later one has come: to one of `queries`, which the board answers.
@@ -157,7 +195,7 @@ class TrialLine:
 
     async def settle(self) -> None:
         """Wait until no response has come for a moment, so that later responses belong to later packets."""
-        begun = self._loop.time()
+        begun = self._news.now
         while await self._wait(min(begun + _LONGEST_SETTLING, max(begun, self._responded_at) + _QUIET)):
             pass
         self._frames.clear()
@@ -199,17 +237,18 @@ class TrialLine:
         found = await self._collect(outstanding)
         if outstanding and self._fence_kinds:
             self._fence_kinds.rotate()
-            found += await self._await_fence(outstanding, self._fence_kinds[0])
+            others = [kind for kind in self._fence_kinds if kind not in requests]
+            found += await self._await_fence(outstanding, next(iter(others), self._fence_kinds[0]))
         answers = [frame for frame in found if any(self._answers(frame, each) for each in requests)]
         # A fence may be equal to a request: all that is missing then counts as requests.
         return answers[: max(0, len(requests) - sum(each in requests for each in outstanding))]
 
     async def _await_fence(self, outstanding: list[Request[Response]], fence: Request[Response]) -> list[Frame]:
         """Send `fence` until it is answered, and return all frames that answer what is outstanding."""
-        end = self._loop.time() + (0 if self.stalls else _LATEST)
+        end = self._news.now + (0 if self.stalls else _LATEST)
         found = list[Frame]()
         while not any(self._answers(frame, fence) for frame in found):
-            if self._fences and self._loop.time() >= end:
+            if self._fences and self._news.now >= end:
                 self.stalls += 1
                 break
             self._fences.append(fence)
@@ -225,7 +264,7 @@ class TrialLine:
 
         Waiting ends when all are answered, or all equal to `until`, or after `patience` without a response.
         """
-        begun, found = self._loop.time(), list[Frame]()
+        begun, found = self._news.now, list[Frame]()
         while True:
             found += self._take(outstanding)
             if not outstanding or (until is not None and until not in outstanding):
@@ -266,15 +305,8 @@ class TrialLine:
     async def _wait(self, until: float) -> bool:
         """Return whether anything has come before `until` (loop time). Raise ConnectionLost if the line has ended."""
         before = self.received
-        self._news.clear()
-        if self._ended is None:
-            timer = self._loop.call_at(until, self._news.set)
-            try:
-                await self._news.wait()
-            finally:
-                timer.cancel()
-        if self._ended is not None:
-            raise ConnectionLost(str(self._ended)) from self._ended
+        while self.received == before and self._news.now < until:
+            await self._news.wait(until)
         return self.received > before
 
 

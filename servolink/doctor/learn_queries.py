@@ -4,41 +4,47 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import count, cycle, islice
 from math import sqrt
 from typing import Any
 
-from servolink.connection.evidence import HandshakeFailed
-from servolink.connection.fences import FENCES
-from servolink.connection.options import PATIENCE
+from servolink.boards import BoardSettings, Confidence, Measured
+from servolink.connection import FENCES, PATIENCE, SURE_COPIES, HandshakeFailed, LineBytes, Mark
 from servolink.doctor.contact import connect_in_any_order
-from servolink.doctor.learn_line import TRIES, Quality, SharedTransport, TrialLine
+from servolink.doctor.learn_line import TRIES, LineRecord, Quality, SharedTransport, TrialLine
 from servolink.doctor.line_quality import measure
-from servolink.errors import OpenError
-from servolink.profiles.profile import BoardSettings, Confidence, Measured
-from servolink.protocol.editing import QueryServoParameterRequest
-from servolink.protocol.frame import OVERHEAD, ByteOrder, Frame
-from servolink.protocol.layout import content_size
-from servolink.protocol.packet import Query, Response
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.protocol.servos import (
+from servolink.errors import DecodeError, OpenError, RequestTimeout
+from servolink.protocol import (
     ALL_SERVOS,
-    QueryServoListRequest,
-    QueryServoListResponse,
-    QueryServoRequest,
-    QueryServoResponse,
-)
-from servolink.protocol.settings import (
+    HEADER_SIZE,
+    OVERHEAD,
+    RECORD_TYPES,
+    ByteOrder,
+    Codec,
+    Frame,
+    Query,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoParameterRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    RecordType,
+    Response,
+    TransmissionModeSettingRequest,
+    layout,
 )
 
 SHORT_QUERIES: tuple[Query[Response], ...] = (*FENCES, QueryServoListRequest())
 """Queries with short requests and responses, in the order of the attempts."""
 
+_FIRST_PATIENCES = 3  # for the first query of a contact
 _SILENT_QUERIES = 2  # before an opening sets mode 1
-_FEW_REPEATED = 2  # second responses, which are chance
+FEW_REPEATED = 2
+"""Second responses that are chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,10 @@ class Contact:
     """Further queries, asked one at a time."""
     repeated: int = 0
     """How many of them were answered twice."""
+    copies: int = 0
+    """Responses that came again later."""
+    slowest: float = 0.0
+    """Seconds to the latest of the responses."""
     longer: int = 0
     """Packet id of a response with more content than in the document; 0 without one."""
 
@@ -76,21 +86,34 @@ async def make_contact(transport: SharedTransport, patience: float | None = None
             order = error.evidence.byte_order
             connection = await connect_in_any_order(transport, order, patience=patience or PATIENCE, ignore_extra=True)
     except HandshakeFailed as error:
-        if error.evidence.answered or error.evidence.longer:
+        if error.evidence.answered or error.evidence.longer or error.evidence.several or error.evidence.mark:
             raise
         raise OpenError(
             f"{transport.url} does not answer in either byte order or transmission mode: {error}"
         ) from error
     try:
+        with suppress(RequestTimeout):  # times the responses of a slow board
+            await connection.request(connection.answered[0], timeout=_FIRST_PATIENCES * connection.patience)
         line = await measure(connection, patience)
         mode, silent_queries = (0, _SILENT_QUERIES) if connection.opener.woke else (1, 0)
         contact = Contact(
-            connection.codec.byte_order, connection.answered, mode, silent_queries, line.requests, line.repeated, longer
+            connection.codec.byte_order,
+            connection.answered,
+            mode,
+            silent_queries,
+            line.requests,
+            line.repeated,
+            line.copies,
+            max(line.round_trips, default=0.0),
+            longer,
         )
     finally:
         await connection.close()
+    found = {each.setting for each in (*twice_findings(contact), *longer_findings(contact))}
     transport.settings = BoardSettings(
-        answers_twice=bool(twice_findings(contact)), ignore_extra=bool(longer_findings(contact))
+        answers_twice="answers_twice" in found,
+        late_copies="late_copies" in found,
+        ignore_extra="ignore_extra" in found,
     )
     return contact
 
@@ -104,8 +127,11 @@ def longer_findings(contact: Contact) -> list[Measured]:
 
 
 def twice_findings(contact: Contact) -> list[Measured]:
-    """Return that the board answers twice, if it does."""
-    if contact.repeated <= _FEW_REPEATED:
+    """Return that the board answers twice, or that copies of responses come later, if they do."""
+    if contact.copies >= SURE_COPIES:
+        text = f"{contact.copies} responses came again later, unchanged"
+        return [Measured("late_copies", value=True, confidence="certain", evidence=text)]
+    if contact.repeated <= FEW_REPEATED:
         return []
     text = f"{contact.repeated} of {contact.queries} queries were answered twice"
     return [Measured("answers_twice", value=True, confidence="certain", evidence=text)]
@@ -147,7 +173,8 @@ def mode_findings(contact: Contact, quality: Quality, *, power_cycled: bool) -> 
 MOST_LOSS = 0.15
 """Share of lost queries above which missing answers say nothing about the board."""
 
-_ALL = QueryServoRequest(ALL_SERVOS)
+ALL_STATES = QueryServoRequest(ALL_SERVOS)
+"""Query of the states of all servos."""
 _LISTS: tuple[Query[Response], ...] = (
     *(each.list_request for each in RECORD_TYPES),
     QueryServoParameterRequest(),
@@ -183,7 +210,15 @@ class Survey:
     frames: dict[Query[Any], Frame] = field(default_factory=dict)
     """Response to each answered query."""
     silent: list[Query[Any]] = field(default_factory=list)
-    """Queries without a response."""
+    """Queries behind which nothing came."""
+    garbled: dict[Query[Any], str] = field(default_factory=dict)
+    """Description of what came in place of a response of the document, such as `sends text, 'ERR'`, by query."""
+    late: list[Query[Any]] = field(default_factory=list)
+    """Queries whose response came only with that to a later query."""
+    damaged: int = 0
+    """Number of tries behind which unreadable bytes came in place of a response that the board has."""
+    bridge: Mark | None = None
+    """Mark of something on the way that changes bytes, so that silence says nothing of the board."""
     is_separate: bool = False
     """Whether the board lists servos, and returns no state for all of them together."""
     remarks: list[str] = field(default_factory=list)
@@ -208,25 +243,46 @@ class Survey:
         return response.total_size if isinstance(response, QueryMemorySizeResponse) else None
 
 
-async def survey_board(line: TrialLine, quality: Quality) -> Survey:
-    """Send each query until the board answers; queries for a record only if a record is stored."""
-    survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else TRIES)
-    for query in (*SHORT_QUERIES, _ALL, *_LISTS):
-        await _survey_query(line, query, survey)
+async def set_mode_again(line: TrialLine, query: Query[Any]) -> bool:
+    """Set mode 1 for a board that answers `query` no more; return whether the board answers again."""
+    await line.send(TransmissionModeSettingRequest(1))
+    await line.settle()
+    return await line.ask(query) is not None
+
+
+async def survey_board(line: TrialLine, quality: Quality, record: LineRecord, tries: int = TRIES) -> Survey:
+    """Send each query until the board answers; queries for a record only if a record is stored.
+
+    `record` is that of the line. A query is sent up to `tries` times, more often on a bad line.
+    """
+    survey = Survey(_TRIES_ON_A_BAD_LINE if 0 < quality.loss <= MOST_LOSS else tries)
+    begun = record.received
+    for query in (*SHORT_QUERIES, ALL_STATES, *_LISTS):
+        await _survey_query(line, query, survey, record)
     for record_type in RECORD_TYPES:
         if ids := survey.ids(record_type):
-            await _survey_query(line, record_type.query(ids[0]), survey)
-    if survey.servo_ids and survey.responses.get(_ALL) == QueryServoResponse():
+            await _survey_query(line, record_type.query(ids[0]), survey, record)
+    received = record.beginning + record.since(begun)
+    survey.bridge = next((mark for mark in LineBytes(received, line.codec.byte_order).marks() if mark.is_bridge), None)
+    if survey.servo_ids and survey.responses.get(ALL_STATES) == QueryServoResponse():
         survey.is_separate = True
-        survey.remarks.append(f"{name_of(_ALL)} for all servos had no servos, and {len(survey.servo_ids)} are listed")
+        survey.remarks.append(
+            f"{name_of(ALL_STATES)} for all servos had no servos, and {len(survey.servo_ids)} are listed"
+        )
     return survey
 
 
-async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> None:
+async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey, record: LineRecord) -> None:
     before: Frame | None = None
+    begun, rubbish = record.received, 0  # tries behind which something else came
     for _ in range(survey.tries):
+        place, asked_at = record.received, asyncio.get_running_loop().time()
         frame = await line.ask(query)
+        is_late = record.sent_at - asked_at > line.patience / 2  # something was sent behind the query
+        if frame is not None and is_late and query not in survey.late:
+            survey.late.append(query)
         if frame is None:
+            rubbish += bool(LineBytes(record.since(place), line.codec.byte_order).unread())
             continue
         if query not in _LISTS or frame == before:  # captions and ids must not come from a damaged frame
             break
@@ -235,19 +291,38 @@ async def _survey_query(line: TrialLine, query: Query[Any], survey: Survey) -> N
         frame = None
     if frame is None and before is None:
         if reason := line.contradictions.get(query.packet_id + 1):
+            reason += _other_order(record.since(begun), query, line.codec.byte_order)
             survey.remarks.append(f"{name_of(query)} is answered, and the response contradicts itself: {reason}")
+        elif 2 * rubbish > survey.tries:
+            survey.garbled[query] = LineBytes(record.since(begun), line.codec.byte_order).described()
+            survey.remarks.append(f"{name_of(query)}: the board answers, but {survey.garbled[query]}")
         else:
             survey.silent.append(query)
     elif (frame := frame or before) is not None:
+        survey.damaged += rubbish
         survey.frames[query] = frame
         survey.responses[query] = line.decode(frame)
 
 
+def _other_order(received: bytes, query: Query[Any], byte_order: ByteOrder) -> str:
+    """Return that a contradictory response can be read in the other byte order, if it can."""
+    other: ByteOrder = "little" if byte_order == "big" else "big"
+    for frame in LineBytes(received, byte_order).frames():
+        if frame.packet_id == query.packet_id + 1:
+            with suppress(DecodeError):
+                Codec(other).decode(frame.packet_id, received[frame.start + HEADER_SIZE : frame.end - 1])
+                return f"; in {other} byte order its content could be read"
+    return ""
+
+
 def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
     """Return the queries never answered by the board."""
+    if survey.bridge is not None:
+        text = f"the line {survey.bridge.text}, so what is not answered says nothing of the board"
+        return Measured("unsupported", None, "guess", "; ".join((text, *survey.remarks)))
     answered, confidence = len(survey.frames), silence_confidence(quality, survey.tries)
     names = tuple(map(name_of, survey.silent))
-    text = f"all {answered} queries tried were answered"
+    text = f"{answered} queries were answered" if survey.remarks else f"all {answered} queries tried were answered"
     if names:
         text = (
             f"{', '.join(names)}: not answered in {survey.tries} tries each; {answered} others were answered; {quality}"
@@ -255,17 +330,21 @@ def unsupported_finding(survey: Survey, quality: Quality) -> Measured:
     else:
         confidence = "certain"
     if survey.is_separate:
-        names += (name_of(_ALL),)  # so that programs read the servos one by one
+        names += (name_of(ALL_STATES),)  # so that programs read the servos one by one
     value = None if confidence is None else names
     return Measured("unsupported", value, confidence or "guess", "; ".join((text, *survey.remarks)))
 
 
-async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:
+async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality, record: LineRecord) -> Measured:
     """Query ids missing in the lists of the board."""
     answered: list[Query[Any]] = []
     silent: list[Query[Any]] = []
     for query in _unknown(survey):
-        (silent if await line.answer(query) is None else answered).append(query)
+        place = record.received
+        is_answered = await line.answer(query) is not None
+        if not is_answered and (reason := _unreadable(line, query, record.since(place))):
+            return Measured("unknown_ids", None, "guess", f"{_queries([query])}: {reason}")
+        (answered if is_answered else silent).append(query)
     observation = " and ".join(
         f"{_queries(queries)} {how}"
         for queries, how in ((answered, "had an empty response"), (silent, f"had none in {TRIES} tries each"))
@@ -280,6 +359,14 @@ async def unknown_ids_finding(line: TrialLine, survey: Survey, quality: Quality)
         confidence = "likely"  # programs must expect both
     value = None if confidence is None else "silent"
     return Measured("unknown_ids", value, confidence or "guess", f"{observation}; {quality}")
+
+
+def _unreadable(line: TrialLine, query: Query[Any], received: bytes) -> str:
+    """Return what came in place of a response to `query`; empty behind silence."""
+    if reason := line.contradictions.get(query.packet_id + 1):
+        return f"the response contradicts itself: {reason}"
+    heard = LineBytes(received, line.codec.byte_order)
+    return f"the board answers, but {heard.described()}" if heard.unread() else ""
 
 
 def _unknown(survey: Survey) -> Iterator[Query[Any]]:
@@ -300,7 +387,7 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
     raw = quality.round_trip
     text = f"{name_of(query)} took {raw * 1000:.2f} ms (median of {len(quality.round_trips)})"
     frame = survey.frames.get(query)
-    size = 2 * OVERHEAD + content_size(type(query)) + (len(frame[1]) if frame else 0)
+    size = 2 * OVERHEAD + layout(type(query), "little").size() + (len(frame[1]) if frame else 0)
     on_wire = size * 10 / baudrate if baudrate else 0.0
     if baudrate and on_wire <= raw:
         text += f", of which {size} bytes at {baudrate} baud take {on_wire * 1000:.2f} ms"
@@ -314,7 +401,9 @@ def turnaround_finding(query: Query[Any], survey: Survey, quality: Quality, baud
 async def depth_finding(line: TrialLine, survey: Survey, quality: Quality) -> Measured:
     """Send more and more queries at once until responses are lost, doubled or out of order."""
     queries = _cheap_queries(survey)
-    size = max(OVERHEAD + content_size(type(query)) for query in queries)
+    if not queries:
+        return Measured("depth", None, "guess", "no short query was answered")
+    size = max(OVERHEAD + layout(type(query), "little").size() for query in queries)
     if quality.loss > MOST_LOSS:
         return Measured("depth", None, "guess", f"{quality}, too many for a statement about the board")
     works, observation = 1, ""

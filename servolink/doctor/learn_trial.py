@@ -10,17 +10,12 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.boards import BoardProfile
+from servolink.client import Board, connect
 from servolink.doctor.learn_line import SharedTransport
 from servolink.errors import OutcomeUnknown, ProjectError
-from servolink.profiles.profile import BoardProfile
-from servolink.project.model import Project, is_unfinished
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.journal import Journal, JournalPhase, journal_of
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.records import Action, Step
+from servolink.project import UNFINISHED, BackupStore, Journal, JournalPhase, Project
+from servolink.protocol import Action, Codec, QueryProjectIDRequest, Step, WriteProjectIDRequest
 
 SCRATCH = "servolink scratch"
 """Beginning of the captions of all records stored only for measurements."""
@@ -97,8 +92,8 @@ async def begin_trial(
     """
     async with connected(transport, codec) as board:
         project_id = (await board.request(QueryProjectIDRequest())).project_id
-        journals = await asyncio.to_thread(store.journals, project_id)
-        if is_unfinished(project_id) or journal_of(journals, project_id, board.url) is not None:
+        begun = await asyncio.to_thread(store.journal_of, project_id, board.url)
+        if project_id in UNFINISHED or begun is not None:
             raise ProjectError(
                 f"{board.url} holds an unfinished import: `servolink apply FILE` finishes it, `servolink rollback` "
                 "undoes it; learn afterwards"

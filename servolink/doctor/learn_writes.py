@@ -8,19 +8,25 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
-from servolink.client.board import Board
+from servolink.boards import Measured
+from servolink.client import Board
 from servolink.doctor.learn_line import Quality, TrialLine
 from servolink.doctor.learn_queries import burst_finding, is_line_loss
 from servolink.doctor.learn_trial import SCRATCH, Trial, write_marker
 from servolink.errors import OutcomeUnknown, Rejected, RequestTimeout
-from servolink.profiles.profile import Measured
-from servolink.project.model import without_neutral
-from servolink.protocol.editing import QueryProjectIDRequest
-from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.packet import Query, Response
-from servolink.protocol.record_types import ACTION, RECORD_TYPES
-from servolink.protocol.records import Action, ServoParameter
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
+from servolink.project import without_neutral
+from servolink.protocol import (
+    ACTION,
+    OVERHEAD,
+    RECORD_TYPES,
+    Action,
+    ClearAllDataRequest,
+    Query,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    Response,
+    ServoParameter,
+)
 
 _TRIES = 3
 _DEPTHS = (2, 4, 8)

@@ -7,22 +7,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from servolink.connection.connection import Connection
-from servolink.connection.evidence import text_between
-from servolink.connection.taps import Tap
-from servolink.doctor import Finding
-from servolink.errors import ConnectionLost, RequestTimeout
-from servolink.escaping import quote
+from servolink.connection import FENCES, SERVO_LIST, SURE_COPIES, Connection, LineBytes, Tap, text_between
+from servolink.doctor.finding import Finding
+from servolink.errors import ConnectionLost, RequestTimeout, quote
+from servolink.protocol import PACKETS, ButtonEventResponse, ByteOrder, Request, Response
 
-ANSWERS_TWICE = "answers twice"
-"""Name of the finding whose remedy needs the address of the board."""
+ANSWERS_TWICE, LATE_COPIES = "answers twice", "late copies"
+SETTINGS = {ANSWERS_TWICE: "answers_twice", LATE_COPIES: "late_copies"}
+"""Setting of the address or profile that remedies a finding, by the name of the finding."""
 REQUESTS = 60
 """Number of queries sent, without any change to the board."""
 
+_BYTE_ORDERS: tuple[ByteOrder, ...] = ("little", "big")
 _PATIENCE = 0.5  # seconds for each response, unless given
 _ROUND_TRIPS = 4  # for a slow board, so many are allowed for each response
 _LONGEST = 4.0  # seconds, after which a slow board is asked no more
 _MOST_BYTES = 65536  # examined for text
+_LISTENING = 3.5  # seconds from the first query, in which copies of responses may come
+_STEP = 0.5  # seconds of listening between two looks
 _FEW = 2  # late responses tolerated, as caused by a short standstill of this computer
 
 
@@ -46,8 +48,17 @@ class LineCounts:
     """Seconds allowed for each response."""
     repeated: int = 0
     """Second responses to a query."""
+    copies: int = 0
+    """Responses that came again later."""
     text: str = ""
     """Beginning of readable text between frames; empty without any."""
+    echoes: int = 0
+    """Requests that came back."""
+    unasked: Sequence[int] = ()
+    """Packet ids of responses that nobody had asked for."""
+    received: bytes = b""
+    """First bytes received."""
+    byte_order: ByteOrder = "little"
 
     def percentile(self, percent: int) -> float | None:
         """Return the time within which `percent` of the responses came; None without responses."""
@@ -55,11 +66,16 @@ class LineCounts:
         return ordered[min(len(ordered) - 1, len(ordered) * percent // 100)] if ordered else None
 
 
-class _Recording(Tap):
-    """Keeps the first bytes received."""
+class _LineRecording(Tap):
+    """Keeps the first bytes received, and which responses were asked for."""
 
     def __init__(self) -> None:
         self.data = bytearray()
+        self.asked: set[int] = set()
+
+    def sent(self, data: bytes) -> None:
+        """Note the response to what is sent."""
+        self.asked |= {frame.packet_id + 1 for order in _BYTE_ORDERS for frame in LineBytes(data, order).frames()}
 
     def received(self, data: bytes) -> None:
         """Keep bytes from the board."""
@@ -70,11 +86,12 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
     """Query the board of a contact repeatedly, each time for `patience` seconds."""
     stats, loop = connection.stats, asyncio.get_running_loop()
     begun, received, noise, late = loop.time(), stats.bytes_received, stats.noise, stats.late_responses
+    over = connection.answers.over
     repeated, timeouts = stats.repeated, stats.timeouts
     patience = patience or max(_PATIENCE, _ROUND_TRIPS * (stats.round_trip(50) or 0.0))
     requests = unanswered = 0
     ended = ""
-    recording = _Recording()
+    recording = _LineRecording()
     stop_recording = connection.taps.add(recording)
     try:
         # Different queries in turn: the response to one proves the other over, so nothing else is sent between.
@@ -85,9 +102,15 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
                 unanswered += 1
             if loop.time() > begun + _LONGEST:
                 break
+        while stats.late_copies < SURE_COPIES and not over.done() and loop.time() < begun + _LISTENING:
+            await asyncio.wait((over,), timeout=_STEP)
     except ConnectionLost as error:
         ended = str(error)
     stop_recording()
+    received_bytes, order = bytes(recording.data), connection.codec.byte_order
+    asked = {query.packet_id + 1 for query in (*FENCES, SERVO_LIST)} | {ButtonEventResponse.packet_id, *recording.asked}
+    frames = [PACKETS[frame.packet_id] for frame in LineBytes(received_bytes, order).frames() if frame.fits]
+    unasked = [each.packet_id for each in frames if issubclass(each, Response) and each.packet_id not in asked]
     return LineCounts(
         stats.bytes_received - received,
         stats.noise - noise,
@@ -99,13 +122,26 @@ async def measure(connection: Connection, patience: float | None = None) -> Line
         patience,
         # After a timeout a query is sent again, and both sendings may be answered.
         max(0, stats.repeated - repeated - (stats.timeouts - timeouts)),
-        text_between(bytes(recording.data), connection.codec.byte_order),
+        max(0, stats.late_copies - len(unasked)),
+        text_between(received_bytes, order),
+        sum(issubclass(each, Request) for each in frames),
+        unasked,
+        received_bytes,
+        order,
     )
 
 
 def check_line(line: LineCounts) -> Iterator[Finding]:
     """Find noise, missing responses and an early end of the connection."""
-    if line.repeated > _FEW:
+    if line.copies >= SURE_COPIES:
+        yield Finding(
+            LATE_COPIES,
+            f"{line.copies} responses came again later, unchanged",
+            "an adapter, a bridge or the firmware repeats responses; without the setting, a program reads old angles "
+            "until it has noticed that",
+            "",
+        )
+    elif line.repeated > _FEW:
         yield Finding(
             ANSWERS_TWICE,
             f"{line.repeated} of {line.requests} queries were answered twice",
@@ -122,13 +158,22 @@ def check_line(line: LineCounts) -> Iterator[Finding]:
             "switch the messages off in the firmware, if you can",
         )
     elif line.noise_bytes:
-        share = 100 * line.noise_bytes / line.received_bytes
+        yield _noise(line)
+    if len(line.unasked) > _FEW:
         yield Finding(
-            "noise",
-            f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were outside frames",
-            "the line damages bytes, or another device or program uses the line",
-            "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
-            "close other programs on the port",
+            "unasked",
+            f"{len(line.unasked)} responses came that were not asked for, such as packet {line.unasked[0]}",
+            "another program uses the board through the same bridge, or the board sends by itself; a response to "
+            "another program may be taken for an answer",
+            "close other programs on the board, or share it: servolink share",
+        )
+    if line.echoes > _FEW:
+        yield Finding(
+            "echoed requests",
+            f"{line.echoes} requests came back from the line: an echo",
+            "the line returns what is sent, as a two-wire bus or an adapter does; programs ignore it",
+            "",
+            is_harmless=True,
         )
     if line.unanswered or line.late > _FEW:
         yield Finding(
@@ -147,3 +192,19 @@ def check_line(line: LineCounts) -> Iterator[Finding]:
             "the board responded before, so the cable is loose or the board lost power",
             "check cable, plugs and power",
         )
+
+
+def _noise(line: LineCounts) -> Finding:
+    """Report bytes outside frames by what they have in common, else as damage."""
+    share = 100 * line.noise_bytes / line.received_bytes
+    many = f"{line.noise_bytes} of {line.received_bytes} received bytes ({share:.1f} %) were outside frames"
+    heard = LineBytes(line.received, line.byte_order)
+    for mark in heard.marks():
+        return Finding(mark.name, f"{many}: the line {mark.text}", mark.meaning, mark.remedy)
+    return Finding(
+        "noise",
+        f"{many}, first {heard.first()}" if heard.unread() else many,
+        "the line damages bytes, or another device or program uses the line",
+        "try a shorter cable, another port without a hub, and a separate power supply for the servos\n"
+        "close other programs on the port",
+    )

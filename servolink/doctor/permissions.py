@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from servolink.doctor import Finding
-from servolink.doctor.system import ListedUsbDevice, Node, SystemFacts, device_nodes, usb_device
-from servolink.escaping import escape
+from servolink.doctor.finding import Finding
+from servolink.doctor.system import ListedUsbDevice, Node, SystemFacts, device_nodes, named_usb_device, usb_device
+from servolink.errors import OpenError, escape
 
 RULES = "/etc/udev/rules.d/70-servolink.rules"
 INSTALL = f"""servolink doctor --print-udev | sudo tee {RULES}
@@ -44,6 +44,17 @@ _HEAD = f"""\
 # `uaccess` permits users at this computer; the group permits users over the network, and services.
 # ModemManager must ignore the board: otherwise every plugging in makes ModemManager write to the board.
 """
+
+
+def rules_for(facts: SystemFacts, urls: Iterable[str]) -> str:
+    """Return the text of the rules file for the boards at `urls`. Raise OpenError if none of them is on USB."""
+    devices = [device for url in urls if (device := usb_device(facts, url) or named_usb_device(url)) is not None]
+    if not devices:
+        raise OpenError(
+            "no board was found on USB to write rules for; plug the board in, or name one: "
+            "servolink doctor --print-udev usb://VID:PID"
+        )
+    return rules(facts, devices)
 
 
 def rules(facts: SystemFacts, devices: Iterable[ListedUsbDevice]) -> str:

@@ -10,10 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from servolink.escaping import escape
-from servolink.platforms import process
-from servolink.transports.address import Address
-from servolink.transports.device_info import PortIdentity, is_accessible
+from servolink.errors import escape
+from servolink.support import Account
+from servolink.transports import Address, PortIdentity, is_accessible
 
 _USB_DEVICES = "/sys/bus/usb/devices"
 
@@ -57,16 +56,16 @@ class SystemFacts:
     @property
     def user(self) -> str:
         """Name of the user of the process; empty on systems without user numbers."""
-        return process.own_name()
+        return Account.of_process().user
 
     @property
     def groups(self) -> frozenset[str]:
         """Groups of the present process."""
-        return process.own_groups()
+        return Account.of_process().groups
 
     def members(self, group: str) -> list[str] | None:
         """Return the members of `group`, counted from their next login on; None for a missing group."""
-        return process.members(group)
+        return Account.members(group)
 
     def text(self, path: str) -> str:
         """Return the text of a file without surrounding space; empty for an unreadable file."""
@@ -104,9 +103,10 @@ class SystemFacts:
             status = self._below_root(path).stat()
         except (OSError, ValueError):
             return None
+        account = Account.of_file(status)
         return Node(
-            owner=process.user_name(status.st_uid),
-            group=process.group_name(status.st_gid),
+            owner=account.user,
+            group=", ".join(account.groups),
             mode=stat.S_IMODE(status.st_mode),
             is_accessible=is_accessible(str(self._below_root(path))),
         )

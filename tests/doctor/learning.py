@@ -6,18 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from servolink import Action, Macro, MacroCommand, ServoParameter, Step, connect
+from servolink.boards import Measured
 from servolink.doctor.learn_board import Learnt, learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_queries import make_contact
-from servolink.profiles.profile import Measured
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import Codec
-from servolink.transports.base import Transport
-from servolink.transports.line_faults import Faults, FaultyTransport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.storage import Contents
-from servolink.virtual.transport import VirtualTransport
+from servolink.project import BackupStore
+from servolink.protocol import Codec
+from servolink.transports import Faults, FaultyTransport, Transport
+from servolink.virtual import BoardKind, Contents, VirtualBoard, VirtualTransport
 from tests.virtual_time import run
 
 URL = "virtual://bench"

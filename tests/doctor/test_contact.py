@@ -8,13 +8,11 @@ from servolink.doctor import contact
 from servolink.doctor.contact import ProbeResult, probe, reach, response_of
 from servolink.doctor.line_quality import REQUESTS, LineCounts, check_line, measure
 from servolink.errors import ConnectionLost, OpenError
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.base import Receiver, Transport
-from servolink.transports.line_faults import Faults, FaultyTransport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, Fate
+from servolink.protocol import ByteOrder, Codec
+from servolink.testing import Fate
+from servolink.transports import Faults, FaultyTransport, Receiver, Transport
+from servolink.virtual import VirtualBoard, VirtualTransport
+from tests.client.piped_board import PipedBoard
 from tests.virtual_time import run
 
 
@@ -54,7 +52,7 @@ def test_a_line_that_ends_meanwhile_is_a_problem(monkeypatch: pytest.MonkeyPatch
 
 
 def test_what_cannot_be_opened_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Nowhere(FakeBoard):
+    class Nowhere(PipedBoard):
         async def open(self, receiver: Receiver) -> None:
             raise OpenError("there is no /dev/nowhere")
 
@@ -63,7 +61,7 @@ def test_what_cannot_be_opened_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> 
     assert "there is no /dev/nowhere" in run(probe("serial:///dev/nowhere")).problem
 
 
-class Resetting(FakeBoard):
+class Resetting(PipedBoard):
     """It is lost by its first frame as often as told."""
 
     resets = 1
@@ -90,7 +88,7 @@ def test_a_board_that_is_reset_by_its_opening_is_opened_once_more(
 # --- the line -----------------------------------------------------------------------------------------------------
 
 
-async def measured(board: FakeBoard, monkeypatch: pytest.MonkeyPatch) -> LineCounts:
+async def measured(board: PipedBoard, monkeypatch: pytest.MonkeyPatch) -> LineCounts:
     monkeypatch.setattr(contact, "create", lambda url: board)
     transport, connection = await reach("fake://board")
     try:
@@ -105,18 +103,18 @@ async def measured(board: FakeBoard, monkeypatch: pytest.MonkeyPatch) -> LineCou
     ("usual", "checks"),
     [
         (Fate(), []),
-        (Fate(after=0.3), []),  # slow, but nothing is late
-        (Fate(after=1.0), []),  # the same
+        (Fate(delay=0.3), []),  # slow, but nothing is late
+        (Fate(delay=1.0), []),  # the same
         (Fate(copies=2), ["answers twice"]),
-        (Fate(mangle=lambda frame: b"temperature 21 degrees\r\n" + frame), ["text"]),
-        (Fate(mangle=lambda frame: b"\x01\x02\x03" + frame), ["noise"]),
+        (Fate(damage=lambda frame: b"temperature 21 degrees\r\n" + frame), ["text"]),
+        (Fate(damage=lambda frame: b"\x01\x02\x03" + frame), ["noise"]),
     ],
     ids=["healthy", "late", "very late", "twice", "text", "noise"],
 )
 async def test_what_is_odd_about_a_line_is_named(
     usual: Fate, checks: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    line = await measured(FakeBoard(usual=usual), monkeypatch)
+    line = await measured(PipedBoard(usual=usual), monkeypatch)
     assert [finding.check for finding in check_line(line)] == checks
     assert not line.unanswered
     assert (line.repeated >= REQUESTS) == (usual.copies == 2)
@@ -124,7 +122,7 @@ async def test_what_is_odd_about_a_line_is_named(
 
 
 async def test_a_line_that_does_not_last_is_measured_until_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Short(FakeBoard):
+    class Short(PipedBoard):
         async def send(self, data: bytes) -> None:
             if len(self.sent) == 40:
                 self.vanish()

@@ -8,14 +8,11 @@ from typing import Any
 import pytest
 
 from servolink import connect
+from servolink.boards import Measured, SafetyLimits
 from servolink.doctor import learn_motion
 from servolink.doctor.learn_motion import PlannedMovement, interval_finding, plan_movement
 from servolink.errors import ServolinkError
-from servolink.profiles.profile import Measured, SafetyLimits
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.simulated_servo import SimulatedServo
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual import BoardKind, SimulatedServo, VirtualBoard, VirtualTransport
 from tests.virtual_time import run
 
 
@@ -73,9 +70,9 @@ def test_a_servo_that_reports_the_commanded_angle_at_once_cannot_be_timed(monkey
 def test_times_that_differ_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter((1.0, 2.0))
 
-    async def seconds_to(*_: object) -> learn_motion._Timed:
+    async def seconds_to(*_: object) -> learn_motion._TimedMotion:
         seconds = next(times)
-        return learn_motion._Timed(seconds, seconds, seconds)
+        return learn_motion._TimedMotion(seconds, seconds, seconds)
 
     monkeypatch.setattr(learn_motion, "_seconds_to", seconds_to)
     found, _ = timed(BoardKind())

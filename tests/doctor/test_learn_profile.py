@@ -12,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.doctor.learn_captions import encoding_finding
-from servolink.profiles.profile import (
-    BY_HAND,
+from servolink.boards import (
     BoardIdentityRecord,
     BoardProfile,
     BoardSettings,
@@ -22,9 +20,10 @@ from servolink.profiles.profile import (
     Evidence,
     Measured,
     SafetyLimits,
-    merge_profile,
+    format_profile,
+    parse_profile,
 )
-from servolink.profiles.store import format_profile, parse_profile
+from servolink.doctor.learn_captions import encoding_finding
 
 NOW, BEFORE = datetime(2026, 2, 1, tzinfo=UTC), datetime(2026, 1, 1, tzinfo=UTC)
 REX = BoardIdentityRecord(servo_ids=(1, 2), memory_total=65536)
@@ -47,7 +46,7 @@ def test_which_finding_is_kept(
 ) -> None:
     old = {"depth": Evidence(evidence, "old", BEFORE)} if evidence else {}
     profile = BoardProfile(settings=BoardSettings(depth=kept, clear="all"), evidence=old)
-    merged = merge_profile(profile, [Measured("depth", found, confidence, "new")], REX, NOW)
+    merged = profile.merged([Measured("depth", found, confidence, "new")], REX, NOW)
     assert merged.settings == BoardSettings(depth=result, clear="all")
     is_new = found is not None and (result != kept or evidence is None)
     assert merged.evidence == ({"depth": Evidence(confidence, "new", NOW)} if is_new and result == found else old)
@@ -71,7 +70,7 @@ ANYTHING = (
 def test_whatever_was_measured_can_be_saved(values: dict[str, Any], data: st.DataObject) -> None:
     measured = [Measured(name, value, "certain", "measured") for name, value in values.items()]
     found = {name: data.draw(ANYTHING, name) for name in BoardIdentityRecord.__struct_fields__}
-    profile = merge_profile(BoardProfile(), measured, BoardIdentityRecord.of(**found), NOW)
+    profile = BoardProfile().merged(measured, BoardIdentityRecord.of(**found), NOW)
     assert parse_profile(format_profile("rex", profile)) == profile
     for each in measured:
         assert getattr(profile.settings, each.setting) == each.value
@@ -84,10 +83,10 @@ def test_an_identity_is_kept_without_what_no_board_has(field: str, value: Any) -
 
 
 def test_what_was_set_by_hand_is_replaced_only_by_what_is_certain() -> None:
-    by_hand = {"depth": Evidence("certain", BY_HAND, BEFORE)}
+    by_hand = {"depth": Evidence("certain", Evidence.BY_HAND, BEFORE)}
     profile = BoardProfile(settings=BoardSettings(depth=8), evidence=by_hand)
-    assert merge_profile(profile, [Measured("depth", 4, "likely", "new")], REX, NOW).settings.depth == 8
-    assert merge_profile(profile, [Measured("depth", 4, "certain", "new")], REX, NOW).settings.depth == 4
+    assert profile.merged([Measured("depth", 4, "likely", "new")], REX, NOW).settings.depth == 8
+    assert profile.merged([Measured("depth", 4, "certain", "new")], REX, NOW).settings.depth == 4
 
 
 def test_equal_evidence_is_renewed_and_limits_stay() -> None:
@@ -95,14 +94,14 @@ def test_equal_evidence_is_renewed_and_limits_stay() -> None:
     profile = BoardProfile(
         settings=BoardSettings(depth=8), limits=limits, evidence={"depth": Evidence("certain", "old", BEFORE)}
     )
-    merged = merge_profile(profile, [Measured("depth", 8, "certain", "new")], REX, NOW)
+    merged = profile.merged([Measured("depth", 8, "certain", "new")], REX, NOW)
     assert merged.evidence == {"depth": Evidence("certain", "new", NOW)}
     assert merged.limits == limits
 
 
 def test_what_is_not_found_of_the_identity_stays() -> None:
     found = BoardIdentityRecord(servo_ids=(1, 2), serial_number="A1")
-    merged = merge_profile(BoardProfile(identity=REX), [], found, NOW)
+    merged = BoardProfile(identity=REX).merged([], found, NOW)
     assert merged.identity == BoardIdentityRecord(servo_ids=(1, 2), memory_total=65536, serial_number="A1")
 
 
@@ -122,7 +121,11 @@ def test_boards_differ_where_both_are_known() -> None:
         (["👋 hi"], "utf-8", ("utf-8", "likely")),
         (["挥手", "wave"], "utf-16-be", ("utf-16-be", "likely")),
         (["挥手"], "utf-16-le", (None, "guess")),  # the same bytes as "%cKb"
-        (["손 흔들기", "왼손"], "euc_kr", (None, "guess")),  # Chinese just as well
+        (["손 흔들기", "왼손"], "euc_kr", ("euc_kr", "likely")),
+        (["手を振る", "歩く", "お辞儀", "左腕"], "shift_jis", ("shift_jis", "certain")),
+        (["齧る", "蹲踞", "跋扈"], "shift_jis", ("shift_jis", "certain")),
+        (["手を振る", "歩く", "お辞儀", "左腕"], "euc_jp", ("euc_jp", "certain")),
+        (["Привет", "Шаг вперёд"], "cp1251", (None, "guess")),
         (["Grüße"], "latin-1", (None, "guess")),
         (["wave", ""], "utf-8", (None, "guess")),
         ([], "utf-8", (None, "guess")),
@@ -131,3 +134,24 @@ def test_boards_differ_where_both_are_known() -> None:
 def test_encodings_of_captions(captions: list[str], encoding: str, found: Any) -> None:
     measured = encoding_finding([caption.encode(encoding).ljust(32, b"\0") for caption in captions])
     assert (measured.value, measured.confidence) == found
+
+
+@pytest.mark.parametrize("padding", [b"\0", b"\xff", b" "])
+@pytest.mark.parametrize("size", [32, 31, 15])
+@pytest.mark.parametrize(
+    ("captions", "encoding"),
+    [
+        (["x揮手", "x走路", "x鞠躬", "x左手"], "utf-8"),
+        (["x挥手", "x走路", "x鞠躬", "x左手"], "gb18030"),
+        (["x揮手", "x走路", "x鞠躬", "x左手"], "big5"),
+        (["xお辞儀", "x左腕", "x蹴る"], "shift_jis"),
+        (["x걷기", "x왼손들기", "x인사하기"], "euc_kr"),
+        (["揮手", "走路", "鞠躬", "左手"], "utf-16-le"),
+    ],
+)
+def test_cut_characters_and_padding_hide_no_encoding(
+    captions: list[str], encoding: str, size: int, padding: bytes
+) -> None:
+    for times in (1, 20):
+        stored = [(caption * times).encode(encoding)[:size].ljust(32, padding) for caption in captions]
+        assert encoding_finding(stored).value == encoding

@@ -10,14 +10,9 @@ from typing import Any
 import pytest
 
 from servolink.errors import OpenError
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryMacroRequest
-from servolink.transports.base import Transport
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.transports.line_faults import Faults
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.handlers import HANDLERS
-from servolink.virtual.kind import BoardKind
+from servolink.protocol import Codec, QueryMacroRequest
+from servolink.transports import Faults, Transport, WrappedTransport
+from servolink.virtual import HANDLERS, BoardKind, VirtualBoard
 from tests.doctor.learning import CHINESE, FULL, board_of, described, learn
 
 BUSY = 0.005  # seconds for each request, so that others have to wait

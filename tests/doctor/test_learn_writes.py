@@ -15,17 +15,10 @@ from servolink.doctor.learn_board import learn_by_asking, learn_by_writing
 from servolink.doctor.learn_line import SharedTransport
 from servolink.doctor.learn_queries import make_contact
 from servolink.errors import ConnectionLost, OpenError, ProjectError, ServolinkError
-from servolink.project.model import UNFINISHED
-from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest
-from servolink.protocol.record_types import ACTION, STORED_TYPES
-from servolink.protocol.settings import ClearAllDataRequest
-from servolink.transports.line_faults import Faults
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.handlers import HANDLERS
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.transport import VirtualTransport
+from servolink.project import UNFINISHED, BackupStore
+from servolink.protocol import ACTION, STORED_TYPES, AddActionRequest, ClearAllDataRequest, Codec
+from servolink.transports import Faults
+from servolink.virtual import HANDLERS, BoardKind, VirtualBoard, VirtualTransport
 from tests.doctor.learning import CHINESE, FULL, URL, board_of, described, learn
 from tests.project.cable import Cable
 from tests.virtual_time import run

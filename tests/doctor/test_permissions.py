@@ -1,7 +1,4 @@
-"""The rules give users at the machine access to the board only, and hold no text of a device that could change them.
-
-Module: servolink.cli.boards.doctor.
-"""
+"""The rules give users at the machine access to the board only, and hold no text of a device that could change them."""
 
 from __future__ import annotations
 
@@ -12,11 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.cli.boards import doctor
 from servolink.doctor.permissions import rules
 from servolink.doctor.system import ListedUsbDevice, usb_device
-from servolink.transports.device_info import DeviceInfo
-from tests.cli.programs import call
 from tests.doctor.recorded import RecordedFacts
 
 RULE = re.compile(r'#?([A-Z]+({\w+})?(==|\+=|=)"[^"\\\n]*"(, )?)+')
@@ -70,34 +64,3 @@ def test_no_word_of_a_device_changes_what_a_rule_means(
         assert "GROUP" not in text
         for line in rule_lines(text):
             assert RULE.fullmatch(line)
-
-
-def test_the_command_prints_them_for_what_is_here(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(doctor, "SystemFacts", lambda: RecordedFacts("desktop", tmp_path))
-    monkeypatch.setattr(doctor, "search", lambda: [DeviceInfo("usb://1234:5678/A1"), DeviceInfo("tcp://x:1")])
-    said = call(capsys, "doctor", "--print-udev")
-    assert (said.code, said.err, len(rule_lines(said.out))) == (0, "", 3)
-
-
-def test_without_a_board_on_usb_there_are_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(doctor, "SystemFacts", lambda: RecordedFacts("wsl", tmp_path))
-    monkeypatch.setattr(doctor, "search", list)
-    for arguments in ((), ("tcp://x:1",), ("serial:///dev/ttyACM0",)):
-        said = call(capsys, "doctor", "--print-udev", *arguments)
-        assert (said.code, said.out) == (3, "")
-        assert "plug the board in" in said.err
-
-
-def test_a_board_that_is_not_here_can_be_named_by_its_ids(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(doctor, "SystemFacts", lambda: RecordedFacts("wsl", tmp_path))
-    for scheme in ("usb", "hid"):
-        said = call(capsys, "doctor", "--print-udev", f"{scheme}://2345:6789")
-        assert (said.code, said.err, len(rule_lines(said.out))) == (0, "", 3)
-        assert all('"2345"' in line and '"6789"' in line for line in rule_lines(said.out))
-    assert call(capsys, "doctor", "--print-udev", "usb://").code == 3

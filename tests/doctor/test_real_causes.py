@@ -16,17 +16,12 @@ from typing import Any
 
 import pytest
 
-from servolink.discovery.names import Alias, save_alias
+from servolink import virtual
+from servolink.boards import Alias, Aliases, BoardProfile, BoardSettings, ProfileFile
 from servolink.doctor import contact, line_quality
-from servolink.profiles.profile import BoardProfile, BoardSettings
-from servolink.profiles.store import profile_path, save_profile
-from servolink.protocol.codec import Codec
-from servolink.transports.base import Receiver
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.transports.line_faults import Faults
-from servolink.virtual import transport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import Codec
+from servolink.transports import Faults, Receiver, WrappedTransport
+from servolink.virtual import VirtualBoard, VirtualTransport
 from tests import processes
 from tests.cli.programs import Said, call, environment, finished, program, started
 from tests.cli.robot import Robot
@@ -85,16 +80,20 @@ def checks(report: dict[str, Any]) -> list[str]:
 
 @pytest.mark.usefixtures("patient")
 @pytest.mark.parametrize("line", ["--pty", "--tcp=127.0.0.1:0"])
-def test_a_board_in_good_health(line: str, examined: Examined, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_board_in_good_health(line: str, examined: Examined) -> None:
     with served(line) as url:
         code, report = examined(url)
         assert (code, report["findings"], report["examined"]) == (0, [], [url])
         assert report["response"]["project_id"] == 0
         assert (report["line"]["noise_bytes"], report["line"]["unanswered"]) == (0, 0)
         assert report["line"]["round_trip_seconds"]["p50"] > 0
-        said = call(capsys, "doctor", url)
-        assert (said.code, said.out.splitlines()[-1]) == (0, "nothing is wrong")
-        assert "project id none, little byte order" in said.out, "as `servolink info` calls it"
+
+
+@pytest.mark.usefixtures("robot")
+def test_good_health_is_said_in_words(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "doctor", "virtual://")
+    assert (said.code, said.out.splitlines()[-1]) == (0, "nothing is wrong")
+    assert "project id none, little byte order" in said.out, "as `servolink info` calls it"
 
 
 @pytest.mark.usefixtures("patient")
@@ -129,11 +128,11 @@ def test_the_profile_of_a_board_says_in_which_byte_order_it_is_expected(
 ) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     robot.board = VirtualBoard(codec=Codec("big"))
-    save_alias("rex", Alias("virtual://"))
-    save_profile("rex", BoardProfile(settings=BoardSettings(byte_order="big")))
+    Aliases.save("rex", Alias("virtual://"))
+    ProfileFile("rex").save(BoardProfile(settings=BoardSettings(byte_order="big")))
     for board in ("rex", "virtual://"):
         assert examined(board)[0] == 0
-    profile_path("rex").write_text("[settings]\nbyte_order = 3\n")
+    ProfileFile("rex").path.write_text("[settings]\nbyte_order = 3\n")
     code, report = examined("rex")
     assert (code, checks(report)) == (1, ["profile", "byte order"])
     assert "rex.toml, line 2: byte_order must be" in report["findings"][0]["observation"]
@@ -269,7 +268,7 @@ class Printer(WrappedTransport):
 
 @pytest.mark.usefixtures("robot")
 def test_a_device_that_speaks_something_else(examined: Examined, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transport, "from_address", lambda address: Printer(VirtualTransport(VirtualBoard())))
+    monkeypatch.setattr(virtual, "from_address", lambda address: Printer(VirtualTransport(VirtualBoard())))
     code, report = examined("virtual://")
     assert (code, checks(report)) == (1, ["no response"])
     assert "sent text, 'ok T:21.3 /0.0', but no response" in report["findings"][0]["observation"]

@@ -1,6 +1,6 @@
 """Each cause is found in the facts of a system that has it, and not in those of one that has not.
 
-Modules: servolink.doctor.environment, servolink.doctor.examine, servolink.doctor.system.
+Modules: servolink.doctor.environment, servolink.doctor.examination, servolink.doctor.finding, servolink.doctor.system.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from servolink.doctor import Finding
 from servolink.doctor.environment import (
     check_address,
     check_brltty,
@@ -22,7 +21,8 @@ from servolink.doctor.environment import (
     check_round_trips,
     check_surroundings,
 )
-from servolink.doctor.examine import checks_before_opening
+from servolink.doctor.examination import checks_before_opening
+from servolink.doctor.finding import Finding
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts
 from tests.doctor.recorded import SYSTEMS, RecordedFacts

@@ -7,12 +7,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from servolink.connection.connection import Connection
-from servolink.connection.evidence import HandshakeFailed
-from servolink.connection.options import options_in
-from servolink.discovery.resolving import resolve_board
-from servolink.discovery.search import boards, find_devices
-from servolink.doctor import Finding
+from servolink.boards import BoardSettings, ProfileFile, boards, find_devices, resolve_board
+from servolink.connection import Connection, HandshakeFailed, LineBytes, options_in
+from servolink.doctor.all_responses import check_received, converse
 from servolink.doctor.contact import ProbeResponse, reach, response_of
 from servolink.doctor.environment import (
     LATENCY_TIMER,
@@ -26,16 +23,15 @@ from servolink.doctor.environment import (
     check_round_trips,
     check_surroundings,
 )
-from servolink.doctor.line_quality import ANSWERS_TWICE, LineCounts, check_line, measure
+from servolink.doctor.finding import Finding
+from servolink.doctor.learn_line import SharedTransport
+from servolink.doctor.learn_queries import FEW_REPEATED, name_of
+from servolink.doctor.line_quality import SETTINGS, LineCounts, check_line, measure
 from servolink.doctor.permissions import check_permissions
 from servolink.doctor.system import SystemFacts, device_nodes
-from servolink.errors import InvalidAddress, ProfileError, RequestTimeout, TransportError
-from servolink.escaping import escape, quote
-from servolink.profiles.store import load_profile
-from servolink.protocol.frame import ByteOrder
-from servolink.transports.address import Address, with_options
-from servolink.transports.device_info import DeviceInfo
-from servolink.transports.registry import create
+from servolink.errors import InvalidAddress, ProfileError, RequestTimeout, TransportError, escape, quote
+from servolink.protocol import ByteOrder
+from servolink.transports import Address, DeviceInfo, create
 
 _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
     check_address,
@@ -46,7 +42,7 @@ _OF_A_DEVICE: tuple[Callable[[SystemFacts, str], Iterator[Finding]], ...] = (
 )
 
 
-_LEARNT = ("byte_order", "unsupported", "answers_twice", "ignore_extra")
+_LEARNT = ("byte_order", "unsupported", "answers_twice", "late_copies", "ignore_extra")
 """Settings of a profile that an opening needs."""
 
 
@@ -107,7 +103,7 @@ async def examine(
 def _learnt_options(report: Report, name: str | None) -> dict[str, Any]:
     """Return what the profile of the board `name` says for an opening; a damaged profile is a finding."""
     try:
-        profile = None if name is None else load_profile(name)
+        profile = None if name is None else ProfileFile(name).load()
     except ProfileError as error:
         report.findings.append(
             Finding(
@@ -175,7 +171,11 @@ async def _query(
         report.unsupported = tuple(sorted(connection.unsupported))
         report.is_proved = connection.opener.is_proved
         report.findings += _differences(url, report.response, expected)
-        await _measure(facts, report, connection, patience, name, is_known_twice=bool(options.get("answers_twice")))
+        known = {setting for setting in SETTINGS.values() if options.get(setting)}
+        await _measure(facts, report, connection, patience, name, known)
+        await connection.close()
+        transport.settings = BoardSettings(ignore_extra=ignore_extra)
+        await _converse(report, transport, connection)
     except (TransportError, RequestTimeout) as error:
         report.findings.append(
             Finding("connection", str(error), "the board answered before", "check cable, plugs and power")
@@ -183,6 +183,9 @@ async def _query(
     finally:
         await connection.close()
         await transport.free()
+    if transport.record.pause:
+        text = f"{escape(url)} makes pauses of up to {transport.record.pause:.1f} s inside a frame"
+        report.findings.append(_paused(text))
 
 
 async def _measure(
@@ -191,20 +194,33 @@ async def _measure(
     connection: Connection,
     patience: float | None,
     name: str | None,
-    *,
-    is_known_twice: bool,
+    known: set[str],
 ) -> None:
     url = report.urls[0]
     report.line = line = await measure(connection, patience)
     for finding in check_line(line):
-        if finding.check != ANSWERS_TWICE:
+        if (setting := SETTINGS.get(finding.check)) is None:
             report.findings.append(finding)
-        elif not is_known_twice:
-            setting = f"servolink board set {name} --answers-twice true\n" if name else ""
-            in_address = f"in every program: {_with_option(url, 'answers_twice', 'yes')}"
-            report.findings.append(replace(finding, remedy=setting + in_address))
+        elif setting not in known:
+            command = f"servolink board set {name} --{setting.replace('_', '-')} true\n" if name else ""
+            in_address = f"in every program: {_with_option(url, setting, 'yes')}"
+            report.findings.append(replace(finding, remedy=command + in_address))
     if not any(finding.check == LATENCY_TIMER for finding in report.findings):
         report.findings += check_round_trips(facts, url, line.round_trips)
+
+
+async def _converse(report: Report, transport: SharedTransport, connection: Connection) -> None:
+    """Look at all other responses, unless the line itself is the trouble."""
+    line, order = report.line, connection.codec.byte_order
+    if line is not None and not line.ended and not line.copies and line.repeated <= FEW_REPEATED:
+        survey, findings = await converse(transport, connection.answered, order, line)
+        known = {finding.check for finding in report.findings}
+        report.findings += [finding for finding in findings if finding.check not in known]
+        if survey is not None:
+            silent = {name_of(query) for query in survey.silent}
+            garbled = {name_of(query) for query in survey.garbled}
+            report.unsupported = tuple(sorted(silent | (set(report.unsupported) - garbled)))
+    report.findings += check_received(transport.record.beginning, order, report.findings)
 
 
 def _not_opened(facts: SystemFacts, report: Report, problem: str) -> Iterator[Finding]:
@@ -229,6 +245,13 @@ def _no_contact(url: str, error: HandshakeFailed) -> Finding:
     evidence, observation = error.evidence, str(error)
     tried = "queried in both byte orders and both transmission modes"
     try_all = "to query every device here: servolink list --probe"
+    if evidence.several:
+        return Finding(
+            "several boards",
+            observation,
+            "a line is for one board: each request reaches all of them, and a motion turns all robots",
+            "unplug all boards but one, or give each a line of its own\nno setting makes them usable together",
+        )
     if evidence.longer:
         return Finding(
             "contents",
@@ -236,6 +259,10 @@ def _no_contact(url: str, error: HandshakeFailed) -> Finding:
             "the firmware has extended the protocol; what stands behind the known content can be ignored",
             f"in every program: {_with_option(url, 'ignore_extra', 'yes')}",
         )
+    if (mark := evidence.mark) is not None and not evidence.answered:
+        return Finding(mark.name, f"{escape(url)} {mark.text}; {tried}", mark.meaning, mark.remedy)
+    if evidence.pause:
+        return _paused(observation)
     if evidence.is_board:
         return Finding(
             "opening",
@@ -246,18 +273,29 @@ def _no_contact(url: str, error: HandshakeFailed) -> Finding:
     if evidence.echoes:
         return Finding("echo", observation, "the device returns what it receives", f"try another port\n{try_all}")
     if evidence.received:
-        sent = f"text, {quote(evidence.text)}," if evidence.text else f"{evidence.received} bytes,"
+        first = f"{evidence.received} bytes, first {LineBytes(evidence.data, evidence.byte_order).first()},"
+        sent = f"text, {quote(evidence.text)}," if evidence.text else first
         return Finding(
             "no response",
             f"{escape(url)} sent {sent} but no response; {tried}",
-            "the baud rate is wrong, the device is still starting, or it is of another kind",
+            "the baud rate or the serial settings are wrong, the device is still starting, or it is of another kind",
             f'servolink doctor "{escape(_with_baudrate(url))}"\n{try_all}' if _has_baudrate(url) else try_all,
         )
     return Finding(
         "no response",
         f"{escape(url)} opens and is silent; {tried}",
-        "the board is off, the cable has no data lines, or the port belongs to another device",
+        "the board is off, the cable has no data lines, the baud rate or the serial settings (8 data bits, no parity, "
+        "no flow control) differ from those of the board, or the port belongs to another device",
         f"switch the board on and try another cable\n{try_all}",
+    )
+
+
+def _paused(observation: str) -> Finding:
+    return Finding(
+        "pauses",
+        observation,
+        "a bridge, adapter or the firmware sends frames in parts, with a pause between; each response takes as long",
+        "set the bridge or adapter to send at once what it receives (no packing delay)",
     )
 
 
@@ -266,11 +304,11 @@ def _has_baudrate(url: str) -> bool:
 
 
 def _with_baudrate(url: str) -> str:
-    return with_options(url, {"baudrate": "9600"})
+    return Address.parse(url).with_options({"baudrate": "9600"})
 
 
 def _with_option(url: str, name: str, value: str) -> str:
-    return escape(with_options(url, {name: value}))
+    return escape(Address.parse(url).with_options({name: value}))
 
 
 def _differences(url: str, response: ProbeResponse, byte_order: ByteOrder) -> Iterator[Finding]:

@@ -13,9 +13,9 @@ from struct import pack
 
 import pytest
 
-from servolink.protocol.frame import ByteOrder
-from servolink.recorder.pcapng import Captured, write_packets
-from servolink.wireshark.dissector import dissector
+from servolink.doctor.wireshark.dissector import dissector
+from servolink.protocol import ByteOrder
+from servolink.recorder import Captured, write_packets
 from tests.processes import run
 
 TSHARK = shutil.which("tshark")

@@ -10,18 +10,30 @@ from random import Random
 
 import pytest
 
-from servolink.protocol.codec import PACKETS, Codec
-from servolink.protocol.editing import AddActionRequest, AddActionResponse, QueryActionRequest, QueryActionResponse
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet, Response
-from servolink.protocol.records import Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoRequest, QueryServoResponse
-from servolink.protocol.settings import QueryMemorySizeRequest, QueryMemorySizeResponse, SendDummyDataRequest
-from servolink.recorder.pcapng import Captured
-from servolink.wireshark.dissector import ENCODINGS
-from tests.wireshark.drawn import ALPHABETS, drawn, shown
-from tests.wireshark.tshark import Frame, Preferences, conversation, lines, with_tshark
+from servolink.doctor.wireshark.dissector import ENCODINGS
+from servolink.protocol import (
+    PACKETS,
+    AddActionRequest,
+    AddActionResponse,
+    ButtonEventResponse,
+    ByteOrder,
+    Codec,
+    Packet,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
+    QueryServoListRequest,
+    QueryServoRequest,
+    QueryServoResponse,
+    Response,
+    SendDummyDataRequest,
+    Step,
+    encode_frame,
+)
+from servolink.recorder import Captured
+from tests.doctor.wireshark.drawn import ALPHABETS, drawn, shown
+from tests.doctor.wireshark.tshark import Frame, Preferences, conversation, lines, with_tshark
 
 pytestmark = with_tshark
 

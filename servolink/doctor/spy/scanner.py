@@ -8,10 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal, NamedTuple, TypeAlias
 
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum
-from servolink.protocol.layout import layout
-from servolink.protocol.recovery import next_magic
+from servolink.protocol import MAGIC, PACKETS, ByteOrder, FrameAt, layout, next_magic
 
 Kind: TypeAlias = Literal["packet", "unknown", "damaged", "noise"]
 """Kind of piece: frame of the document, intact undefined frame, frame with a wrong sum, or other bytes."""
@@ -34,7 +31,8 @@ class Seen(NamedTuple):
     @property
     def content(self) -> bytes:
         """The content of a frame."""
-        return self.data[HEADER_SIZE:-1]
+        frame = FrameAt.read(self.data, 0, self.byte_order)
+        return b"" if frame is None else frame.content
 
 
 class Scanner:
@@ -81,34 +79,29 @@ def _look(data: bytes, at: int, *, is_over: bool) -> Seen | None:
     start = next_magic(data, at)
     if start > at:
         return Seen("noise", data[at:start])
-    if len(data) - at < HEADER_SIZE:
-        return Seen("noise", data[at:]) if is_over else None
     unknown, is_cut = None, False
     for byte_order in _BYTE_ORDERS:
-        _, packet_id, length = HEADER[byte_order].unpack_from(data, at)
-        frame = data[at : at + length + OVERHEAD]
-        is_whole = len(frame) == length + OVERHEAD
-        is_good = is_whole and checksum(frame[:-1]) == frame[-1]
-        declared = PACKETS.get(packet_id)
-        if declared is not None and layout(declared, byte_order).rule.admits(length):
-            if is_good:
-                return Seen("packet", frame, byte_order, packet_id)
-            if is_whole or is_over:
-                return _damaged(frame, byte_order, packet_id, is_whole=is_whole)
-            return None
+        frame = FrameAt.read(data, at, byte_order)
+        if frame is None:
+            return Seen("noise", data[at:]) if is_over else None
+        declared = PACKETS.get(frame.packet_id)
+        if declared is not None and layout(declared, byte_order).rule.admits(frame.length):
+            if frame.is_intact:
+                return Seen("packet", frame.data, byte_order, frame.packet_id)
+            return _damaged(frame, byte_order) if frame.is_whole or is_over else None
         if declared is None:
-            is_cut |= not is_whole and length <= _MOST_UNKNOWN
+            is_cut |= not frame.is_whole and frame.length <= _MOST_UNKNOWN
             # Without content, the length is 0 in both byte orders. The document's ids end in 0 or 1.
-            if is_good and (unknown is None or packet_id % 10 <= 1):
-                unknown = Seen("unknown", frame, byte_order, packet_id)
+            if frame.is_intact and (unknown is None or frame.packet_id % 10 <= 1):
+                unknown = Seen("unknown", frame.data, byte_order, frame.packet_id)
     if unknown is not None:
         return unknown
     return None if is_cut and not is_over else Seen("noise", MAGIC)
 
 
-def _damaged(frame: bytes, byte_order: ByteOrder, packet_id: int, *, is_whole: bool) -> Seen:
+def _damaged(frame: FrameAt, byte_order: ByteOrder) -> Seen:
     """Return a frame with a wrong sum, or only its part before the next frame: a damaged length swallows frames."""
-    inner = frame.find(MAGIC, len(MAGIC))
+    inner = frame.data.find(MAGIC, len(MAGIC))
     if inner >= 0:
-        return Seen("noise", frame[:inner])
-    return Seen("damaged" if is_whole else "noise", frame, byte_order, packet_id)
+        return Seen("noise", frame.data[:inner])
+    return Seen("damaged" if frame.is_whole else "noise", frame.data, byte_order, frame.packet_id)

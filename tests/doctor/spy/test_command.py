@@ -1,6 +1,6 @@
 """`servolink spy`, with a board and a program on real pseudo-terminals.
 
-Modules: servolink.cli.developers.spy, servolink.spy.watching.
+Modules: servolink.cli.developers.spy, servolink.doctor.spy.watching, servolink.recorder.late_recording.
 """
 
 from __future__ import annotations
@@ -16,11 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.recorder.channels import Event, Wire
-from servolink.recorder.reading import Recording
+from servolink.protocol import Codec, QueryServoListRequest, QueryServoListResponse, encode_frame
+from servolink.recorder import Event, Recording, Wire
 from tests.cli.programs import call
 from tests.processes import until
 

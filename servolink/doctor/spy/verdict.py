@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from servolink.doctor.learn_captions import encoding_finding
-from servolink.recorder.round_trips import Times
-from servolink.spy.learning import Learner, Runs, Unknown
+from servolink.doctor.spy.learning import Learner, Runs, Unknown
+from servolink.recorder import Times
 
 _MOST_SHOWN = 12
 _START = {0: "stop", 1: "start"}

@@ -5,10 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.servos import QueryServoListRequest, QueryServoRequest
-from servolink.spy.scanner import Scanner, Seen
+from servolink.doctor.spy.scanner import Scanner, Seen
+from servolink.protocol import ByteOrder, Codec, QueryServoListRequest, QueryServoRequest, encode_frame
 from tests.protocol.declared import any_packet
 
 LITTLE, BIG = (Codec(order).encode(QueryServoRequest(7)) for order in ("little", "big"))

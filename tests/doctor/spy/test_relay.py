@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from servolink.recorder.channels import Direction
-from servolink.spy.relay import Relay, on_network, on_terminal
-from servolink.transports.serial import SerialTransport
+from servolink.doctor.spy.relay import Relay
+from servolink.recorder import Direction
+from servolink.transports import SerialTransport
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
 
@@ -103,7 +103,7 @@ async def staged() -> AsyncIterator[tuple[Stage, str]]:
         stage = Stage()
         await stage.relay.open()
         try:
-            with on_terminal(stage.relay, None, 115_200, stage.port.set_baudrate) as url:
+            with stage.relay.on_terminal(None, 115_200, stage.port.set_baudrate) as url:
                 yield stage, url.removeprefix("serial://")
         finally:
             await stage.close()
@@ -272,7 +272,7 @@ async def served() -> AsyncIterator[tuple[Stage, tuple[str, int]]]:
         stage = Stage()
         await stage.relay.open()
         try:
-            async with on_network(stage.relay, "127.0.0.1", 0) as url:
+            async with stage.relay.on_network("127.0.0.1", 0) as url:
                 host, _, port = url.removeprefix("tcp://").rpartition(":")
                 yield stage, (host, int(port))
         finally:

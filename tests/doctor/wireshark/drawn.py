@@ -8,8 +8,7 @@ from typing import Any, cast
 
 from msgspec import Struct, inspect
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet
+from servolink.protocol import Codec, Packet
 
 ALPHABETS = {
     "utf-8": "aZ9 ~%\"'<&>\\é中文字機器人🤖",

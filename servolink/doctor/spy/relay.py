@@ -12,11 +12,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from servolink.errors import ConnectionLost
-from servolink.listeners.accepted import AcceptedConnection, serve_connections
-from servolink.listeners.pty import ServedTerminal, address_of
-from servolink.listeners.tcp import listening_sockets, place_of
-from servolink.recorder.channels import Direction
-from servolink.transports.stream import StreamTransport
+from servolink.recorder import Direction
+from servolink.transports import AcceptedConnection, NetworkPlace, ServedTerminal, StreamTransport
 
 Tap: TypeAlias = Callable[[float, Direction, bytes], None]
 """Called with each chunk after forwarding: seconds of the loop's clock, direction and bytes. Must not wait."""
@@ -108,6 +105,29 @@ class Relay:
         self._board.resume_reading()
         self._on_program(False)  # noqa: FBT003 - it is gone
 
+    @contextmanager
+    def on_terminal(
+        self, link: str | Path | None, baudrate: int, on_baudrate: Callable[[int], object]
+    ) -> Iterator[str]:
+        """Serve programs on a new pseudo-terminal within this context, linked at `link` unless None; yield the URL.
+
+        Programs find this baud rate; `on_baudrate` is called with each other rate that one sets. Raise OpenError if the
+        link cannot be made, TransportUnavailable on Windows.
+        """
+        terminal = ServedTerminal(
+            lambda each: self.join(each.send), high=0, low=0, look=_LOOK, baudrate=baudrate, on_baudrate=on_baudrate
+        )
+        self.sink = terminal.send  # which looks for a program first
+        with closing(terminal), terminal.address(link) as url:
+            yield url
+
+    @asynccontextmanager
+    async def on_network(self, host: str, port: int) -> AsyncIterator[str]:
+        """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if the port is taken."""
+        listening = await NetworkPlace(host, port).listen()
+        async with AcceptedConnection.serving(listening, lambda: _ProgramConnection(self)):
+            yield f"tcp://{NetworkPlace.of(listening)}"
+
 
 # --- places for the program -------------------------------------------------------------------------------------------
 
@@ -117,32 +137,7 @@ _NO_BOARD = (b"GET ", b"HEAD ", b"POST ", b"PUT ", b"DELETE ", b"OPTIONS ", b"PA
 _LOOK = 0.01  # seconds between looks for a program, whose first bytes wait meanwhile
 
 
-@contextmanager
-def on_terminal(
-    relay: Relay, link: str | Path | None, baudrate: int, on_baudrate: Callable[[int], object]
-) -> Iterator[str]:
-    """Serve programs on a new pseudo-terminal within this context, linked at `link` unless None; yield the URL.
-
-    Programs find this baud rate; `on_baudrate` is called with each other rate that one sets. Raise OpenError if the
-    link cannot be made, TransportUnavailable on Windows.
-    """
-    terminal = ServedTerminal(
-        lambda each: relay.join(each.send), high=0, low=0, look=_LOOK, baudrate=baudrate, on_baudrate=on_baudrate
-    )
-    relay.sink = terminal.send  # which looks for a program first
-    with closing(terminal), address_of(terminal, link) as url:
-        yield url
-
-
-@asynccontextmanager
-async def on_network(relay: Relay, host: str, port: int) -> AsyncIterator[str]:
-    """Serve programs at a TCP port within this context; yield the URL. Raise OpenError if the port is not available."""
-    listening = await listening_sockets(host, port)
-    async with serve_connections(listening, lambda: _Connection(relay)):
-        yield f"tcp://{place_of(listening)}"
-
-
-class _Connection(AcceptedConnection):
+class _ProgramConnection(AcceptedConnection):
     """Connection of the present program; others are refused meanwhile."""
 
     def __init__(self, relay: Relay) -> None:

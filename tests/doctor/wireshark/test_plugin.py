@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from servolink.doctor.wireshark.dissector import FIRST_LINE, dissector, plugin_folder
 from servolink.errors import ServolinkError
-from servolink.protocol.codec import PACKETS
-from servolink.wireshark.dissector import FIRST_LINE, dissector, plugin_folder
+from servolink.protocol import PACKETS
 from tests.cli.programs import call
+from tests.doctor.wireshark.tshark import TSHARK
 from tests.processes import run
-from tests.wireshark.tshark import TSHARK
 
 
 @pytest.fixture

@@ -6,17 +6,13 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
-
-from msgspec import Meta
+from typing import Any
 
 from servolink.errors import ServolinkError
-from servolink.files import MIB, read_file, reason, write_atomically
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet, Response, Result, Value, bare, counted, field_hints, group, value
+from servolink.protocol import PACKETS, ByteOrder, Field, Packet, Response, Result, layout
+from servolink.support import MIB, read_file, reason, write_atomically
 
 FIRST_LINE = "-- A Wireshark dissector for servo control boards, written by `servolink wireshark`."
 """First line of each dissector by servolink: a file with another first line is never replaced."""
@@ -39,7 +35,7 @@ def dissector(byte_order: ByteOrder | None = None, caption_encoding: str = "utf-
         "byte_order": _BYTE_ORDERS.index(byte_order),
         "caption_encoding": ENCODINGS.index(caption_encoding),
     }
-    code = Path(__file__).with_name("dissector.lua").read_text(encoding="utf-8")
+    code = (files("servolink.doctor.wireshark") / "dissector.lua").read_text(encoding="utf-8")
     return "\n".join([FIRST_LINE, "", *_tables(defaults), "", code])
 
 
@@ -61,18 +57,13 @@ def _fields() -> list[tuple[str, str, str]]:
     """Return name, kind and meaning of each field of all packets, each name once."""
     found: dict[str, tuple[str, str, str]] = {}
     for _, declared in sorted(PACKETS.items()):
-        for name, hint in field_hints(declared).items():
-            if counted(hint) is not None:
-                record, values = group(hint)
-                hints = field_hints(record) if record else {}
-                if record is None:
-                    values = [_named(values[0], name)]
-                else:
-                    found.setdefault(name, (name, "group", ""))
-                for each in values:
-                    found.setdefault(each.name, (each.name, each.code, _meaning(hints.get(each.name))))
-            else:
-                found.setdefault(name, (name, _code(name, hint), _meaning(hint)))
+        for field in layout(declared, "little").fields:
+            if not field.items:
+                found.setdefault(field.name, (field.name, field.code or "data", field.meaning))
+            elif not _is_plain(field):
+                found.setdefault(field.name, (field.name, "group", ""))
+            for each in field.items:
+                found.setdefault(each.name, (each.name, each.code, each.meaning))
     return sorted(found.values())
 
 
@@ -91,31 +82,27 @@ def _packet(declared: type[Packet]) -> dict[str, Any]:
             described["is_result"] = True
     elif echoed := _echoed(declared):
         described["echoed"] = echoed
-    for name, hint in field_hints(declared).items():
-        if (count := counted(hint)) is not None:
-            described["group"] = _group(name, hint, count.count, rule.unit)
-        elif bare(hint) is bytes:
-            described["data"] = name
+    for field in layout(declared, "little").fields:
+        if field.items:
+            items = [_value(each) for each in field.items]
+            described["group"] = {"name": field.name, "count": field.code, "size": rule.unit, "values": items}
+        elif not field.code:
+            described["data"] = field.name
         else:
-            described["values"].append(_value(value(name, hint), hint))
+            described["values"].append(_value(field))
     return described
 
 
-def _group(name: str, hint: Any, count: str, size: int) -> dict[str, Any]:
-    record, values = group(hint)
-    if record is None:
-        described = [_value(_named(values[0], name), None)]
-    else:
-        hints = field_hints(record)
-        described = [_value(each, hints[each.name]) for each in values]
-    return {"name": name, "count": count, "size": size, "values": described}
+def _is_plain(group: Field) -> bool:
+    """Return whether the items of a group are plain numbers."""
+    return [each.name for each in group.items] == [group.name]
 
 
-def _value(declared: Value, hint: Any) -> list[Any]:
+def _value(field: Field) -> list[Any]:
     """Return name, `struct` code and meanings of numbers, taken from a description such as "0 failed, 1 done"."""
-    meanings = {int(number): text.strip() for number, text in _MEANING.findall(_meaning(hint))}
-    is_list = re.match(r"\d+ (?!in )", _meaning(hint)) is not None
-    return [declared.name, declared.code, *([meanings] if is_list else [])]
+    meanings = {int(number): text.strip() for number, text in _MEANING.findall(field.meaning)}
+    is_list = re.match(r"\d+ (?!in )", field.meaning) is not None
+    return [field.name, field.code, *([meanings] if is_list else [])]
 
 
 def _echoed(declared: type[Packet]) -> str:
@@ -123,27 +110,9 @@ def _echoed(declared: type[Packet]) -> str:
     response = PACKETS.get(declared.packet_id + 1)
     if response is None:
         return ""
-    answered = set(field_hints(response))
-    for hint in field_hints(response).values():
-        if counted(hint) is not None:
-            answered |= {each.name for each in group(hint)[1]}
-    return getattr(declared, "echoed", "") or next((name for name in field_hints(declared) if name in answered), "")
-
-
-def _named(declared: Value, name: str) -> Value:
-    return Value(name, declared.code, declared.low, declared.high)
-
-
-def _code(name: str, hint: Any) -> str:
-    return "data" if bare(hint) is bytes else value(name, hint).code
-
-
-def _meaning(hint: Any) -> str:
-    """Return the description of a field; empty if missing."""
-    notes = list(getattr(hint, "__metadata__", ()))
-    for choice in get_args(bare(hint)):
-        notes += getattr(choice, "__metadata__", ())
-    return next((note.description for note in notes if isinstance(note, Meta) and note.description), "")
+    answered = {each.name for field in layout(response, "little").fields for each in (field, *field.items)}
+    names = (field.name for field in layout(declared, "little").fields)
+    return getattr(declared, "echoed", "") or next((name for name in names if name in answered), "")
 
 
 def _big5() -> Iterator[tuple[int, str]]:

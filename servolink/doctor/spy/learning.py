@@ -8,21 +8,25 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any, NamedTuple
 
-from servolink.doctor.learn_captions import captions_in
+from servolink.doctor.spy.scanner import Scanner, Seen
 from servolink.errors import DecodeError
-from servolink.protocol.codec import PACKETS, Codec, in_range
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Packet, Request, Response, Result
-from servolink.protocol.servos import SetAngleUnitRequest, SetServoParameterRequest
-from servolink.protocol.settings import (
+from servolink.protocol import (
+    PACKETS,
+    ButtonEventResponse,
+    ByteOrder,
+    Codec,
+    Packet,
     QueryMemorySizeResponse,
+    Request,
+    Response,
+    Result,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
+    layout,
 )
-from servolink.recorder.channels import Direction
-from servolink.recorder.round_trips import Times
-from servolink.spy.scanner import Scanner, Seen
+from servolink.recorder import Direction, Times
 
 PATIENCE = 3.0
 """Seconds after the request until a response counts as missing."""
@@ -200,9 +204,9 @@ class Learner:
             return None
         self.packets[declared.__name__] += 1
         if len(self.captions) < _MOST_CAPTIONS:
-            self.captions.update(captions_in(declared, seen.content))
+            self.captions.update(layout(declared, seen.byte_order).captions_in(seen.content))
         self._note_ids(packet)
-        if not in_range(packet):
+        if not packet.is_in_range():
             self.out_of_range[declared.__name__] += 1
         if isinstance(packet, Response):
             self._response(seconds, seen, packet)

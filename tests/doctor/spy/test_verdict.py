@@ -1,6 +1,6 @@
 """What is learnt of virtual boards of all kinds, from raw bytes of a client that knows nothing of servolink.
 
-Module: servolink.spy.learning.
+Module: servolink.doctor.spy.learning.
 """
 
 from __future__ import annotations
@@ -10,32 +10,36 @@ from typing import Any, Literal
 
 import pytest
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.doctor.spy.learning import Learner, Passed
+from servolink.doctor.spy.verdict import verdict
+from servolink.protocol import (
     AddActionRequest,
+    AddJoystickTableRequest,
     AddMacroRequest,
     AddServoParameterRequest,
-    QueryActionRequest,
-    QueryProjectIDRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.joystick import AddJoystickTableRequest, SetActiveJoystickTableRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Button, MacroCommand, ServoParameter, Step
-from servolink.protocol.servos import (
+    Button,
+    ByteOrder,
+    ClearAllDataRequest,
+    Codec,
     ExecuteActionRequest,
+    MacroCommand,
+    Packet,
+    QueryActionRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
+    encode_frame,
 )
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest, TransmissionModeSettingRequest
-from servolink.recorder.channels import Direction
-from servolink.spy.learning import Learner, Passed
-from servolink.spy.verdict import verdict
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.recorder import Direction
+from servolink.virtual import BoardKind, VirtualBoard
 
 LATENCY = 0.004
 
