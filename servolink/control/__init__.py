@@ -1,1 +1,136 @@
-"""The contract between a hub and its programs: greeting, roles, messages, notifications, faults, and JSON-RPC 2.0."""
+"""Contract of a hub and its programs: greeting, roles, methods, notifications, errors, and JSON-RPC 2.0."""
+
+from __future__ import annotations
+
+from servolink.control.channel import Reply, RpcChannel, open_channel
+from servolink.control.error_codes import KINDS, Code, ErrorData, ErrorObject, RpcError
+from servolink.control.greeting import Greeting, Refusal, Welcome
+from servolink.control.messages import (
+    Answer,
+    AnyRecord,
+    Applied,
+    Battery,
+    Done,
+    LeaseNow,
+    NoParams,
+    ProjectExported,
+    ProjectForm,
+    Ran,
+    RecordEntry,
+    RecordKind,
+    RecordList,
+    Runnable,
+    RunStarted,
+    ServoList,
+    StreamBegun,
+    StreamSent,
+    Tapping,
+)
+from servolink.control.notifications import (
+    NOTIFICATIONS,
+    ButtonPressed,
+    ConnectionNow,
+    HoldNotice,
+    LeaseNotice,
+    ProblemNotice,
+    ProgramNotice,
+    QuestionNotice,
+    QuestionOver,
+    RecordingNotice,
+    RefusedNotice,
+    ServosFrame,
+    StoppedNotice,
+    TapFrame,
+    TapItem,
+)
+from servolink.control.peer import Methods, Peer, decode, encode, encoded
+from servolink.control.roles import Role, RoleName
+from servolink.control.scope import Origin, Scope, Touches
+from servolink.control.share_address import ShareTransport, from_address, greet, this_program
+from servolink.control.status import (
+    BoardState,
+    ConnectionState,
+    HoldStatus,
+    HubStatus,
+    LeaseStatus,
+    ProgramStatus,
+    ServoNow,
+    about,
+)
+from servolink.control.tightening import Tighten
+
+__all__ = [
+    # sessions
+    "Greeting",
+    "Methods",
+    "Peer",
+    "Refusal",
+    "Reply",
+    "RpcChannel",
+    "ShareTransport",
+    "Welcome",
+    "decode",
+    "encode",
+    "encoded",
+    "from_address",
+    "greet",
+    "open_channel",
+    "this_program",
+    # errors
+    "Code",
+    "ErrorData",
+    "ErrorObject",
+    "KINDS",
+    "RpcError",
+    # roles, scopes of methods, and limits
+    "Origin",
+    "Scope",
+    "Touches",
+    "Role",
+    "RoleName",
+    # status and notifications
+    "BoardState",
+    "ButtonPressed",
+    "ConnectionNow",
+    "ConnectionState",
+    "HoldNotice",
+    "HoldStatus",
+    "HubStatus",
+    "LeaseNotice",
+    "LeaseStatus",
+    "NOTIFICATIONS",
+    "ProblemNotice",
+    "ProgramNotice",
+    "ProgramStatus",
+    "QuestionNotice",
+    "QuestionOver",
+    "RecordingNotice",
+    "RefusedNotice",
+    "ServoNow",
+    "ServosFrame",
+    "StoppedNotice",
+    "TapFrame",
+    "TapItem",
+    "about",
+    # messages of the methods
+    "Answer",
+    "AnyRecord",
+    "Applied",
+    "Battery",
+    "Done",
+    "LeaseNow",
+    "NoParams",
+    "ProjectExported",
+    "ProjectForm",
+    "Ran",
+    "RecordEntry",
+    "RecordKind",
+    "RecordList",
+    "RunStarted",
+    "Runnable",
+    "ServoList",
+    "StreamBegun",
+    "StreamSent",
+    "Tapping",
+    "Tighten",
+]

@@ -11,21 +11,18 @@ from typing import Any, Generic, TypeVar
 import msgspec
 from msgspec import UNSET, Raw, Struct, UnsetType
 
-from servolink import errors
 from servolink.control.error_codes import ErrorObject
 from servolink.control.greeting import Greeting, Welcome
 from servolink.control.notifications import ProgressNotice
+from servolink.control.peer import decode, encode
 from servolink.control.share_address import greet
 from servolink.errors import (
     ConnectionLost,
     OpenError,
-    Reason,
-    RequestError,
-    RequestRefused,
     RequestTimeout,
     ServolinkError,
+    escape,
 )
-from servolink.escaping import escape
 
 _MOST_BYTES = 64 * 1024 * 1024  # of one message: four times the largest project
 _CLOSING_LIMIT = 1.0  # seconds
@@ -44,10 +41,10 @@ class Reply(Struct):
     @property
     def fault(self) -> ErrorObject | None:
         """Error of the hub; None for a result."""
-        return None if self.error is UNSET else msgspec.json.decode(self.error, type=ErrorObject)
+        return None if self.error is UNSET else decode(self.error, ErrorObject)
 
 
-class _Message(Reply):
+class _RpcMessage(Reply):
     """A response or a notification; a newer hub may say more."""
 
     id: int | None = None
@@ -122,7 +119,7 @@ class RpcChannel(asyncio.Protocol):
                 raise
             raise RequestTimeout(f"the hub of {self._name} has not answered {method} within {timeout:g} s") from None
         if (fault := reply.fault) is not None:
-            raise error_of(fault.data.kind, fault.message, fault.data.reason)
+            raise fault.as_error()
         return reply.result
 
     async def ask(self, method: str, params: object, on_progress: Callable[[Raw], None] | None = None) -> Reply:
@@ -168,7 +165,7 @@ class RpcChannel(asyncio.Protocol):
 
     def _send(self, message: dict[str, Any]) -> None:
         if self._pipe is not None:
-            self._pipe.write(msgspec.json.encode({"jsonrpc": "2.0", **message}) + b"\n")
+            self._pipe.write(encode({"jsonrpc": "2.0", **message}) + b"\n")
 
     def _ended_error(self) -> ConnectionLost:
         return ConnectionLost(f"the hub of {self._name} is gone: start it again with `servolink share`")
@@ -198,7 +195,7 @@ class RpcChannel(asyncio.Protocol):
 
     def _take(self, line: bytes) -> None:
         try:
-            message = msgspec.json.decode(line, type=_Message)
+            message = decode(line, _RpcMessage)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             _logger.warning("%s: a message of the hub cannot be read: %s", escape(self._name), escape(str(error)))
             return
@@ -214,16 +211,6 @@ class RpcChannel(asyncio.Protocol):
                     on_progress(params)
         if self.on_notification is not None:
             self.on_notification(method, params)
-
-
-def error_of(kind: str, text: str, reason: str = Reason.OTHER) -> ServolinkError:
-    """Return the error of the library for an error of a hub."""
-    if kind == "forbidden":
-        return RequestRefused(text, reason=Reason.ROLE)
-    declared = getattr(errors, kind, None)
-    if isinstance(declared, type) and issubclass(declared, ServolinkError):
-        return declared(text, reason=Reason(reason))
-    return RequestError(text)
 
 
 async def open_channel(name: str, greeting: Greeting) -> tuple[RpcChannel, Welcome]:

@@ -8,8 +8,7 @@ from typing import Annotated, Any
 from msgspec import Meta, Struct
 
 from servolink import errors
-from servolink.errors import EncodeError, ServolinkError
-from servolink.escaping import escape
+from servolink.errors import EncodeError, Reason, RequestError, RequestRefused, ServolinkError, escape
 
 
 class Code(IntEnum):
@@ -29,7 +28,7 @@ REMEDIES = {
     Code.INVALID_REQUEST: "send jsonrpc, method, params (an object) and id; batches are not supported",
     Code.METHOD_NOT_FOUND: "use a method of this reference",
     Code.INVALID_PARAMS: "correct the params; `path` says where",
-    Code.INTERNAL_ERROR: "report it: this is a defect of the hub, whose log has the details",
+    Code.INTERNAL_ERROR: "report the defect of the hub; the log of the hub has the details",
     Code.BUSY: "wait for responses before sending more; a stop is always carried out",
     Code.FORBIDDEN: "connect with a higher role",
 }
@@ -63,7 +62,7 @@ KINDS = (
     Kind(304, errors.AmbiguousName, "give the id instead of the caption"),
     Kind(305, errors.WrongBoard, "connect the right board"),
     Kind(306, errors.OutcomeUnknown, "read the state back before sending again: the board may have obeyed"),
-    Kind(307, errors.RequestRefused, "read `reason` and the message: it was not sent, or a stop ended it"),
+    Kind(307, errors.RequestRefused, "read `reason` and the message: nothing was sent, or a stop ended the request"),
     Kind(400, errors.ProjectError, "correct the project; the message says where"),
     Kind(401, errors.RecordingError, "follow the message; `recorder.status` describes the recording"),
     Kind(402, errors.TwinError, "correct the figure, or install MuJoCo; the message says what to do"),
@@ -90,6 +89,31 @@ class ErrorObject(Struct, frozen=True):
     message: Annotated[str, Meta(description="for people; control and bidi characters are escaped")]
     data: ErrorData
 
+    @classmethod
+    def of(cls, error: Exception) -> ErrorObject:
+        """Return `error` as programs get it."""
+        text = escape(str(error))
+        if isinstance(error, RpcError):
+            return cls(error.code, text, ErrorData(error.code.name.lower(), error.remedy, escape(error.path)))
+        if isinstance(error, ServolinkError):
+            kind = next(_KINDS[each] for each in type(error).__mro__ if each in _KINDS)
+            remedy = getattr(error, "remedy", "") or kind.remedy
+            path = error.path if isinstance(error, EncodeError) else ""
+            return cls(kind.code, text, ErrorData(kind.error.__name__, remedy, path, error.reason))
+        if isinstance(error, (TypeError, ValueError)):  # what the library says of an impossible argument
+            return cls.of(RpcError(Code.INVALID_PARAMS, text))
+        return cls.of(RpcError(Code.INTERNAL_ERROR, f"internal error: {type(error).__name__}"))
+
+    def as_error(self, before: str = "") -> ServolinkError:
+        """Return the error of the library for this error of a hub, with `before` put before the text."""
+        text = before + self.message
+        if self.data.kind == "forbidden":
+            return RequestRefused(text, reason=Reason.ROLE)
+        declared = getattr(errors, self.data.kind, None)
+        if isinstance(declared, type) and issubclass(declared, ServolinkError):
+            return declared(text, reason=Reason(self.data.reason))
+        return RequestError(text)
+
 
 class RpcError(Exception):
     """Request answered with an error from outside the library."""
@@ -103,21 +127,6 @@ class RpcError(Exception):
         self.path = path
         self.remedy = remedy or REMEDIES[code]
         self.request_id = request_id
-
-
-def error_object(error: Exception) -> ErrorObject:
-    """Return `error` as programs get it."""
-    text = escape(str(error))
-    if isinstance(error, RpcError):
-        return ErrorObject(error.code, text, ErrorData(error.code.name.lower(), error.remedy, escape(error.path)))
-    if isinstance(error, ServolinkError):
-        kind = next(_KINDS[each] for each in type(error).__mro__ if each in _KINDS)
-        remedy = getattr(error, "remedy", "") or kind.remedy
-        path = error.path if isinstance(error, EncodeError) else ""
-        return ErrorObject(kind.code, text, ErrorData(kind.error.__name__, remedy, path, error.reason))
-    if isinstance(error, (TypeError, ValueError)):  # what the library says of an impossible argument
-        return error_object(RpcError(Code.INVALID_PARAMS, text))
-    return error_object(RpcError(Code.INTERNAL_ERROR, f"internal error: {type(error).__name__}"))
 
 
 def is_defect(error: Exception) -> bool:

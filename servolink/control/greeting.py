@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from msgspec import Meta, Raw, Struct
+import msgspec
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
 from servolink.control.roles import RoleName
 
 VERSION = 1
 """Version of greeting, welcome, and all later messages."""
-MOST_GREETING = 4096
-"""Bytes of a greeting, at most."""
-GREETING_LIMIT = 2.0
-"""Seconds until a hub disconnects a program without a greeting."""
 
 
 class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
     """The first line of a program."""
+
+    MOST_BYTES: ClassVar[int] = 4096
+    """Bytes of a greeting, at most."""
 
     servolink: int = VERSION
     """Version of greeting, welcome, and all later messages."""
@@ -33,12 +33,33 @@ class Greeting(Struct, kw_only=True, forbid_unknown_fields=True):
     """Seconds without a beat until the hub stops the motions of this program; None for no limit. Only for RPC."""
     session: str | None = None
     """Session of an RPC connection; None for a new session."""
+    group: Annotated[str, Meta(max_length=64)] | UnsetType = UNSET
+    """Group of RPC connections, such as the pages of a link, which read the board like a single program."""
     token: str = ""
     """The secret of the hub's private file; only where there are no Unix sockets."""
 
+    @classmethod
+    def read(cls, line: bytes) -> Greeting:
+        """Return the greeting in the first line of a program. Raise ValueError with the reason for a refusal."""
+        if len(line) > cls.MOST_BYTES:
+            raise ValueError(f"a greeting has at most {cls.MOST_BYTES} bytes")
+        try:
+            version = msgspec.json.decode(line, type=_Versioned).servolink
+            if version != VERSION:
+                raise ValueError(f"this hub has version {VERSION} of its protocol, not {version}: update servolink")
+            return msgspec.json.decode(line, type=cls)
+        except msgspec.MsgspecError as error:
+            raise ValueError(f"this is not a greeting: {error}") from None
+
+
+class _Versioned(Struct):
+    servolink: int
+
 
 class Welcome(Struct, kw_only=True):
-    """The first line of the hub, if it lets the program in."""
+    """First line of a hub to an admitted program."""
+
+    VERSION: ClassVar[int] = VERSION
 
     servolink: int
     """Version of the hub's messages."""
@@ -59,6 +80,6 @@ class Welcome(Struct, kw_only=True):
 
 
 class Refusal(Struct, forbid_unknown_fields=True):
-    """The first and only line of the hub, if it does not let the program in."""
+    """First and only line of a hub to a refused program."""
 
     error: str

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Struct
 
 from servolink.control.status import ConnectionState, HoldStatus, LeaseStatus, ServoNow, about
-from servolink.project.transfer.results import Phase
+from servolink.project import Phase
 
 
 class ServosFrame(Struct, frozen=True):

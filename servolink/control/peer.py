@@ -15,31 +15,25 @@ from collections import deque
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, nullcontext, suppress
 from dataclasses import dataclass
-from typing import Any, Generic, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 from msgspec import Raw, Struct
 from msgspec.structs import asdict
 
-from servolink.control.error_codes import Code, RpcError, error_object, is_defect
-from servolink.errors import EncodeError
-from servolink.escaping import escape, quote
-from servolink.json_text import read_json
-from servolink.protocol.json_errors import convert, quote_json
-from servolink.tasks import computed
+from servolink.control.error_codes import Code, ErrorObject, RpcError, is_defect
+from servolink.control.notifications import NAMES
+from servolink.control.scope import Origin, Scope, Touches
+from servolink.errors import EncodeError, escape, quote
+from servolink.protocol import convert, quote_json
+from servolink.support import computed, read_json
 
-MOST_BYTES = 1024 * 1024
-"""The longest message that a program may send."""
 MOST_WAITING = 64
 """Waiting requests, and unread responses, allowed to one program."""
-MOST_HELD = 2 * MOST_BYTES
+MOST_HELD = 2 * 1024 * 1024
 """Bytes of waiting requests allowed to one program."""
 MOST_BEGUN = 128
 """Followed outcomes of requests of one program that were begun at once; further outcomes are not followed."""
-MOST_READING = 8
-"""Requests without changes carried out at the same time for one program."""
-LARGE = 16 * 1024
-"""Bytes of the longest message read by the event loop; a thread reads longer messages, so that a stop passes."""
 MOST_NOTIFICATIONS = 256
 """Notifications kept for a program that does not read; the oldest are dropped and counted."""
 
@@ -55,6 +49,7 @@ _logger = logging.getLogger(__name__)
 
 C = TypeVar("C")
 S = TypeVar("S", bound=Struct)
+T = TypeVar("T")
 Handler = Callable[..., Any]
 
 
@@ -66,6 +61,7 @@ class Method(Generic[C]):
     params: type[Struct]
     result: Any
     role: int
+    scope: Scope
     handler: Handler
     in_order: bool
     """Whether the method waits for earlier `in_order` requests of the same program."""
@@ -88,9 +84,19 @@ class Methods(dict[str, Method[C]]):
     """A table of methods by name."""
 
     def add(
-        self, name: str, role: int, *, in_order: bool = False, is_urgent: bool = False, finishes: bool = False
+        self,
+        name: str,
+        role: int,
+        *,
+        touches: Touches,
+        from_afar: bool = False,
+        in_order: bool = False,
+        is_urgent: bool = False,
+        finishes: bool = False,
     ) -> Callable[[Handler], Handler]:
         """Return a decorator that adds a handler, which is called with the context and the params.
+
+        Doors refuse calls by what the method `touches`, and calls from afar unless `from_afar`.
 
         A function is carried out at once, a coroutine beside others or in its turn. A function that returns a coroutine
         has begun at once, whatever waits; the coroutine returns what came of it.
@@ -105,6 +111,7 @@ class Methods(dict[str, Method[C]]):
                 hints["params"],
                 get_args(returned)[-1] if get_origin(returned) is Coroutine else returned,
                 role,
+                Scope(touches, from_afar),
                 handler,
                 in_order,
                 is_urgent,
@@ -127,8 +134,8 @@ class RpcRequest(NamedTuple):
 
 def parse(message: bytes | str) -> RpcRequest:
     """Return the request in `message`. Raise RpcError if there is none."""
-    if len(message) > MOST_BYTES:
-        raise RpcError(Code.PARSE_ERROR, f"the message is larger than {MOST_BYTES >> 20} MiB")
+    if len(message) > Peer.MOST_BYTES:
+        raise RpcError(Code.PARSE_ERROR, f"the message is larger than {Peer.MOST_BYTES >> 20} MiB")
     try:
         value = read_json(message)
     except ValueError as error:
@@ -196,6 +203,28 @@ def encode(value: Any) -> bytes:
     return json.dumps(msgspec.to_builtins(value), separators=(",", ":")).encode()
 
 
+def decode(message: bytes | str | Raw, kind: type[T]) -> T:
+    """Return JSON as a value of a type. Captions may have bytes that are not text, which the usual reader refuses."""
+    try:
+        return msgspec.json.decode(message, type=kind)
+    except msgspec.DecodeError as error:
+        text = message if isinstance(message, str) else bytes(message).decode()
+        if "\\ud" not in text:
+            raise
+        try:
+            return msgspec.convert(_with_raw(json.loads(text), kind), kind)
+        except (json.JSONDecodeError, UnicodeEncodeError):
+            raise error from None
+
+
+def _with_raw(value: Any, kind: Any) -> Any:
+    """Return a message with JSON for its parts that are read later, such as a result."""
+    if not (isinstance(value, dict) and isinstance(kind, type)):
+        return value
+    raw = {name for name, hint in get_type_hints(kind).items() if Raw in (hint, *get_args(hint))}
+    return {name: Raw(json.dumps(one).encode()) if name in raw else one for name, one in value.items()}
+
+
 def encoded(result: S) -> S:
     """Return a large result as JSON, for a handler to return; call it in a thread.
 
@@ -215,6 +244,13 @@ def _in_pieces(value: Any) -> bytes:
 class Peer(Generic[C]):
     """Carries out the requests of one program."""
 
+    MOST_BYTES: ClassVar[int] = 1024 * 1024
+    """Bytes of the longest message that a program may send."""
+    MOST_READING: ClassVar[int] = 8
+    """Requests without changes carried out at the same time for one program."""
+    LARGE: ClassVar[int] = 16 * 1024
+    """Bytes of the longest message read by the event loop; a thread reads longer messages, so that a stop passes."""
+
     def __init__(
         self,
         methods: Mapping[str, Method[C]],
@@ -223,10 +259,14 @@ class Peer(Generic[C]):
         abort: Callable[[str], None],
         *,
         role: int,
+        origin: Origin = Origin.HERE,
+        reading: asyncio.Semaphore | None = None,
     ) -> None:
         """Call `send` with each message, and `abort` with the reason if the program must be disconnected.
 
-        `context` returns what each request is carried out with; it is called when the request is received.
+        `context` returns what each request is carried out with; it is called when the request is received. The scope of
+        a method says whether `origin` may call it. Programs with the same semaphore `reading` have `MOST_READING`
+        together.
         """
         self.is_paused = False
         """Whether the program is slower to read than the hub to write."""
@@ -237,6 +277,7 @@ class Peer(Generic[C]):
         self._send = send
         self._abort = abort
         self._role = role
+        self._origin = origin
         self._tasks: set[asyncio.Task[Any]] = set()
         self._finishing: set[asyncio.Task[Any] | None] = set()  # tasks that closing does not cancel
         self._begun = 0
@@ -244,7 +285,7 @@ class Peer(Generic[C]):
         self._waiting = 0
         self._unread = 0  # messages sent since the program stopped reading
         self._order = asyncio.Lock()
-        self._reading = asyncio.Semaphore(MOST_READING)
+        self._reading = reading or asyncio.Semaphore(self.MOST_READING)
         self._room = asyncio.Event()
         self._room.set()
         self._notifications: deque[bytes] = deque()
@@ -254,7 +295,7 @@ class Peer(Generic[C]):
         """Take one message; never raises."""
         if self._is_closed:
             return
-        if len(message) > LARGE:
+        if len(message) > self.LARGE:
             self._receive_large(message)
             return
         try:
@@ -294,6 +335,10 @@ class Peer(Generic[C]):
             self._notifications.popleft()
             self.dropped += 1
 
+    def tell(self, notification: Struct) -> None:
+        """Send a notification of the control interface."""
+        self.notify(NAMES[type(notification)], notification)
+
     def pause(self) -> None:
         """Send as little as possible from now on: the program does not read."""
         self.is_paused = True
@@ -308,7 +353,7 @@ class Peer(Generic[C]):
             self._room.set()
 
     async def close(self) -> None:
-        """End every request, those that keep data by carrying them out, and send nothing more."""
+        """End every request, after carrying out requests that keep data, and send nothing more."""
         self._is_closed = True
         self._room.set()
         for task in self._tasks - self._finishing:
@@ -327,6 +372,7 @@ class Peer(Generic[C]):
                 f"{method.name} needs the role {method.role}, and this program has the role {self._role}",
                 remedy=f"connect with the role {method.role}",
             )
+        method.scope.check(method.name, self._origin)
         try:
             return method, convert(request.params, method.params)
         except EncodeError as error:
@@ -440,7 +486,7 @@ class Peer(Generic[C]):
         return report
 
     def _refuse(self, error: RpcError) -> None:
-        self._write({"id": error.request_id, "error": error_object(error)})
+        self._write({"id": error.request_id, "error": ErrorObject.of(error)})
 
     def _respond(self, request: RpcRequest, result: Any) -> None:
         if request.request_id is not None:
@@ -450,7 +496,7 @@ class Peer(Generic[C]):
         if is_defect(error):
             _logger.error("%s failed", escape(request.method), exc_info=error)
         if request.request_id is not None:
-            self._write({"id": request.request_id, "error": error_object(error)})
+            self._write({"id": request.request_id, "error": ErrorObject.of(error)})
 
     def _write(self, response: dict[str, Any]) -> None:
         if self._is_closed:

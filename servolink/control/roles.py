@@ -5,8 +5,20 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Literal
 
-from servolink.protocol import editing, joystick, servos, settings
-from servolink.protocol.packet import Effect, Packet, Query
+from servolink.protocol import (
+    Effect,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Packet,
+    Query,
+    SendDummyDataRequest,
+    SetActiveJoystickTableRequest,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    SubscribeButtonEventRequest,
+    TransmissionModeSettingRequest,
+)
 
 RoleName = Literal["watch", "run", "move", "edit"]
 """A role as JSON and addresses have it."""
@@ -33,24 +45,24 @@ class Role(IntEnum):
         """Return the role of a name. Raise KeyError for any other text."""
         return cls[name.upper()]
 
+    @classmethod
+    def needed_for(cls, packet: Packet) -> Role:
+        """Return the lowest role that may send `packet`. Unknown packets need the highest role."""
+        if isinstance(packet, Query) or packet.effect is Effect.STOPS:
+            return cls.WATCH
+        return _ROLES.get(type(packet), cls.EDIT)
+
 
 _ROLES: dict[type[Packet], Role] = {
-    # The mode, the unit and the subscription belong to one program: others do not notice them.
-    settings.TransmissionModeSettingRequest: Role.WATCH,
-    servos.SetAngleUnitRequest: Role.WATCH,
-    joystick.SubscribeButtonEventRequest: Role.WATCH,
-    settings.SendDummyDataRequest: Role.WATCH,
-    servos.ExecuteActionExRequest: Role.RUN,
-    editing.ExecuteMacroRequest: Role.RUN,
-    joystick.SetActiveJoystickTableRequest: Role.RUN,
-    servos.SetServoParameterRequest: Role.MOVE,
-    servos.ExecuteActionRequest: Role.MOVE,
+    # Mode, unit and subscription belong to a single program, unnoticed by other programs.
+    TransmissionModeSettingRequest: Role.WATCH,
+    SetAngleUnitRequest: Role.WATCH,
+    SubscribeButtonEventRequest: Role.WATCH,
+    SendDummyDataRequest: Role.WATCH,
+    ExecuteActionExRequest: Role.RUN,
+    ExecuteMacroRequest: Role.RUN,
+    SetActiveJoystickTableRequest: Role.RUN,
+    SetServoParameterRequest: Role.MOVE,
+    ExecuteActionRequest: Role.MOVE,
 }
-"""The role that a packet needs, if it is neither a query nor a change of what is stored."""
-
-
-def needed_role(packet: Packet) -> Role:
-    """Return the lowest role that may send `packet`. Unknown packets need the highest role."""
-    if isinstance(packet, Query) or packet.effect is Effect.STOPS:
-        return Role.WATCH
-    return _ROLES.get(type(packet), Role.EDIT)
+"""Role needed for a packet other than a query or a change of stored content."""

@@ -1,7 +1,7 @@
 """A board that a hub on this machine shares: `share://NAME`.
 
-The hub listens on a local socket (`servolink.platforms.local_sockets`). A session begins with one line of JSON in each
-direction, the Greeting of the program and the Welcome of the hub. After that it carries frames, or JSON-RPC.
+The hub listens on a local socket (`support/platforms/local_sockets.py`). A session begins with one line of JSON in
+each direction, the Greeting of the program and the Welcome of the hub. After that it carries frames, or JSON-RPC.
 """
 
 from __future__ import annotations
@@ -19,12 +19,9 @@ import msgspec
 
 from servolink.control.greeting import VERSION, Greeting, Refusal, Welcome
 from servolink.control.roles import Role, RoleName
-from servolink.errors import OpenError
-from servolink.escaping import escape
-from servolink.files import is_name, reason
-from servolink.platforms import local_sockets
-from servolink.transports.address import Address
-from servolink.transports.stream import StreamTransport
+from servolink.errors import OpenError, escape
+from servolink.support import connect_locally, is_name, reason
+from servolink.transports import Address, StreamTransport
 
 _MOST_WELCOME = 1024 * 1024
 _WELCOME_LIMIT = 5.0  # seconds
@@ -42,7 +39,7 @@ class ShareTransport(StreamTransport):
         super().__init__(url)
         self.greeting = greeting
         self.welcome: Welcome | None = None
-        """What the hub said; None before `greet` or `open`."""
+        """Welcome of the hub; None before `greet` or `open`."""
         self._name = name
 
     @property
@@ -51,7 +48,7 @@ class ShareTransport(StreamTransport):
         return self.url if self.welcome is None else self.welcome.url
 
     async def greet(self) -> Welcome:
-        """Connect to the hub, unless that was done, and return its welcome; `open` can follow. Raise OpenError."""
+        """Connect to the hub, unless connected, and return the welcome; `open` can follow. Raise OpenError."""
         if self.welcome is None:
             self._pipe, self.welcome = await greet(self._name, self.greeting, self, url=self.url)
         return self.welcome
@@ -81,13 +78,7 @@ async def greet(
     limit = asyncio.timeout(_WELCOME_LIMIT)
     try:
         async with limit:
-            connection, greeting.token = await local_sockets.connect(name)
-            try:
-                loop = asyncio.get_running_loop()
-                pipe, _ = await loop.create_connection(lambda: listener, sock=connection)
-            except BaseException:
-                connection.close()
-                raise
+            pipe, greeting.token = await connect_locally(name, lambda: listener)
             pipe.write(msgspec.json.encode(greeting) + b"\n")
             welcome = _read_welcome(await listener.line)
     except (OSError, ValueError) as error:
@@ -116,7 +107,7 @@ class _Listener(asyncio.Protocol):
     def data_received(self, data: bytes) -> None:
         self._heard += data
         if (self._heard.endswith(b"\n") or len(self._heard) > _MOST_WELCOME) and self._pipe is not None:
-            self._pipe.pause_reading()  # the hub sends nothing more before it is asked
+            self._pipe.pause_reading()  # a hub sends nothing more before a request
             self.line.set_result(bytes(self._heard))
 
     def connection_lost(self, exc: Exception | None) -> None:

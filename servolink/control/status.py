@@ -6,10 +6,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from servolink.motion.angles import AngleUnit
+from servolink.motion import AngleUnit
 
 ConnectionState = Literal["connected", "lost", "closed"]
-LeaseEvent = Literal["taken", "taken over", "asked for", "given back", "left", "over", "beats stopped"]
 
 
 def about(description: str) -> Meta:
@@ -104,5 +103,5 @@ class ServoNow(Struct, frozen=True, omit_defaults=True):
     is_hold: Annotated[bool, about("whether it holds its angle; a released servo is limp")]
     lag: Annotated[
         int | None,
-        about("degrees by which it is away from the angle that it should have by now; left out if that is unknown"),
+        about("degrees between the angle and the planned angle; left out if the plan is unknown"),
     ] = None

@@ -17,17 +17,9 @@ from msgspec import Meta, Struct
 
 from servolink.control import peer
 from servolink.control.error_codes import Code
-from servolink.control.peer import (
-    MOST_BEGUN,
-    MOST_BYTES,
-    MOST_NOTIFICATIONS,
-    MOST_WAITING,
-    Methods,
-    Peer,
-    encode,
-    encoded,
-)
+from servolink.control.peer import MOST_BEGUN, MOST_NOTIFICATIONS, MOST_WAITING, Methods, Peer, encode, encoded
 from servolink.control.roles import Role
+from servolink.control.scope import Touches
 from servolink.errors import MotionRefused, NotFound
 from tests.virtual_time import run
 
@@ -53,13 +45,13 @@ class Log:
 METHODS: Methods[Log] = Methods()
 
 
-@METHODS.add("look", Role.WATCH)
+@METHODS.add("look", Role.WATCH, touches=Touches.NOTHING)
 def look(log: Log, params: Nothing) -> dict[str, int]:
     """Return at once."""
     return {"done": len(log.done)}
 
 
-@METHODS.add("read", Role.WATCH)
+@METHODS.add("read", Role.WATCH, touches=Touches.NOTHING)
 async def read(log: Log, params: Wait) -> dict[str, str]:
     """Take some time."""
     log.under_way += 1
@@ -70,7 +62,7 @@ async def read(log: Log, params: Wait) -> dict[str, str]:
     return {"name": params.name}
 
 
-@METHODS.add("move", Role.MOVE, in_order=True)
+@METHODS.add("move", Role.MOVE, touches=Touches.MOTION, in_order=True)
 async def move(log: Log, params: Wait, on_progress: Callable[[Struct], None]) -> None:
     """Take some time, in its turn."""
     on_progress(params)
@@ -78,35 +70,35 @@ async def move(log: Log, params: Wait, on_progress: Callable[[Struct], None]) ->
     log.done.append(params.name)
 
 
-@METHODS.add("stop", Role.WATCH)
+@METHODS.add("stop", Role.WATCH, touches=Touches.NOTHING)
 def stop(log: Log, params: Nothing) -> Coroutine[Any, Any, None]:
     """Begin at once, and end in a moment."""
     log.done.append("stop")
     return asyncio.sleep(0.5)
 
 
-@METHODS.add("start", Role.RUN, is_urgent=True)
+@METHODS.add("start", Role.RUN, touches=Touches.NOTHING, is_urgent=True)
 async def start(log: Log, params: Wait) -> None:
     """Wait for a moment that was agreed on."""
     await asyncio.sleep(params.seconds)
 
 
-@METHODS.add("refuse", Role.WATCH)
+@METHODS.add("refuse", Role.WATCH, touches=Touches.NOTHING)
 async def refuse(log: Log, params: Nothing) -> None:
     raise MotionRefused("beyond\u202e the limit", "targets.hip")
 
 
-@METHODS.add("seek", Role.WATCH)
+@METHODS.add("seek", Role.WATCH, touches=Touches.NOTHING)
 def seek(log: Log, params: Nothing) -> None:
     raise NotFound("there is none")
 
 
-@METHODS.add("break", Role.WATCH)
+@METHODS.add("break", Role.WATCH, touches=Touches.NOTHING)
 async def fail(log: Log, params: Nothing) -> None:
     raise ZeroDivisionError("secret")
 
 
-@METHODS.add("odd", Role.WATCH)
+@METHODS.add("odd", Role.WATCH, touches=Touches.NOTHING)
 def odd(log: Log, params: Nothing) -> list[str]:
     return ["\u202e", "\udcff", "é"]
 
@@ -114,11 +106,13 @@ def odd(log: Log, params: Nothing) -> list[str]:
 class Program:
     """The other end."""
 
-    def __init__(self, role: Role = Role.EDIT) -> None:
-        self.log = Log()
+    def __init__(
+        self, role: Role = Role.EDIT, *, log: Log | None = None, reading: asyncio.Semaphore | None = None
+    ) -> None:
+        self.log = log or Log()
         self.raw: list[bytes] = []
         self.aborted = ""
-        self.peer: Peer[Log] = Peer(METHODS, lambda: self.log, self.raw.append, self._abort, role=role)
+        self.peer: Peer[Log] = Peer(METHODS, lambda: self.log, self.raw.append, self._abort, role=role, reading=reading)
 
     def _abort(self, reason: str) -> None:
         self.aborted = reason
@@ -167,7 +161,7 @@ def request(**fields: Any) -> str:
         ('{"id": 1, "id": 2}', None, Code.PARSE_ERROR, "'id' is a duplicate key"),
         (f'{{"id": {"9" * 5000}}}', None, Code.PARSE_ERROR, "thousands of digits"),
         ('{"id": NaN}', None, Code.PARSE_ERROR, "NaN is not a number"),
-        (" " * (MOST_BYTES + 1), None, Code.PARSE_ERROR, "larger than 1 MiB"),
+        (" " * (Peer.MOST_BYTES + 1), None, Code.PARSE_ERROR, "larger than 1 MiB"),
         (f"[{request()}]", None, Code.INVALID_REQUEST, "batches are not supported"),
         ("17", None, Code.INVALID_REQUEST, "must be an object, not 17"),
         (request(id=1.5), None, Code.INVALID_REQUEST, "id must be text or an integer"),
@@ -285,8 +279,22 @@ async def test_motion_keeps_its_order_while_reading_goes_on_and_a_stop_goes_firs
     await program.settle()
     assert program.log.done.index("slow") < program.log.done.index("quick")
     assert program.log.done.index("read") < program.log.done.index("slow")
-    assert program.log.most == peer.MOST_READING
+    assert program.log.most == Peer.MOST_READING
     assert sorted(message["id"] for message in program.got if "id" in message) == [1, 2, *range(10, 30), 99]
+
+
+async def test_programs_of_a_group_read_as_one_and_a_stop_goes_first() -> None:
+    log, reading = Log(), asyncio.Semaphore(Peer.MOST_READING)
+    programs = [Program(log=log, reading=reading) for _ in range(10)]
+    for program in programs:
+        for number in range(10):
+            program.call("read", number, name="read", seconds=1)
+    await asyncio.sleep(0)
+    programs[-1].call("stop", 99)
+    assert log.done == ["stop"]
+    await programs[0].settle()
+    assert log.most == Peer.MOST_READING
+    assert len(log.done) == 101
 
 
 async def test_progress_names_the_request() -> None:
@@ -344,7 +352,7 @@ async def test_a_stop_is_accepted_however_many_starts_wait_for_their_moment() ->
 async def test_large_requests_do_not_fill_the_memory() -> None:
     program = Program()
     for number in range(10):
-        program.call("move", number, name="x" * (MOST_BYTES - 1000), seconds=1)
+        program.call("move", number, name="x" * (Peer.MOST_BYTES - 1000), seconds=1)
     assert program.errors() == [Code.BUSY] * 8
     await program.settle()
 

@@ -5,12 +5,9 @@ from __future__ import annotations
 import pytest
 from msgspec.structs import fields
 
-from servolink.control.roles import Role, needed_role
-from servolink.motion.units import carries_angles
-from servolink.protocol.codec import PACKETS_BY_NAME
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.packet import Effect, Packet, is_motion
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
+from servolink.control.roles import Role
+from servolink.motion import carries_angles
+from servolink.protocol import ALL_SERVOS, PACKETS, ButtonEventResponse, Effect, Packet, SetServoParameterRequest
 from tests.protocol.declared import DOCUMENT
 
 REQUESTS = [each["name"] for each in DOCUMENT["packets"] if each["direction"] == "client-to-server"]
@@ -67,17 +64,17 @@ ANGLES = {
 
 def example(name: str) -> Packet:
     """Return a packet of this name whose numbers are all 1 and whose lists are empty; 20030 starts and holds."""
-    declared = PACKETS_BY_NAME[name]
+    declared = PACKETS.by_name[name]
     required = [field for field in fields(declared) if field.required]
     return declared(*(1 for _ in required))
 
 
 def test_every_request_of_the_document_has_its_role() -> None:
-    assert {name: needed_role(example(name)) for name in REQUESTS} == ROLES
+    assert {name: Role.needed_for(example(name)) for name in REQUESTS} == ROLES
 
 
 def test_motions_need_the_lease_and_nothing_else_does() -> None:
-    assert {name for name in REQUESTS if is_motion(example(name))} == MOTIONS
+    assert {name for name in REQUESTS if example(name).is_motion} == MOTIONS
 
 
 def test_angles_are_in_servo_states_movements_and_what_is_stored() -> None:
@@ -86,24 +83,24 @@ def test_angles_are_in_servo_states_movements_and_what_is_stored() -> None:
 
 def test_nothing_that_a_watcher_may_send_moves_or_writes() -> None:
     changing = {name for name in REQUESTS if name.startswith(("Add", "Delete", "Write", "Clear"))}
-    allowed = {name for name in REQUESTS if needed_role(example(name)) == Role.WATCH}
+    allowed = {name for name in REQUESTS if Role.needed_for(example(name)) == Role.WATCH}
     assert allowed & (MOTIONS | changing) == set()
 
 
 def test_unknown_packets_need_the_highest_role() -> None:
-    assert needed_role(ButtonEventResponse(1, 1)) == Role.EDIT
+    assert Role.needed_for(ButtonEventResponse(1, 1)) == Role.EDIT
 
 
 @pytest.mark.parametrize("servo_id", [0, 1, 254, ALL_SERVOS])
 def test_anybody_may_stop(servo_id: int) -> None:
     packet = SetServoParameterRequest(servo_id, 0, 1)
-    assert (packet.effect is Effect.STOPS, is_motion(packet), needed_role(packet)) == (True, False, Role.WATCH)
+    assert (packet.effect is Effect.STOPS, packet.is_motion, Role.needed_for(packet)) == (True, False, Role.WATCH)
 
 
 @pytest.mark.parametrize("flags", [(1, 1), (1, 0), (0, 0), (0, 2), (2, 1)])
 def test_releasing_and_starting_are_motions(flags: tuple[int, int]) -> None:
     packet = SetServoParameterRequest(1, *flags)
-    assert (packet.effect is Effect.STOPS, is_motion(packet), needed_role(packet)) == (False, True, Role.MOVE)
+    assert (packet.effect is Effect.STOPS, packet.is_motion, Role.needed_for(packet)) == (False, True, Role.MOVE)
 
 
 def test_each_role_includes_those_before_it() -> None:
