@@ -8,12 +8,19 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 
 from msgspec import Struct
 
-from servolink.client.board import Board
-from servolink.client.button_events import ButtonEvent
-from servolink.control.notifications import ConnectionNow, HoldNotice, ProgramNotice, RefusedNotice
-from servolink.control.roles import Role
-from servolink.control.status import ConnectionState, HoldStatus, HubStatus, LeaseStatus
-from servolink.errors import ConnectionLost, MotionRefused, Reason, Rejected, ServolinkError
+from servolink.client import Board, ButtonEvent, servos_of
+from servolink.control import (
+    ConnectionNow,
+    ConnectionState,
+    HoldNotice,
+    HoldStatus,
+    HubStatus,
+    LeaseStatus,
+    ProgramNotice,
+    RefusedNotice,
+    Role,
+)
+from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Reason, Rejected, ServolinkError
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.motions import Motions
@@ -24,17 +31,21 @@ from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.stop_order import MotionsCancelled, Stops
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.engine.upstream import RequestFollower, Upstream
-from servolink.hub.rules.exchanges import Exchange, RunEnd
+from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
+from servolink.hub.rules.hub_gates import nothing_moved
 from servolink.hub.rules.lease import SECONDS_AFTER
-from servolink.motion.angles import AngleUnit
-from servolink.motion.set_points import SetPoints
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import ExecuteMacroRequest, ExecuteMacroResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterResponse
-from servolink.tasks import Tasks
+from servolink.motion import AngleUnit, MotionPlan, SetPoints, StopCounter, Ticket
+from servolink.protocol import (
+    Codec,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Packet,
+    SetServoParameterResponse,
+    Step,
+)
+from servolink.support import Tasks
 
 Listener = Callable[[Struct, str], None]
 """Called with a notice, and the session that caused the notice."""
@@ -213,6 +224,40 @@ class Hub:
         if response == ExecuteMacroResponse(0):
             raise Rejected(f"{self.url} refused to run what was prepared", packet)
 
+    async def move(self, session_id: str, order: MoveOrder, ticket: Ticket) -> MotionPlan:
+        """Plan a movement of a program and send it, ahead of all waiting requests. Return the plan.
+
+        Raise the error of a movement that was not sent; MotionRefused without the lease, after a stop since `ticket`
+        was issued, and while another program has exclusive use.
+        """
+        self._refuse_other_use(session_id)
+        exchange = self._ordered(session_id, order, ticket)
+        try:
+            await self._upstream.begin(exchange)
+        except ConnectionLost as error:
+            if exchange.is_unsent:
+                raise
+            raise OutcomeUnknown(str(error), exchange.packet) from error
+        if exchange.plan is None:
+            assert exchange.error is not None  # noqa: S101 - narrows the type
+            raise nothing_moved(exchange.error)
+        return exchange.plan
+
+    async def plan(self, session_id: str, order: MoveOrder, ticket: Ticket) -> MotionPlan:
+        """Return the plan of a movement of a program, without moving anything. Raise as `move`."""
+        exchange = self._ordered(session_id, order, ticket)
+        await self._units.enter(exchange.packet, exchange.program.units)
+        try:
+            return await servos_of(self.board).plan(order.movement, ticket, start=order.start, planner=order.planner)
+        finally:
+            self._units.leave()
+
+    def _ordered(self, session_id: str, order: MoveOrder, ticket: Ticket) -> Exchange:
+        """Return the exchange of a movement, with a packet that names its servos until the movement is planned."""
+        packet = ExecuteActionRequest(tuple(Step(servo_id, 0, 1) for servo_id in order.movement.targets))
+        program = self._program(session_id)
+        return Exchange(program, packet, ticket, asked_at=self._now(), order=order, may_wait=False)
+
     async def set_units(self, session_id: str, packet: Packet) -> None:
         """Set the angle units of a program for `packet` in advance. Raise as `UnitSwitch.enter`."""
         await self._units.enter(packet, self._program(session_id).units)
@@ -225,15 +270,19 @@ class Hub:
 
         Raise MotionRefused as `run` does, and while another program has exclusive use.
         """
-        hold = self.exclusive_use
-        if hold is not None and hold.session != session_id:
-            text = f"nothing was moved: {hold.who} has taken the board alone"
-            raise MotionRefused(text, reason=Reason.EXCLUSIVE_USE)
+        self._refuse_other_use(session_id)
         steps = tuple(Step(servo_id, round(angle), 1) for servo_id, angle in targets.items())
         packet = ExecuteActionRequest(steps)
         exchange = Exchange(self._program(session_id), packet, ticket, asked_at=self._now(), points=points)
         await self._begin(exchange)
         return {step.servo_id: step.degree for step in points.latest}
+
+    def _refuse_other_use(self, session_id: str) -> None:
+        """Raise MotionRefused while another program has exclusive use."""
+        hold = self.exclusive_use
+        if hold is not None and hold.session != session_id:
+            text = f"nothing was moved: {hold.who} has taken exclusive use of the board"
+            raise MotionRefused(text, reason=Reason.EXCLUSIVE_USE)
 
     async def _begin(self, exchange: Exchange) -> Packet | None:
         """Send a motion ahead of all waiting requests. Raise MotionRefused if that must not be."""
@@ -419,7 +468,7 @@ class Hub:
 async def share(board: Board, *, name: str = "board", lease_seconds: float = SECONDS_AFTER) -> AsyncIterator[Hub]:
     """Share a connected board inside this program, until the block ends. The board stays open.
 
-    No other program is let in: `LocalTransport(hub)` leads to the board, and `servolink.hub.doors` has the doors.
+    No other program is let in: `servolink.hub.doors` has the doors.
 
     Args:
         board: Board that was opened with `reconnect=True, angle_unit=None`.

@@ -8,21 +8,18 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
-from servolink.client.connect import connect
-from servolink.control.roles import Role
-from servolink.discovery.hubs import claim_hub, hub_of
-from servolink.discovery.names import name_at
-from servolink.discovery.resolving import resolve_board
+from servolink.boards import Aliases, HubClaim, hub_of, resolve_board
+from servolink.client import connect
+from servolink.control import Role
 from servolink.errors import OpenError, Reason
-from servolink.files import is_name
 from servolink.hub.doors.frame_doors import pty_door, tcp_door
 from servolink.hub.doors.socket_door import socket_door
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface
 from servolink.hub.rules.lease import SECONDS_AFTER
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder
+from servolink.motion import AngleUnit
+from servolink.protocol import ByteOrder, Codec
+from servolink.support import is_name
 
 _LONGEST_NAME = 32
 _SHARED = "share://"
@@ -63,9 +60,9 @@ async def serve_board(
         raise OpenError(
             f"{address} is {other.product} already: use {other.url}, or end that hub first", reason=Reason.IN_USE
         )
-    chosen = name or found.name or await asyncio.to_thread(name_at, address) or default_name(address)
+    chosen = name or found.name or await asyncio.to_thread(Aliases.name_at, address) or default_name(address)
     async with AsyncExitStack() as stack:
-        claim = stack.enter_context(await claim_hub(chosen))
+        claim = stack.enter_context(await HubClaim.of(chosen))
         board = await stack.enter_async_context(connect(address, reconnect=True, angle_unit=None, **options))
         hub = await stack.enter_async_context(share(board, name=chosen, lease_seconds=lease_seconds))
         codec = Codec(door_byte_order or board.codec.byte_order, board.codec.caption_encoding)

@@ -8,15 +8,12 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
-from servolink.client.connect import connect
-from servolink.control.greeting import Greeting
-from servolink.control.roles import RoleName
+from servolink.client import connect
+from servolink.control import Greeting, RoleName
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface, ControlSession
-from servolink.protocol.servos import ALL_SERVOS, QueryServoRequest, ServoState
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import ALL_SERVOS, QueryServoRequest, ServoState
+from servolink.virtual import BoardKind, VirtualBoard, VirtualTransport
 
 
 class RpcFailed(Exception):
@@ -116,7 +113,7 @@ class Shared:
 
 
 @asynccontextmanager
-async def shared(servos: int = 3, kind: BoardKind = DEFAULT_KIND, **options: Any) -> AsyncIterator[Shared]:
+async def shared(servos: int = 3, kind: BoardKind = BoardKind.DEFAULT, **options: Any) -> AsyncIterator[Shared]:
     """Share a new virtual board."""
     virtual = VirtualBoard(servos, kind=kind)
     async with (

@@ -6,24 +6,25 @@ import asyncio
 import json
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any, Self
 
-from servolink.client.connect import connect
-from servolink.discovery.hubs import claim_hub
+from servolink.boards import HubClaim
+from servolink.client import connect
+from servolink.hub.doors.frame_doors import pty_door, tcp_door
 from servolink.hub.doors.socket_door import OpenChannel, socket_door
 from servolink.hub.hub import Hub, share
-from servolink.listeners.tcp import host_and_port
-from servolink.platforms.user_folders import user_folder
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
-from servolink.virtual.transport import VirtualTransport
+from servolink.support import user_folder
+from servolink.transports import NetworkPlace
+from servolink.virtual import BoardKind, VirtualBoard, VirtualTransport
 
 GUARD = 240.0
 """Seconds after which a test of real I/O has failed."""
 
 
-def on_hub(use: Callable[[Hub, VirtualBoard], Awaitable[None]], kind: BoardKind = DEFAULT_KIND, **options: Any) -> None:
+def on_hub(
+    use: Callable[[Hub, VirtualBoard], Awaitable[None]], kind: BoardKind = BoardKind.DEFAULT, **options: Any
+) -> None:
     """Run `use` with a hub for a virtual board of three servos, in real time; no task may be left behind."""
 
     async def main() -> None:
@@ -43,10 +44,20 @@ def on_hub(use: Callable[[Hub, VirtualBoard], Awaitable[None]], kind: BoardKind 
 @asynccontextmanager
 async def sharing(hub: Hub, open_channel: OpenChannel | None = None) -> AsyncIterator[str]:
     """Open the socket door, and announce it; yield the address."""
-    with await claim_hub(hub.name) as claim:
+    with await HubClaim.of(hub.name) as claim:
         async with socket_door(hub, claim, open_channel) as url:
             claim.announce("tcp://127.0.0.1:1")
             yield url
+
+
+def on_network(hub: Hub) -> AbstractAsyncContextManager[str]:
+    """Open a TCP door of this machine; the address comes out."""
+    return tcp_door(hub, "127.0.0.1:0")
+
+
+def on_serial_port(hub: Hub) -> AbstractAsyncContextManager[str]:
+    """Open the door for serial programs; the address comes out."""
+    return pty_door(hub)
 
 
 def raw_socket(name: str = "rex") -> socket.socket:
@@ -61,7 +72,7 @@ async def raw_tcp(url: str) -> RawLine:
     """Connect to a TCP door."""
     line = socket.socket()
     line.settimeout(0)
-    await asyncio.get_running_loop().sock_connect(line, host_and_port(url.removeprefix("tcp://")))
+    await asyncio.get_running_loop().sock_connect(line, NetworkPlace.parse(url.removeprefix("tcp://")))
     return RawLine(line)
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.hub.hub import Hub
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
+from servolink.motion import AngleUnit
+from servolink.protocol import Codec, FrameParser, Packet
 
 
 class RawProgram:

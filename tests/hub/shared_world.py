@@ -9,18 +9,21 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.control.notifications import LeaseNotice
+from servolink.boards import BoardProfile, SafetyLimits
+from servolink.control import LeaseNotice
 from servolink.hub.hub import Hub, share
-from servolink.profiles.profile import BoardProfile, SafetyLimits
-from servolink.project.model import Project
-from servolink.protocol.packet import Packet, is_motion
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import (
+from servolink.project import Project
+from servolink.protocol import (
     ALL_SERVOS,
+    Action,
     ExecuteActionRequest,
+    Macro,
+    MacroCommand,
+    Packet,
     SetServoParameterRequest,
+    Step,
 )
-from tests.client.fake_board import FakeBoard, opened
+from tests.client.piped_board import PipedBoard, opened
 from tests.hub.raw_program import RawProgram
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
@@ -41,7 +44,7 @@ STORED = Project(
 class World:
     """A hub on a fake board, and what the hub reported."""
 
-    def __init__(self, hub: Hub, fake: FakeBoard) -> None:
+    def __init__(self, hub: Hub, fake: PipedBoard) -> None:
         self.hub, self.fake = hub, fake
         self.notices: list[Struct] = []
         self.sessions: list[str] = []
@@ -71,7 +74,7 @@ class World:
     @property
     def motions(self) -> list[Packet]:
         """Return the motions that the board got."""
-        return [packet for _, packet in self.fake.executed if is_motion(packet)]
+        return [packet for _, packet in self.fake.executed if packet.is_motion]
 
     async def move(self, program: RawProgram, packet: Packet = MOVE) -> bool:
         """Return whether the board got a motion of a program."""
@@ -83,9 +86,9 @@ class World:
 
 @asynccontextmanager
 async def world(limits: SafetyLimits | None = None, **options: Any) -> AsyncIterator[World]:
-    fake = FakeBoard()
-    fake.virtual.storage.contents = contents_of(STORED)
-    for servo in fake.virtual.servos.values():
+    fake = PipedBoard()
+    fake.storage.contents = contents_of(STORED)
+    for servo in fake.servos.values():
         servo.angle = 0.0
     profile = BoardProfile(limits=limits or SafetyLimits())
     async with (

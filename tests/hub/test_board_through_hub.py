@@ -8,16 +8,14 @@ from typing import Any
 import pytest
 
 from servolink import hub as hub_package
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import RequestTimeout
-from servolink.hub.doors.in_process import LocalTransport
 from servolink.hub.hub import share
-from servolink.protocol.codec import Codec
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import now
+from servolink.protocol import Codec
+from servolink.virtual import BoardKind, VirtualBoard, VirtualTransport
+from tests.client.piped_board import now
 from tests.client.test_board import CHAPTERS
+from tests.hub.local_transport import LocalTransport
 
 
 @pytest.mark.parametrize("order", ["little", "big"])
@@ -96,7 +94,6 @@ async def test_readings_that_never_come_are_an_error() -> None:
 
 def test_what_programs_need_is_found_in_the_package() -> None:
     assert hub_package.share is share
-    assert hub_package.LocalTransport is LocalTransport
     assert all(getattr(hub_package, name) for name in vars(hub_package)["__all__"])
     with pytest.raises(AttributeError, match=r"'servolink\.hub' has no attribute 'shares'"):
         getattr(hub_package, "shares")  # noqa: B009 - a type checker knows that it is not there

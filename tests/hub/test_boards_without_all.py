@@ -11,19 +11,17 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.control.greeting import Greeting
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.boards import BoardIdentityRecord, BoardProfile, BoardSettings
+from servolink.client import Board, connect
+from servolink.control import Greeting
 from servolink.hub.hub import Hub, share
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.profiles.profile import BoardIdentityRecord, BoardProfile, BoardSettings
-from servolink.protocol.codec import Codec
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
-from servolink.virtual.odd.board import OddBoard, OddLine
-from servolink.virtual.odd.kinds import KINDS
-from servolink.virtual.transport import BoardTransport
+from servolink.protocol import ALL_SERVOS, Codec, SetServoParameterRequest
+from servolink.virtual import BoardTransport
 from tests.hub.control_program import RpcProgram
+from tests.hub.local_transport import LocalTransport
+from tests.lab.odd.board import OddBoard, OddLine
+from tests.lab.odd.kinds import KINDS
 
 LEARNT = BoardProfile(
     settings=BoardSettings(unsupported=("QueryServo",)), identity=BoardIdentityRecord(servo_ids=(1, 2, 3, 4))

@@ -8,7 +8,7 @@ from types import ModuleType
 import pytest
 
 from tests.client import (
-    fake_board,
+    piped_board,
     test_angle_units,
     test_arriving,
     test_board_servos,
@@ -71,6 +71,6 @@ for _module in MODULES:
 
 @pytest.fixture(autouse=True)
 def _connects_through_a_hub(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (fake_board, *MODULES):
+    for module in (piped_board, *MODULES):
         if hasattr(module, "connect"):
             monkeypatch.setattr(module, "connect", connect_through_hub)

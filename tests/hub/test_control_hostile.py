@@ -1,6 +1,6 @@
 """Hostile programs at the control interface: each gets errors or is disconnected, and nobody else notices.
 
-Modules: servolink.control.messages, servolink.hub.methods.control_session.
+Modules: servolink.control.messages, servolink.hub.method_messages, servolink.hub.methods.control_session.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import UNSET
 
-from servolink.control.greeting import Greeting
-from servolink.control.messages import CREDIT
+from servolink.control import Greeting
 from servolink.hub.hub import Hub
+from servolink.hub.method_messages import CREDIT
 from servolink.hub.methods.control_session import METHODS, ControlInterface
 from tests.hub.control_program import shared
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
@@ -39,6 +40,22 @@ _CALLS = st.tuples(
     st.sampled_from(sorted(METHODS)),
     st.dictionaries(st.sampled_from([*_NAMES, "type", "record"]), _VALUES, max_size=4),
 )
+
+
+async def test_programs_of_a_group_read_as_one() -> None:
+    async with shared() as here:
+        groups: list[Any] = ["a link", "a link", "another", UNSET, UNSET]
+        channels = [
+            here.interface.open_channel(
+                here.hub, Greeting(wants="rpc", who="x", group=group), str(number), lambda _: None, pytest.fail
+            )
+            for number, group in enumerate(groups)
+        ]
+        shares = [channel._peer._reading for channel in channels]
+        assert shares[0] is shares[1]
+        assert len({id(share) for share in shares}) == 4
+        for channel in channels:
+            await channel.close()
 
 
 @settings(max_examples=25)

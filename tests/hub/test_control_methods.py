@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-from servolink.client import connect as connecting
-from servolink.client.connect import connect
-from servolink.control.roles import Role
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.client import connect
+from servolink.control import Role
 from servolink.hub.hub import share
 from servolink.hub.methods.control_session import METHODS
-from servolink.protocol.records import ServoParameter
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import ServoParameter
+from servolink.virtual import VirtualBoard
 from tests.client.sockets import Socket
 from tests.hub.control_program import RpcFailed, Shared, shared
+from tests.hub.local_transport import LocalTransport
+from tests.plugged import plugged
 
 
 async def test_the_status_says_who_is_connected_and_who_has_the_lease() -> None:
@@ -59,7 +59,7 @@ async def test_a_program_can_have_tighter_limits_than_the_board() -> None:
 
 async def test_a_servo_that_does_not_arrive_is_named_and_its_motion_is_not_to_be_repeated() -> None:
     async with shared() as here, here.program() as studio:
-        await studio.call("servo.set", servo=2, start=False, hold=True)
+        here.virtual.servos[2].is_start = False
         with pytest.raises(RpcFailed, match=r"servo 2 is at .*, not at 60, 1 s after") as failed:
             await studio.call("move", targets={"1": 60, "2": 60}, duration=0.5, wait=True)
         assert (failed.value.code, failed.value.kind) == (500, "TargetNotReached")
@@ -185,9 +185,9 @@ async def test_a_program_that_is_renamed_keeps_its_lease() -> None:
 async def test_programs_go_on_when_the_board_is_plugged_in_again(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = VirtualBoard(3)
     socket = Socket(virtual)
-    monkeypatch.setattr(connecting, "create", socket.transport)
+    url = plugged(monkeypatch, socket.transport)
     async with (
-        connect("virtual://", reconnect=True, angle_unit=None) as upstream,
+        connect(url, reconnect=True, angle_unit=None) as upstream,
         share(upstream, name="rex") as hub,
     ):
         here = Shared(hub, virtual)

@@ -13,7 +13,7 @@ import pytest
 from docs.control_interface import EXAMPLE
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.protocol.servos import QueryServoRequest
+from servolink.protocol import QueryServoRequest
 from tests import processes
 from tests.hub.door_hub import on_hub, sharing
 

@@ -7,16 +7,15 @@ from contextlib import AsyncExitStack
 
 import pytest
 
-from servolink.client import connect as connecting
-from servolink.client.connect import connect
-from servolink.control.notifications import ProblemNotice
-from servolink.control.roles import Role
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.client import connect
+from servolink.control import ProblemNotice, Role
 from servolink.hub.hub import share
-from servolink.virtual.board import VirtualBoard
-from tests.client.fake_board import now
+from servolink.virtual import VirtualBoard
+from tests.client.piped_board import now
 from tests.client.sockets import Socket
 from tests.hub.control_program import RpcFailed, Shared, shared
+from tests.hub.local_transport import LocalTransport
+from tests.plugged import plugged
 
 
 async def test_watchers_get_the_latest_and_no_more_than_they_acknowledge() -> None:
@@ -180,14 +179,14 @@ async def test_another_board_in_place_of_the_one_that_was_lost_is_reported(monke
     ours, other = VirtualBoard(), VirtualBoard()
     ours.storage.project_id, other.storage.project_id = 5, 77
     socket = Socket(ours)
-    monkeypatch.setattr(connecting, "create", socket.transport)
+    url = plugged(monkeypatch, socket.transport)
     async with (
-        connect("virtual://", reconnect=True, angle_unit=None) as board,
+        connect(url, reconnect=True, angle_unit=None) as board,
         share(board, name="rex") as hub,
         Shared(hub, ours).program("page") as page,
     ):
         await page.call("status")
-        said = "the board at virtual:// has project id 77, not 5, so it is another one"
+        said = f"the board at {url} has project id 77, not 5, so it is another one"
         socket.pull()
         socket.plug(other)
         assert await page.until("connection", 2) == {"state": "lost", "another": said}

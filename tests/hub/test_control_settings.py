@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.virtual.kind import BoardKind
+from servolink.virtual import BoardKind
 from tests.hub.control_program import RpcFailed, shared
 
 

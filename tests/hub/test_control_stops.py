@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from servolink.control.greeting import Greeting
+from servolink.control import Greeting
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.protocol.servos import SetServoParameterRequest
-from servolink.virtual.kind import BoardKind
-from tests.client.fake_board import LOST
+from servolink.protocol import SetServoParameterRequest
+from servolink.virtual import BoardKind
+from tests.client.piped_board import LOST, now
 from tests.hub.control_program import RpcFailed, RpcProgram, shared
 from tests.hub.shared_world import World, on_hub
 
@@ -113,8 +113,10 @@ async def test_a_stop_passes_everything_from_any_role() -> None:
         await asyncio.sleep(1)
         await tablet.call("stop")
         assert not any(state.is_start for state in await here.states())
-        with pytest.raises(RpcFailed):
+        begun = now()
+        with pytest.raises(RpcFailed, match="the motion was started, and then ended by a stop"):
             await moving
+        assert now() - begun < 0.2
         with pytest.raises(RpcFailed, match="needs the role move"):
             await tablet.call("move", targets={"1": 0}, duration=0.1)
 
@@ -192,7 +194,7 @@ def test_servos_that_do_not_stop_when_their_movement_is_ended_are_stopped_with_a
             await program.call("move.end", servos=[1])
         assert failed.value.kind == "OutcomeUnknown"
         await asyncio.sleep(0.1)
-        assert not any(servo.is_start for servo in there.fake.virtual.servos.values())
+        assert not any(servo.is_start for servo in there.fake.servos.values())
         await program.channel.close()
         await interface.close()
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from servolink.project.project_file import parse_project
-from servolink.virtual.kind import BoardKind
+from servolink.project import ProjectFile
+from servolink.virtual import BoardKind
 from tests.hub.control_program import RpcFailed, shared
 
 POSE: dict[str, Any] = {
@@ -99,7 +99,7 @@ async def test_a_project_is_planned_applied_exported_and_rolled_back() -> None:
         held = [change["hold"] and change["hold"]["reason"] for change in page.of("hold")]
         assert held == ["a project is being compared", None, "a project is being written", None]
         exported = (await studio.call("project.export"))["project"]
-        assert parse_project(json.dumps(exported)).actions[0].action_id == 3
+        assert ProjectFile.parse(json.dumps(exported)).project.actions[0].action_id == 3
         assert not (await studio.call("project.plan", project=exported))["changes"]
         await studio.call("project.rollback")
         assert (await studio.call("records.list"))["records"] == []

@@ -11,15 +11,13 @@ from typing import Any
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.control.messages import Tighten
-from servolink.control.tightening import limits_in, messages_of
+from servolink.client import connect
+from servolink.control import Tighten
 from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.motion.angles import Degrees
-from servolink.motion.limits import MotionLimits, motion_limits
-from servolink.virtual.board import VirtualBoard
+from servolink.motion import Degrees, MotionLimits, motion_limits
+from servolink.virtual import VirtualBoard
 from tests.hub.control_program import RpcFailed, Shared, shared
 from tests.hub.door_hub import on_hub, sharing
 
@@ -117,14 +115,14 @@ async def test_a_stream_needs_role_lease_and_a_board_that_nobody_has_exclusively
         assert refused.value.kind == "MotionRefused"
         await script.call("lease.give")
         await script.call("board.hold")
-        with pytest.raises(RpcFailed, match="script has taken the board alone"):
+        with pytest.raises(RpcFailed, match="script has taken exclusive use of the board"):
             await pad.call("stream.send", stream=number, targets={"1": 20})
         await script.call("board.release")
         assert await pad.call("stream.send", stream=number, targets={"1": 20}) == {"sent": {"1": 20}}
         fast = [pad.begin("stream.send", stream=number, targets={"1": angle}) for angle in (10, 40)]
         await script.call("board.hold")  # while the second one waits for its turn
         assert await fast[0] == {"sent": {}}
-        with pytest.raises(RpcFailed, match="script has taken the board alone"):
+        with pytest.raises(RpcFailed, match="script has taken exclusive use of the board"):
             await fast[1]
 
 
@@ -159,8 +157,8 @@ async def test_an_impossible_stream_is_refused(params: dict[str, float]) -> None
 )
 def test_limits_survive_the_way_to_the_hub(limits: MotionLimits) -> None:
     found = MotionLimits()
-    for message in messages_of(limits):
-        found = found.tightened(limits_in(message))
+    for message in Tighten.messages(limits):
+        found = found.tightened(message.limits())
     for servo_id in (1, 2, 7):
         low, high = limits.of(servo_id) or (-32768, 32767)
         assert (found.of(servo_id) or (-32768, 32767)) == (low, min(high, 32767))
@@ -168,7 +166,7 @@ def test_limits_survive_the_way_to_the_hub(limits: MotionLimits) -> None:
         assert found.cap_of(servo_id) == (None if cap == math.inf else cap)
         assert found.soft_speed_of(servo_id) == limits.soft_speed_of(servo_id)
     with pytest.raises(ValueError, match="must be a servo id"):
-        limits_in(Tighten(speed_caps={"all": 5}))
+        Tighten(speed_caps={"all": 5}).limits()
 
 
 def test_a_board_on_share_streams_through_the_hub_within_its_own_limits_too() -> None:
@@ -187,7 +185,9 @@ def test_a_board_on_share_streams_through_the_hub_within_its_own_limits_too() ->
                 with pytest.raises(ServolinkError, match="stop") as stopped:
                     await stream.send({1: 0})
                 assert stopped.value.reason is Reason.STOP
-                assert (await board.move({1: 5}, duration=0.1, dry_run=True)) == 0.1
+                with pytest.raises(RequestRefused, match="servo 1 is stopped or released"):  # as the stream would be
+                    await board.move({1: 5}, duration=0.1)
+                assert (await board.move({1: 5}, duration=0.1, dry_run=True, start=True)) == 0.1
             async with connect(f"{url}?role=watch") as watcher:
                 with pytest.raises(RequestRefused, match="needs the role move"):
                     await watcher.stream().send({1: 5})

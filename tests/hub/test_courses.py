@@ -11,10 +11,17 @@ from typing import Any
 import pytest
 
 from servolink.hub.rules.courses import Courses
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest, SetServoParameterRequest
+from servolink.motion import AngleUnit
+from servolink.protocol import (
+    Action,
+    ExecuteActionExRequest,
+    ExecuteActionRequest,
+    Macro,
+    MacroCommand,
+    Packet,
+    SetServoParameterRequest,
+    Step,
+)
 from tests.hub.control_program import RpcProgram, shared
 
 

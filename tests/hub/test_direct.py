@@ -1,6 +1,6 @@
 """Programs in the process of the hub, whose packets do not become bytes.
 
-Modules: servolink.connection.packet_connection, servolink.hub.doors.in_process.
+Modules: servolink.connection.packet_connection, servolink.hub.doors.direct.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.errors import (
     ConnectionLost,
     EncodeError,
@@ -20,19 +20,22 @@ from servolink.errors import (
 )
 from servolink.hub.doors.direct import DirectConnection
 from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryActionRequest, QueryProjectIDRequest, WriteProjectIDRequest
-from servolink.protocol.joystick import PRESS, ButtonEventResponse, SubscribeButtonEventRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
+    ButtonEventResponse,
+    Codec,
     ExecuteActionRequest,
+    Packet,
+    QueryActionRequest,
+    QueryProjectIDRequest,
     QueryServoListRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    Step,
+    SubscribeButtonEventRequest,
+    WriteProjectIDRequest,
 )
-from tests.client.fake_board import LOST, SWALLOWED, late, now
+from tests.client.piped_board import LOST, SWALLOWED, late, now
 from tests.hub.shared_world import MOVE, START, STOP, World
 from tests.hub.shared_world import on_hub as on_world
 
@@ -167,7 +170,7 @@ def test_button_events_arrive() -> None:
         events: list[ButtonEventResponse] = []
         here.answers.on_event = events.append
         await here.request(SubscribeButtonEventRequest(1))
-        event = ButtonEventResponse(3, PRESS)
+        event = ButtonEventResponse(3, ButtonEventResponse.PRESS)
         there.hub._deliver(event)
         assert events == [event]
 

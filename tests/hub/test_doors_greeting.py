@@ -17,24 +17,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.control import share_address
-from servolink.control.greeting import MOST_GREETING, Greeting
-from servolink.control.share_address import this_program
+from servolink.client import Board, connect
+from servolink.control import Greeting, this_program
 from servolink.errors import OpenError
 from servolink.hub.doors import socket_door
 from servolink.hub.hub import Hub
 from servolink.hub.methods.control_session import ControlInterface
-from servolink.listeners import accepted
-from servolink.platforms import local_sockets
-from servolink.platforms.local_sockets import socket_folder, socket_path
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
-from servolink.protocol.records import Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
-from servolink.transports.registry import create
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import (
+    AddActionRequest,
+    Codec,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    Step,
+)
+from servolink.support import socket_folder, socket_path
+from servolink.transports import create
+from servolink.virtual import VirtualBoard
 from tests.hub.door_hub import RawLine, on_hub, raw_socket, sharing, until
 from tests.processes import LIMIT
 from tests.transports.wires import Ear
@@ -67,8 +67,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (b'{"servolink": 1, "wants": "frames", "who": "x", "session": "1"}\n', "they have no session yet"),
         (b'{"servolink": 1, "wants": "frames", "who": "x", "dead_man": 1}\n', "frames have no dead-man time"),
         (b'{"servolink": 1, "wants": "rpc", "who": "x"}\n', "no control interface"),
-        (b"x" * (MOST_GREETING + 1), f"a greeting has at most {MOST_GREETING} bytes"),
-        (b"[" * MOST_GREETING + b"\n", "this is not a greeting"),
+        (b"x" * (Greeting.MOST_BYTES + 1), f"a greeting has at most {Greeting.MOST_BYTES} bytes"),
+        (b"[" * Greeting.MOST_BYTES + b"\n", "this is not a greeting"),
     ],
 )
 def test_a_wrong_greeting_is_refused_with_the_reason(greeting: bytes, why: str) -> None:
@@ -83,7 +83,7 @@ def test_a_wrong_greeting_is_refused_with_the_reason(greeting: bytes, why: str) 
 
 
 @given(
-    st.binary(max_size=MOST_GREETING)
+    st.binary(max_size=Greeting.MOST_BYTES)
     | st.dictionaries(
         st.sampled_from([*Greeting.__struct_fields__, "x"]),
         st.sampled_from([1, "frames", "rpc", "edit", "big", "\ud800", None, 0.3, 1e400, [], {}]),
@@ -149,7 +149,7 @@ def test_what_a_hub_says_is_not_believed(answer: bytes, why: str, folder: Path) 
             opening = asyncio.ensure_future(create("share://rex").open(Ear()))
             other, _ = await asyncio.get_running_loop().sock_accept(listening)
             with other:
-                await asyncio.get_running_loop().sock_recv(other, MOST_GREETING)
+                await asyncio.get_running_loop().sock_recv(other, Greeting.MOST_BYTES)
                 await asyncio.get_running_loop().sock_sendall(other, answer)
             with pytest.raises(OpenError) as caught:
                 await opening
@@ -173,21 +173,6 @@ def test_a_cancelled_greeting_leaves_nothing(folder: Path) -> None:
                 assert await line.read() == b""
             with pytest.raises(asyncio.CancelledError):
                 await opening
-
-    asyncio.run(main())
-
-
-def test_a_hub_that_says_nothing_is_given_up(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(share_address, "_WELCOME_LIMIT", 0.1)
-
-    async def main() -> None:
-        folder.mkdir(mode=0o700)
-        with socket_folder() as short, socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(socket_path(short, "rex"))
-            listening.listen(0)
-            for _ in range(3):  # the last one does not even get into the queue
-                with pytest.raises(OpenError, match=r"the hub did not answer within 0\.1 s"):
-                    await connect("share://rex")
 
     asyncio.run(main())
 
@@ -233,7 +218,6 @@ def test_a_program_says_who_it_is(words: list[str], who: str, monkeypatch: pytes
 @pytest.mark.parametrize("count", [200, pytest.param(1000, marks=pytest.mark.slow)])
 def test_many_programs_are_served_at_the_same_time(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     # Both sides share a processor, and perhaps a busy one.
-    monkeypatch.setattr(share_address, "_WELCOME_LIMIT", LIMIT)
     monkeypatch.setattr(socket_door, "GREETING_LIMIT", LIMIT)
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
@@ -251,50 +235,6 @@ def test_many_programs_are_served_at_the_same_time(count: int, monkeypatch: pyte
 
 def big_action() -> AddActionRequest:
     return AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(12_000)))
-
-
-def test_a_program_that_never_reads_is_disconnected_and_delays_nobody(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(accepted, "LONGEST_PAUSE", 0.2)
-
-    async def use(hub: Hub, _: VirtualBoard) -> None:
-        async with sharing(hub) as url, connect(url) as board:
-            await board.request(big_action())
-            with RawLine(raw_socket()) as line:
-                session = (await line.greet())["session"]
-                program = hub.programs[session]
-                with suppress(ConnectionError):
-                    await line.send(Codec().encode(QueryActionRequest(1)) * 10_000)
-                while session in hub.programs:
-                    assert await board.servo_ids() == (1, 2, 3)
-                assert program.counters.responses < 40
-
-    on_hub(use)
-    assert "a test was disconnected: the program does not read its responses" in caplog.text
-
-
-def test_a_program_of_the_control_interface_that_never_reads_is_disconnected(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(accepted, "LONGEST_PAUSE", 0.2)
-    # Few of its requests wait at a time, so their number does not end it.
-    export = b'{"jsonrpc": "2.0", "id": 1, "method": "project.export"}\n'
-
-    async def use(hub: Hub, _: VirtualBoard) -> None:
-        interface = ControlInterface(hub)
-        async with sharing(hub, interface.open_channel) as url, connect(url) as board:
-            await board.request(big_action())
-            with RawLine(raw_socket()) as line:
-                session = (await line.greet(wants="rpc"))["session"]
-                await line.send(export * 20)
-                await until(lambda: session in hub.programs)
-                while session in hub.programs:
-                    assert await board.servo_ids() == (1, 2, 3)
-        await interface.close()
-
-    on_hub(use)
-    assert "a test was disconnected: the program does not read its responses" in caplog.text
 
 
 @pytest.mark.parametrize("depth", [1, 64])
@@ -339,26 +279,5 @@ def test_requests_of_a_flood_are_all_answered_in_order() -> None:
                 sending = asyncio.ensure_future(line.send(LIST * 2000))
                 assert await line.until(len(ANSWER) * 2000) == ANSWER * 2000
                 await sending
-
-    on_hub(use)
-
-
-def test_without_unix_sockets_a_token_opens_the_door(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on Windows, as far as another system can try it."""
-    monkeypatch.setattr(local_sockets, "has_unix_sockets", lambda: False)
-
-    async def use(hub: Hub, _: VirtualBoard) -> None:
-        async with sharing(hub) as url, connect(url) as board:
-            assert await board.servo_ids() == (1, 2, 3)
-            door = folder / "rex.door"
-            assert door.stat().st_mode & 0o777 == 0o600
-            place = json.loads(door.read_text())
-            reader, writer = await asyncio.open_connection("127.0.0.1", place["port"])
-            writer.write(b'{"servolink": 1, "wants": "frames", "who": "x", "token": "guess"}\n')
-            assert json.loads(await reader.read())["error"].startswith("wrong token")
-            writer.close()
-        assert list(folder.iterdir()) == []
-        with pytest.raises(OpenError, match="no hub of this name is running"):
-            await connect("share://rex")
 
     on_hub(use)

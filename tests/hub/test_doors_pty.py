@@ -1,6 +1,6 @@
 """The door for serial programs: one after the other, each with a fresh session.
 
-Module: servolink.listeners.pty.
+Module: servolink.transports.listeners.pty.
 """
 
 from __future__ import annotations
@@ -10,62 +10,32 @@ import os
 import sys
 import termios
 from pathlib import Path
-from typing import Self
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import OpenError
 from servolink.hub.doors.frame_doors import pty_door
 from servolink.hub.engine.program import FrameProgram, Program
 from servolink.hub.hub import Hub
-from servolink.listeners import pty
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddActionRequest, QueryActionRequest, QueryActionResponse
-from servolink.protocol.records import Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, SetAngleUnitRequest
-from servolink.virtual.board import VirtualBoard
+from servolink.protocol import (
+    AddActionRequest,
+    Codec,
+    QueryActionRequest,
+    QueryActionResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    SetAngleUnitRequest,
+    Step,
+)
+from servolink.virtual import VirtualBoard
 from tests.hub.door_hub import on_hub, until
+from tests.hub.serial_program import Port
 
 LIST = Codec().encode(QueryServoListRequest())
 ANSWER = Codec().encode(QueryServoListResponse((1, 2, 3)))
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are those of Unix")
-
-
-class Port:
-    """The terminal, as a program without any library opens it."""
-
-    def __init__(self, url: str) -> None:
-        self.number = os.open(url.removeprefix("serial://"), os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        os.close(self.number)
-
-    async def send(self, data: bytes) -> None:
-        while data:
-            try:
-                data = data[os.write(self.number, data) :]
-            except BlockingIOError:
-                await asyncio.sleep(0)
-
-    async def until(self, count: int) -> bytes:
-        data = b""
-        while len(data) < count:
-            try:
-                data += os.read(self.number, count - len(data))
-            except BlockingIOError:
-                await asyncio.sleep(0.001)
-        return data
-
-    def is_silent(self) -> bool:
-        try:
-            return not os.read(self.number, 1)
-        except BlockingIOError:
-            return True
 
 
 def test_programs_come_and_go() -> None:
@@ -170,23 +140,6 @@ def test_the_end_of_a_program_that_has_read_nothing_is_noticed() -> None:
     on_hub(use)
 
 
-def test_what_has_no_room_is_dropped_in_whole_frames(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pty, "MOST_UNREAD", 10_000)
-
-    async def use(hub: Hub, _: VirtualBoard) -> None:
-        async with pty_door(hub) as url, pty_door(hub) as other, connect(other) as board:
-            await board.request(big_action())
-            with Port(url) as port:
-                await port.send(Codec().encode(QueryActionRequest(1)) + LIST)
-                assert await port.until(len(ANSWER)) == ANSWER
-                assert port.is_silent()
-
-    on_hub(use)
-    assert "responses are dropped, as the program does not read" in caplog.text
-
-
 def test_a_flood_is_answered_in_order() -> None:
     async def use(hub: Hub, _: VirtualBoard) -> None:
         async with pty_door(hub) as url:
@@ -245,7 +198,3 @@ def test_a_link_replaces_nothing_of_others(tmp_path: Path) -> None:
     on_hub(use)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["file", "link"]
     assert (tmp_path / "link").read_text() == "mine"
-
-
-def test_nobody_is_looked_for_often() -> None:
-    assert pty.LOOK >= 0.05

@@ -10,24 +10,24 @@ import socket
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.control.roles import Role
+from servolink.client import connect
+from servolink.control import Role
 from servolink.errors import OpenError, TransportUnavailable
-from servolink.hub.doors import frame_doors
 from servolink.hub.doors.frame_doors import tcp_door
 from servolink.hub.hub import Hub
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
+    MAGIC,
+    Codec,
     ExecuteActionRequest,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
     SetServoParameterRequest,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
+from servolink.virtual import VirtualBoard
 from tests.hub.door_hub import on_hub, raw_tcp, until
+from tests.open_files import allow_files
 
 ANYWHERE = "127.0.0.1:0"
 LIST = Codec().encode(QueryServoListRequest())
@@ -114,35 +114,32 @@ def test_who_only_connects_is_not_a_program_and_harms_nobody() -> None:
 def test_the_silent_make_room_and_programs_do_not(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(frame_doors, "most_connections", lambda: 5)
+    allow_files(monkeypatch, 64)  # 16 strangers, 16 programs
 
     async def use(hub: Hub, _: VirtualBoard) -> None:
-        async with tcp_door(hub, ANYWHERE) as url:
-            first = await raw_tcp(url)
-            await first.send(LIST)
-            assert await first.until(len(ANSWER)) == ANSWER
-            silent = [await raw_tcp(url) for _ in range(20)]
-            others = [await raw_tcp(url) for _ in range(4)]
-            for line in silent:
+        async with tcp_door(hub, ANYWHERE) as url, tcp_door(hub, ANYWHERE, role=Role.WATCH) as other:
+            programs = [await raw_tcp(place) for place in (url, other) for _ in range(8)]
+            for line in programs:
+                await line.send(LIST)
+                assert await line.until(len(ANSWER)) == ANSWER
+            silent = [await raw_tcp(place) for _ in range(20) for place in (url, other)]
+            for line in silent[:16]:  # the oldest
                 assert await line.until_end() == b""
-            for line in others:
+            for line in silent[-2:]:
+                await line.send(LIST)
+                assert await line.until_end() == b""
+            for line in programs:
                 await line.send(LIST)
                 assert await line.until(len(ANSWER)) == ANSWER
-            with await raw_tcp(url) as too_many:
-                assert await too_many.until_end() == b""
-            for line in (first, *others):
-                await line.send(LIST)
-                assert await line.until(len(ANSWER)) == ANSWER
-            first.line.close()
-            await until(lambda: len(hub.programs) == 4)
-            with await raw_tcp(url) as line:
-                await line.send(LIST)
-                assert await line.until(len(ANSWER)) == ANSWER
-            for line in (*silent, *others):
+            programs[0].line.close()
+            await until(lambda: len(hub.programs) == 15)
+            await silent[-3].send(LIST)
+            assert await silent[-3].until(len(ANSWER)) == ANSWER
+            for line in (*programs, *silent):
                 line.line.close()
 
     on_hub(use)
-    assert caplog.text.count("5 connections are open") == 1
+    assert "16 programs are connected already" in caplog.text
 
 
 def test_garbage_behind_the_magic_is_counted() -> None:

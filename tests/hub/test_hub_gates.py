@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.hub.rules.hub_gates import (
     LeaseGate,
     LeaseRefused,
@@ -14,26 +14,25 @@ from servolink.hub.rules.hub_gates import (
     stops_all,
 )
 from servolink.hub.rules.lease import MotionLease
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.editing import (
+from servolink.motion import StopCounter, Ticket
+from servolink.protocol import (
+    ALL_SERVOS,
     AddActionRequest,
     AddActionResponse,
     AddServoParameterRequest,
     AddServoParameterResponse,
-    ExecuteMacroRequest,
-    ExecuteMacroResponse,
-)
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
-    ALL_SERVOS,
+    ClearAllDataRequest,
+    ClearAllDataResponse,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Packet,
     QueryServoRequest,
     ServoState,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
-from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
 MOVE = ExecuteActionRequest(())
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)

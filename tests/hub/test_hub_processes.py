@@ -17,10 +17,10 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.discovery.hubs import candidates
+from servolink.boards import running_hubs
+from servolink.client import connect
 from servolink.errors import ConnectionLost
-from servolink.platforms.user_folders import user_folder
+from servolink.support import user_folder
 from tests.cli.programs import finished, program, started
 from tests.transports.rights import not_root
 
@@ -67,10 +67,10 @@ def test_a_hub_that_was_killed_is_followed_by_another(port: str) -> None:
     for _ in range(2):
         with process("share", "--board", port, "--name", "rex") as (hub, url):
             assert url == "share://rex"
-            assert [each.shares for each in candidates()] == [port]
+            assert [each.shares for each in running_hubs()] == [port]
             asyncio.run(lose(hub, url))
         assert (user_folder("runtime") / "rex.sock").exists()
-        assert candidates() == []
+        assert running_hubs() == []
 
 
 def test_a_program_finds_the_new_hub_by_itself(port: str) -> None:

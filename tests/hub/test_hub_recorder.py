@@ -9,8 +9,7 @@ import pytest
 
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.hub import Hub
-from servolink.recorder.channels import CommandDone, Event, ServosRead
-from servolink.recorder.reading import Recording
+from servolink.recorder import CommandDone, Event, Recording, ServosRead
 from tests.hub.control_program import RpcFailed, shared
 from tests.virtual_time import run
 

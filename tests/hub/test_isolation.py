@@ -12,41 +12,39 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from servolink.client import connect as connecting
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.hub.hub import Hub, share
 from servolink.hub.rules.unit_rules import UnitReservation
-from servolink.motion.angles import AngleUnit
-from servolink.motion.units import ServoUnits
-from servolink.project.model import Project
-from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest, WriteProjectIDRequest
-from servolink.protocol.joystick import (
-    PRESS,
-    UP,
-    ButtonEventResponse,
-    SubscribeButtonEventRequest,
-    SubscribeButtonEventResponse,
-)
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.protocol.servos import (
+from servolink.motion import AngleUnit, ServoUnits
+from servolink.project import Project
+from servolink.protocol import (
     ALL_SERVOS,
+    Action,
+    ButtonEventResponse,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Macro,
+    MacroCommand,
+    Packet,
+    QueryActionRequest,
     QueryServoRequest,
     QueryServoResponse,
+    SendDummyDataRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    Step,
+    SubscribeButtonEventRequest,
+    SubscribeButtonEventResponse,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import SendDummyDataRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.simulated_servo import to_adc
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, now, opened
+from servolink.virtual import VirtualBoard, VirtualTransport, to_adc
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, now, opened
 from tests.client.sockets import Socket
-from tests.fuzz.amounts import MANY
 from tests.hub.raw_program import RawProgram
+from tests.plugged import plugged
 from tests.project.pulled import contents_of
+from tests.proofs.fuzz.amounts import MANY
 from tests.virtual_time import VirtualTimeLoop, run
 
 SERVOS = (1, 2, 3)
@@ -136,7 +134,7 @@ class Units(RuleBasedStateMachine):
         super().__init__()
         self.runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
         self.stack = AsyncExitStack()
-        self.fake = FakeBoard(servos=len(SERVOS))
+        self.fake = PipedBoard(servos=len(SERVOS))
         self.programs: list[Angler] = []
         self.wrong: list[BaseException] = []
 
@@ -147,8 +145,8 @@ class Units(RuleBasedStateMachine):
     )
     def join(self, own: list[AngleUnit], depth: int, limits: tuple[int, int] | None = None) -> None:
         async def main() -> None:
-            self.fake.virtual.storage.contents = contents_of(STORED)
-            for servo in self.fake.virtual.servos.values():
+            self.fake.storage.contents = contents_of(STORED)
+            for servo in self.fake.servos.values():
                 servo.angle = float(LOW)
             board = await self.stack.enter_async_context(
                 opened(self.fake, angle_unit=None, depth=depth, angle_limits=limits)
@@ -206,8 +204,8 @@ class Units(RuleBasedStateMachine):
     @invariant()
     def no_angle_is_in_a_wrong_unit(self) -> None:
         assert self.wrong == []
-        self.fake.virtual.advance(self.runner.get_loop().time())
-        angles = [servo.angle for servo in self.fake.virtual.servos.values()]
+        self.fake.advance(self.runner.get_loop().time())
+        angles = [servo.angle for servo in self.fake.servos.values()]
         assert all(LOW - 0.1 <= angle <= HIGH + 0.1 for angle in angles) or not self.programs, angles
 
     def teardown(self) -> None:
@@ -291,7 +289,10 @@ class Events(RuleBasedStateMachine):
 
         self.runner.run(press())
         for who in self.subscribed:
-            self.expected[who] += [ButtonEventResponse(button_id, PRESS), ButtonEventResponse(button_id, UP)]
+            self.expected[who] += [
+                ButtonEventResponse(button_id, ButtonEventResponse.PRESS),
+                ButtonEventResponse(button_id, ButtonEventResponse.UP),
+            ]
 
     @invariant()
     def each_hears_what_it_asked_for(self) -> None:
@@ -329,8 +330,8 @@ async def test_units_are_set_again_on_a_board_that_was_switched_off_and_on(monke
     for servo in virtual.servos.values():
         servo.angle = float(HIGH)
     socket = Socket(virtual)
-    monkeypatch.setattr(connecting, "create", socket.transport)
-    async with connect("virtual://", reconnect=True, angle_unit=None) as board, share(board, name="rex") as hub:
+    url = plugged(monkeypatch, socket.transport)
+    async with connect(url, reconnect=True, angle_unit=None) as board, share(board, name="rex") as hub:
         programs = [Angler(hub, "ann", "degree"), Angler(hub, "bob", "adc"), Angler(hub, "cid", "degree")]
         await programs[2].set_unit(2, "adc")
         for _ in range(3):
@@ -374,7 +375,7 @@ def numbered(kind: str, number: int) -> Packet:
 )
 def test_what_a_program_sends_at_once_reaches_the_board_in_its_order(sent: list[str], depth: int, limits: Any) -> None:
     async def main() -> None:
-        fake = FakeBoard()
+        fake = PipedBoard()
         async with (
             opened(fake, angle_unit=None, depth=depth, write_depth=depth, angle_limits=limits) as board,
             share(board, name="rex") as hub,

@@ -10,21 +10,20 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from msgspec import Struct
 
-from servolink.control.notifications import LeaseNotice
-from servolink.control.roles import Role
+from servolink.control import LeaseNotice, Role
 from servolink.hub.hub import Hub, share
 from servolink.hub.rules.lease import LeaseChange, MotionLease
-from servolink.protocol.packet import Effect, is_motion
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
+    Effect,
     ExecuteActionRequest,
     QueryServoListRequest,
     SetServoParameterRequest,
+    Step,
 )
-from tests.client.fake_board import FakeBoard, opened
-from tests.fuzz.amounts import MANY
+from tests.client.piped_board import PipedBoard, opened
 from tests.hub.raw_program import RawProgram
+from tests.proofs.fuzz.amounts import MANY
 from tests.virtual_time import VirtualTimeLoop
 
 # A packet waits some milliseconds for its turn on a busy line, so the hub counts it that much later than the model.
@@ -46,7 +45,7 @@ class Leases(RuleBasedStateMachine):
         super().__init__()
         self.runner = asyncio.Runner(loop_factory=VirtualTimeLoop)
         self.stack = AsyncExitStack()
-        self.fake = FakeBoard()
+        self.fake = PipedBoard()
         self.model = MotionLease(LEASE_SECONDS)
         self.programs: dict[str, RawProgram] = {}
         self.name_of: dict[str, str] = {}
@@ -166,7 +165,7 @@ class Leases(RuleBasedStateMachine):
     def only_the_holder_moves(self) -> None:
         if not hasattr(self, "hub"):
             return
-        arrived = [packet for _, packet in self.fake.executed if is_motion(packet)]
+        arrived = [packet for _, packet in self.fake.executed if packet.is_motion]
         angles = [packet.steps[0].degree for packet in arrived if isinstance(packet, ExecuteActionRequest)]
         assert angles == sorted(set(angles))
         assert set(angles) <= self.allowed

@@ -11,33 +11,31 @@ from typing import Any
 import pytest
 from msgspec import Struct
 
-from servolink.client import connect as connecting
-from servolink.control.notifications import LeaseNotice, ProblemNotice, RefusedNotice
-from servolink.control.roles import Role
+from servolink.boards import SafetyLimits
+from servolink.client import connect
+from servolink.control import LeaseNotice, ProblemNotice, RefusedNotice, Role
 from servolink.hub.hub import share
-from servolink.profiles.profile import SafetyLimits
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ALL_SERVOS,
     AddServoParameterRequest,
     AddServoParameterResponse,
-    ExecuteMacroRequest,
-    ExecuteMacroResponse,
-)
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
-    ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Packet,
     QueryServoListRequest,
     QueryServoRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
-from tests.client.fake_board import LOST, late, now
+from servolink.virtual import VirtualBoard
+from tests.client.piped_board import LOST, late, now
 from tests.client.sockets import Socket
 from tests.hub.raw_program import RawProgram
 from tests.hub.shared_world import MOVE, START, STOP, World, on_hub, world
+from tests.plugged import plugged
 
 RELEASE = SetServoParameterRequest(1, 0, 0)
 MOTIONS: list[Packet] = [
@@ -96,7 +94,7 @@ def test_the_lease_ends_10_s_after_the_computed_end(packet: Packet, seconds: flo
 def test_the_lease_for_a_motion_of_unknown_end_lasts_until_the_servos_have_rested(packet: Packet) -> None:
     async def use(there: World) -> None:
         ann, bob = there.join("ann"), there.join("bob")
-        there.fake.virtual.servos[2].move(90, 30.0, now())  # something else turns, for 30 s
+        there.fake.servos[2].move(90, 30.0, now())  # something else turns, for 30 s
         assert await there.move(ann, packet)
         await asyncio.sleep(39)
         assert not await there.move(bob)
@@ -112,7 +110,7 @@ def test_a_later_motion_of_unknown_end_is_waited_for_too() -> None:
         await there.move(ann, START)
         await asyncio.sleep(1.6)
         await there.move(ann, START)  # shortly before the servos have rested long enough
-        there.fake.virtual.servos[2].move(90, 30.0, now())
+        there.fake.servos[2].move(90, 30.0, now())
         await asyncio.sleep(35)
         assert not await there.move(bob)
 
@@ -323,7 +321,7 @@ def test_the_board_stops_within_400_ms_of_the_last_beat(programs: int) -> None:
         assert stops(there)[0] - last_beat <= 0.4
         assert there.lease_events == ["taken", "beats stopped"]
         assert there.hub.lease is None
-        assert not any(servo.moving for servo in there.fake.virtual.servos.values())
+        assert not any(servo.moving for servo in there.fake.servos.values())
 
     on_hub(use)
 
@@ -355,9 +353,9 @@ async def test_a_hub_that_ends_stops_the_board_only_if_somebody_watched_over_it(
 async def test_a_board_that_cannot_be_stopped_is_stopped_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
     virtual = VirtualBoard(2)
     socket = Socket(virtual)
-    monkeypatch.setattr(connecting, "create", socket.transport)
+    url = plugged(monkeypatch, socket.transport)
     async with (
-        connecting.connect("virtual://", reconnect=True, angle_unit=None) as board,
+        connect(url, reconnect=True, angle_unit=None) as board,
         share(board, name="rex") as hub,
     ):
         notices: list[Struct] = []

@@ -10,27 +10,25 @@ from typing import Any
 
 import pytest
 
-from servolink.control.notifications import RefusedNotice
-from servolink.control.roles import Role, needed_role
-from servolink.profiles.profile import SafetyLimits
-from servolink.protocol.editing import (
-    ExecuteMacroRequest,
-    ExecuteMacroResponse,
-    QueryActionRequest,
-    WriteProjectIDRequest,
-)
-from servolink.protocol.packet import Packet, Query
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.boards import SafetyLimits
+from servolink.control import RefusedNotice, Role
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Packet,
+    Query,
+    QueryActionRequest,
     QueryServoListRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    Step,
+    WriteProjectIDRequest,
 )
-from tests.client.fake_board import SWALLOWED, late, lie
+from tests.client.piped_board import SWALLOWED, late, lie
 from tests.control.test_roles import REQUESTS, example
 from tests.hub.raw_program import RawProgram
 from tests.hub.shared_world import MOVE, STOP, World, on_hub
@@ -46,7 +44,7 @@ def test_only_what_a_role_allows_reaches_the_board(role: Role) -> None:
         for name in names:
             program.send(example(name))
             await asyncio.sleep(20)
-        allowed = {name for name in names if needed_role(example(name)) <= role}
+        allowed = {name for name in names if Role.needed_for(example(name)) <= role}
         assert {type(packet).__name__ for _, packet in there.fake.executed} == allowed | {"SetAngleUnitRequest"}
         assert {one.packet for one in there.of(RefusedNotice)} == set(names) - allowed
         assert program.session.counters.refused == len(names) - len(allowed)
@@ -111,7 +109,7 @@ def test_movements_that_are_checked_first_are_not_disturbed_by_programs_with_oth
 def test_a_servo_outside_its_limits_comes_back_in_small_steps_of_any_program() -> None:
     async def use(there: World) -> None:
         program = there.join("program")
-        there.fake.virtual.servos[1].angle = 170.0
+        there.fake.servos[1].angle = 170.0
         for angle, is_sent in (
             (172, False),
             (150, False),
@@ -139,7 +137,7 @@ def test_a_unit_that_is_perhaps_set_is_set_again_before_limits_are_checked() -> 
         assert await there.move(program, ExecuteActionRequest((Step(1, 20, 300),)))  # in degrees, as it was told
         assert await program.ask(QueryServoRequest(2)) is not None
         assert [one.reason for one in there.of(RefusedNotice)] == []
-        units = {servo.servo_id: servo.unit for servo in there.fake.virtual.servos.values()}
+        units = {servo.servo_id: servo.unit for servo in there.fake.servos.values()}
         assert units == {1: 0, 2: 1, 3: 0, 4: 0}
 
     on_hub(use, SafetyLimits(angles={1: (-90, 90)}))
@@ -172,7 +170,7 @@ def test_nothing_with_angles_is_sent_if_the_board_refuses_its_units() -> None:
         assert there.fake.executed_of(QueryServoRequest) == []
         there.fake.forget_plans()
         assert await program.ask(QueryServoRequest(1), 5) is not None
-        assert there.fake.virtual.servos[1].unit == 1
+        assert there.fake.servos[1].unit == 1
 
     on_hub(use)
 
@@ -185,7 +183,7 @@ def test_a_unit_that_the_board_refuses_is_not_that_of_the_program() -> None:
         there.fake.plan(SetAngleUnitRequest, lie(SetAngleUnitResponse(1, 0)))
         assert await program.ask(SetAngleUnitRequest(1, 1)) == SetAngleUnitResponse(1, 0)
         assert await program.ask(QueryServoRequest(1)) is not None
-        assert there.fake.virtual.servos[1].unit == 0
+        assert there.fake.servos[1].unit == 0
 
     on_hub(use)
 

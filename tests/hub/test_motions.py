@@ -8,34 +8,35 @@ from typing import Any, TypeVar
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.boards import BoardProfile, BoardSettings, SafetyLimits
+from servolink.client import Board, connect
 from servolink.errors import OutcomeUnknown, RequestTimeout
 from servolink.hub.engine.motions import Motions, Outcome
-from servolink.profiles.profile import BoardProfile, BoardSettings, SafetyLimits
-from servolink.project.model import Project
-from servolink.protocol.editing import (
+from servolink.project import Project
+from servolink.protocol import (
+    ALL_SERVOS,
+    Action,
     AddServoParameterRequest,
     AddServoParameterResponse,
-    ExecuteMacroRequest,
-    ExecuteMacroResponse,
-)
-from servolink.protocol.packet import Packet, Response
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.protocol.servos import (
-    ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    ExecuteMacroResponse,
+    Macro,
+    MacroCommand,
+    Packet,
     QueryServoRequest,
     QueryServoResponse,
+    Response,
+    ServoParameter,
     ServoState,
     SetAngleUnitRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
+    Step,
 )
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import LOST, FakeBoard, lie, now, opened
+from servolink.virtual import VirtualBoard, VirtualTransport
+from tests.client.piped_board import LOST, PipedBoard, lie, now, opened
 from tests.project.pulled import contents_of
 from tests.virtual_time import run
 
@@ -150,14 +151,14 @@ def test_a_value_that_cannot_be_sent_is_refused() -> None:
 
 
 async def test_silence_of_the_board_is_not_a_refusal() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit=None) as board:
         fake.plan(ExecuteMacroRequest, LOST)
         with pytest.raises(OutcomeUnknown):
             await Motions(board).send(ExecuteMacroRequest(1))
         fake.usual_of[QueryServoRequest] = LOST
         assert await Motions(board).refused(SetServoParameterRequest(1, 1, 1)) is None
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit=None, angle_limits=(-30, 30), speed_cap=90) as board:
         await board.request(ALL_DEGREE)
         fake.usual_of[QueryServoRequest] = LOST
@@ -167,8 +168,8 @@ async def test_silence_of_the_board_is_not_a_refusal() -> None:
 
 def test_what_does_not_reach_its_first_pose_is_refused() -> None:
     async def main() -> Outcome:
-        fake = FakeBoard(servos=1)
-        fake.virtual.storage.contents = contents_of(STORED)
+        fake = PipedBoard(servos=1)
+        fake.storage.contents = contents_of(STORED)
         async with opened(fake, angle_unit=None, soft_start=30) as board:
             await board.request(ALL_DEGREE)
             fake.usual_of[QueryServoRequest] = lie(QueryServoResponse((ServoState(1, 5, 0, 0, 0, 1, 1),)))
@@ -237,7 +238,7 @@ def test_a_change_of_units_is_not_taken_for_a_turn() -> None:
 
 
 async def test_a_board_that_is_silent_is_read_until_it_answers_again() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with opened(fake, angle_unit=None) as board:
         fake.usual_of[QueryServoRequest] = LOST
         resting = asyncio.create_task(Motions(board).until_rest())

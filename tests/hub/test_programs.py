@@ -7,49 +7,47 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.client.connect import connect
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.client import connect
 from servolink.hub.engine.program import MOST_HELD, REQUEST_BYTES
 from servolink.hub.hub import Hub, share
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ALL_SERVOS,
     AddActionRequest,
     QueryActionRequest,
+    QueryMemorySizeRequest,
+    QueryMemorySizeResponse,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
-    WriteProjectIDRequest,
-    WriteProjectIDResponse,
-)
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
-    ALL_SERVOS,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
     QueryServoResponse,
+    SendDummyDataRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
-)
-from servolink.protocol.settings import (
-    QueryMemorySizeRequest,
-    QueryMemorySizeResponse,
-    QueryRemainPowerRequest,
-    QueryRemainPowerResponse,
-    SendDummyDataRequest,
+    Step,
+    SubscribeButtonEventRequest,
+    SubscribeButtonEventResponse,
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+    encode_frame,
 )
-from tests.client.fake_board import LATENCY, SWALLOWED, FakeBoard, Fate
-from tests.hub.fake_hub import MOVE, STOP, kinds, on_hub, shared
+from servolink.testing import Fate
+from tests.client.piped_board import LATENCY, SWALLOWED, PipedBoard
+from tests.hub.fake_board_hub import MOVE, STOP, kinds, on_hub, shared
+from tests.hub.local_transport import LocalTransport
 from tests.hub.raw_program import RawProgram
 
 # --- order --------------------------------------------------------------------------------------------------------
 
 
 def test_responses_leave_in_the_order_of_the_requests() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         for request in (QueryMemorySizeRequest(), QueryServoListRequest(), QueryProjectIDRequest()):
             program.send(request)
@@ -67,7 +65,7 @@ def test_responses_leave_in_the_order_of_the_requests() -> None:
 
 
 def test_an_unanswered_request_is_passed_over_when_the_board_is_given_up() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
         program = RawProgram(hub)
         for request in (QueryMemorySizeRequest(), QueryServoListRequest()):
@@ -84,7 +82,7 @@ def test_an_unanswered_request_is_passed_over_when_the_board_is_given_up() -> No
 
 
 def test_packets_without_a_response_keep_their_place() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         sent = [QueryProjectIDRequest(), SendDummyDataRequest(b"1"), WriteProjectIDRequest(7), MOVE]
         for packet in (*sent, SendDummyDataRequest(b"2"), QueryProjectIDRequest()):
@@ -99,8 +97,8 @@ def test_packets_without_a_response_keep_their_place() -> None:
 
 
 def test_what_fills_the_reports_of_a_hid_board_is_not_noise_in_the_status() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
-        fake.usual_of[QueryServoListRequest] = Fate(mangle=lambda frame: frame + bytes(-len(frame) % 64))
+    async def use(hub: Hub, fake: PipedBoard) -> None:
+        fake.usual_of[QueryServoListRequest] = Fate(damage=lambda frame: frame + bytes(-len(frame) % 64))
         program = RawProgram(hub)
         for _ in range(3):
             assert await program.ask(QueryServoListRequest()) is not None
@@ -117,7 +115,7 @@ def test_what_fills_the_reports_of_a_hid_board_is_not_noise_in_the_status() -> N
 
 
 def test_a_program_that_floods_waits_in_its_own_queue() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         flood, other = RawProgram(hub), RawProgram(hub)
         for number in range(500):
             flood.send(QueryActionRequest(number))
@@ -128,7 +126,7 @@ def test_a_program_that_floods_waits_in_its_own_queue() -> None:
 
 
 def test_a_program_with_many_requests_is_not_read_until_there_is_room() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program, read_on = RawProgram(hub).session, asyncio.Event()
         program.on_room = read_on.set
         frame = hub.board.codec.encode(QueryActionRequest(1))
@@ -145,7 +143,7 @@ def test_a_program_with_many_requests_is_not_read_until_there_is_room() -> None:
 
 
 def test_large_requests_count_for_what_they_hold() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub).session
         frame = hub.board.codec.encode(AddActionRequest(1, "", tuple(Step(1, 0, 1) for _ in range(6_000))))
         counts = 0
@@ -160,7 +158,7 @@ def test_large_requests_count_for_what_they_hold() -> None:
 
 
 def test_a_stop_does_not_wait_behind_a_thousand_requests_of_its_program() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         holder, program = RawProgram(hub), RawProgram(hub)
         hub.begin_exclusive_use(holder.session.session_id, "an import")
         for number in range(1000):
@@ -179,7 +177,7 @@ def test_a_stop_does_not_wait_behind_a_thousand_requests_of_its_program() -> Non
 
 
 def test_one_response_answers_all_who_asked_the_same_before_it_was_sent() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         programs = [RawProgram(hub) for _ in range(5)]
         responses = await asyncio.gather(*(program.ask(QueryServoListRequest()) for program in programs))
         assert kinds([response for response in responses if response]) == [QueryServoListResponse] * 5
@@ -189,7 +187,7 @@ def test_one_response_answers_all_who_asked_the_same_before_it_was_sent() -> Non
 
 
 def test_who_joined_a_query_is_answered_although_its_program_has_left() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         leaver, joiner, other = RawProgram(hub), RawProgram(hub), RawProgram(hub, unit="adc")
         query = QueryServoRequest(1)
         await other.ask(query)
@@ -207,7 +205,7 @@ def test_who_joined_a_query_is_answered_although_its_program_has_left() -> None:
 
 
 def test_a_query_is_not_joined_past_a_change_of_its_own_program() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         one, other = RawProgram(hub), RawProgram(hub)
         for packet in (QueryMemorySizeRequest(), WriteProjectIDRequest(5), QueryProjectIDRequest()):
             one.send(packet)
@@ -221,7 +219,7 @@ def test_a_query_is_not_joined_past_a_change_of_its_own_program() -> None:
 
 
 def test_equal_queries_of_one_program_are_all_answered() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         for _ in range(10):
             program.send(QueryRemainPowerRequest())
@@ -236,7 +234,7 @@ def test_equal_queries_of_one_program_are_all_answered() -> None:
 
 
 def test_a_program_in_mode_0_hears_nothing_until_it_leaves_it() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program, other = RawProgram(hub), RawProgram(hub)
         assert await program.ask(TransmissionModeSettingRequest(0)) == TransmissionModeSettingResponse(0)
         program.send(QueryServoListRequest())
@@ -251,7 +249,7 @@ def test_a_program_in_mode_0_hears_nothing_until_it_leaves_it() -> None:
 
 
 def test_bytes_that_a_board_ignores_are_counted() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         session = program.session
         session.receive(b"no frame at all")
@@ -267,7 +265,7 @@ def test_bytes_that_a_board_ignores_are_counted() -> None:
 
 
 def test_half_a_frame_swallows_nothing_that_comes_later() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         program.session.receive(encode_frame(10050, bytes(60000), "little")[:20])
         await asyncio.sleep(0.3)
@@ -277,7 +275,7 @@ def test_half_a_frame_swallows_nothing_that_comes_later() -> None:
 
 
 def test_a_frame_of_which_the_rest_is_read_late_is_whole() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program, read_on = RawProgram(hub).session, asyncio.Event()
         program.on_room = read_on.set
         frame, many = hub.board.codec.encode(QueryServoListRequest()), MOST_HELD // REQUEST_BYTES + 1
@@ -295,14 +293,14 @@ def test_a_frame_of_which_the_rest_is_read_late_is_whole() -> None:
 
 
 async def test_button_events_go_to_those_who_asked() -> None:
-    fake = FakeBoard()
+    fake = PipedBoard()
     async with shared(fake) as hub:
         one, other, third = (RawProgram(hub) for _ in range(3))
         on, off = SubscribeButtonEventRequest(1), SubscribeButtonEventRequest(0)
         done = SubscribeButtonEventResponse(1)
         assert [await one.ask(on), await other.ask(on), await one.ask(off)] == [done] * 3
         assert fake.executed_of(SubscribeButtonEventRequest) == [on]
-        fake.virtual.press_button(4, asyncio.get_running_loop().time())
+        fake.press_button(4, asyncio.get_running_loop().time())
         fake.deliver(b"".join(fake._said[-1:]))
         await asyncio.sleep(0.1)
         assert [len(program.heard) for program in (one, other, third)] == [2, 2, 0]
@@ -312,7 +310,7 @@ async def test_button_events_go_to_those_who_asked() -> None:
 
 
 def test_a_subscription_that_is_confirmed_after_its_program_has_left_is_ended() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         program.send(SubscribeButtonEventRequest(1))
         await asyncio.sleep(LATENCY / 2)
@@ -339,7 +337,7 @@ async def test_each_program_gets_angles_in_its_own_unit() -> None:
 
 
 def test_captions_keep_bytes_that_no_encoding_knows() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         contents, program = list[bytes](), RawProgram(hub)
         caption = b"\xff\xfe\x00after the end".ljust(32, b"\x00")
         action = encode_frame(30030, (7).to_bytes(4, "little") + caption + bytes(2), "little")

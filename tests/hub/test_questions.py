@@ -89,3 +89,45 @@ async def test_a_program_is_asked_about_only_by_others() -> None:
                 await model.call("question.answer", number=1, is_yes=True)
             await page.call("question.answer", number=1, is_yes=True)
             assert (await answer)["is_yes"]
+
+
+async def test_an_answer_counts_only_from_a_program_that_was_shown_the_question() -> None:
+    async with asking() as (here, model, page), here.program("somebody", "edit") as other:
+        answer = model.begin("question.ask", **MOVE)
+        question = await page.until("question")
+        with pytest.raises(RpcFailed, match="was not shown here") as failed:
+            await other.call("question.answer", number=question["number"], is_yes=True)
+        assert failed.value.kind == "NotFound"
+        assert not answer.done()
+        with pytest.raises(RpcFailed, match="not open"):  # of the next question, which nobody has seen yet
+            await page.call("question.answer", number=question["number"] + 1, is_yes=True)
+        await page.call("question.answer", number=question["number"], is_yes=True)
+        assert (await answer)["by"] == "page"
+
+
+async def test_another_connection_of_the_program_that_asks_answers_nothing_for_a_person() -> None:
+    async with asking() as (here, model, page), here.program("second", "edit") as second:
+        await second.call("question.show")
+        await second.call("rename", who="model")  # a program names all its connections alike
+        answer = model.begin("question.ask", **MOVE)
+        number = (await second.until("question"))["number"]
+        with pytest.raises(RpcFailed, match="not open"):
+            await second.call("question.answer", number=number, is_yes=True)
+        await page.channel.close()
+        here.hub.questions.withdraw("session of model")
+        with pytest.raises(RpcFailed, match="was withdrawn"):
+            await answer
+        with pytest.raises(RpcFailed, match="nobody can be asked"):
+            await model.call("question.ask", **MOVE)
+
+
+async def test_a_program_that_joins_the_session_of_a_page_does_not_answer_as_the_page() -> None:
+    async with asking() as (here, model, page):
+        answer = model.begin("question.ask", **MOVE)
+        number = (await page.until("question"))["number"]
+        session = page.channel.control.session  # `status` lists it
+        async with here.program("model", "move", session) as disguised:
+            for method, params in (("answer", {"number": number, "is_yes": True}), ("show", {}), ("ask", MOVE)):
+                with pytest.raises(RpcFailed, match="belongs to a program that has a board of its own"):
+                    await disguised.call(f"question.{method}", **params)
+        assert not answer.done()

@@ -10,13 +10,10 @@ from dataclasses import dataclass, field
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue, RoundRobin
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.motion.units import ServoUnits
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import QueryActionRequest, WriteProjectIDRequest
-from servolink.protocol.packet import Packet, Query
+from servolink.motion import ServoUnits, StopCounter, Ticket
+from servolink.protocol import Codec, Packet, Query, QueryActionRequest, WriteProjectIDRequest
 
 
 @dataclass(eq=False)

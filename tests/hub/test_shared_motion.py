@@ -9,36 +9,31 @@ import asyncio
 
 from msgspec import Struct
 
-from servolink.control.notifications import RefusedNotice
-from servolink.control.roles import Role
+from servolink.control import RefusedNotice, Role
 from servolink.errors import OutcomeUnknown
 from servolink.hub.hub import Hub
-from servolink.protocol.editing import (
-    QueryActionRequest,
-    QueryActionResponse,
-    WriteProjectIDRequest,
-    WriteProjectIDResponse,
-)
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionRequest,
+    QueryActionRequest,
+    QueryActionResponse,
     QueryServoListRequest,
     QueryServoListResponse,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
-)
-from servolink.protocol.settings import (
     TransmissionModeSettingRequest,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
 )
-from tests.client.fake_board import LOST, SWALLOWED, FakeBoard, late
-from tests.hub.fake_hub import MOVE, START, STOP, kinds, on_hub
+from tests.client.piped_board import LOST, SWALLOWED, PipedBoard, late
+from tests.hub.fake_board_hub import MOVE, START, STOP, kinds, on_hub
 from tests.hub.raw_program import RawProgram
 
 
 def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         one, other, notices = RawProgram(hub), RawProgram(hub), list[Struct]()
         hub.listen(lambda notice, session: notices.append(notice))
         for number in range(3):
@@ -56,7 +51,7 @@ def test_motion_of_all_programs_that_waits_is_not_sent_after_a_stop() -> None:
 
 
 def test_a_motion_that_waits_for_its_unit_is_not_sent_after_a_stop() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         one, other = RawProgram(hub), RawProgram(hub)
         one.send(MOVE)  # first its unit is set
         await asyncio.sleep(0.001)
@@ -69,7 +64,7 @@ def test_a_motion_that_waits_for_its_unit_is_not_sent_after_a_stop() -> None:
 
 
 def test_a_stop_of_one_servo_says_what_the_servo_reports() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub, role=Role.WATCH)
         one = SetServoParameterRequest(2, 0, 1)
         assert await program.ask(one) == SetServoParameterResponse(2, 0, 1)
@@ -82,7 +77,7 @@ def test_a_stop_of_one_servo_says_what_the_servo_reports() -> None:
 
 
 def test_a_stop_of_one_servo_is_sent_again_until_the_servo_reports_it() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program, one = RawProgram(hub), SetServoParameterRequest(2, 0, 1)
         await program.ask(START)
         fake.plan(SetServoParameterRequest, LOST, LOST)
@@ -96,7 +91,7 @@ def test_a_stop_of_one_servo_is_sent_again_until_the_servo_reports_it() -> None:
 
 
 def test_many_stops_at_once_cost_the_board_few() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         programs = [RawProgram(hub, role=Role.WATCH) for _ in range(20)]
         pages = [asyncio.ensure_future(hub.stop("a page")) for _ in range(100)]  # the way of the control interface
         responses = await asyncio.gather(*(program.ask(STOP) for program in programs for _ in range(10)))
@@ -108,7 +103,7 @@ def test_many_stops_at_once_cost_the_board_few() -> None:
 
 
 def test_who_gives_up_a_stop_does_not_end_that_of_the_others() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         fake.usual_of[QueryServoRequest] = SWALLOWED
         stops = [asyncio.ensure_future(hub.stop("a page")) for _ in range(3)]
         await asyncio.sleep(0.1)
@@ -122,7 +117,7 @@ def test_who_gives_up_a_stop_does_not_end_that_of_the_others() -> None:
 
 
 def test_a_stop_behind_a_motion_is_sent_although_another_one_is_under_way() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         one, other = RawProgram(hub), RawProgram(hub)
         one.send(MOVE)
         await asyncio.sleep(0.1)
@@ -140,7 +135,7 @@ def test_a_stop_behind_a_motion_is_sent_although_another_one_is_under_way() -> N
 
 
 def test_a_program_in_mode_0_can_stop_the_board_all_the_same() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         program.send(TransmissionModeSettingRequest(0))
         assert await program.ask(STOP, seconds=2) is None
@@ -150,7 +145,7 @@ def test_a_program_in_mode_0_can_stop_the_board_all_the_same() -> None:
 
 
 def test_a_program_without_the_lease_or_the_role_moves_nothing() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         one, other, watcher = RawProgram(hub, "one"), RawProgram(hub, "other"), RawProgram(hub, role=Role.WATCH)
         await one.ask(START)
         assert hub.lease is not None
@@ -170,7 +165,7 @@ def test_a_program_without_the_lease_or_the_role_moves_nothing() -> None:
 
 
 def test_a_motion_of_a_program_that_has_left_is_not_sent() -> None:
-    async def use(hub: Hub, fake: FakeBoard) -> None:
+    async def use(hub: Hub, fake: PipedBoard) -> None:
         program = RawProgram(hub)
         program.send(MOVE)  # first its unit is set
         await asyncio.sleep(0.001)

@@ -7,12 +7,12 @@ from typing import cast
 
 import pytest
 
-from servolink.control.notifications import ProblemNotice, RefusedNotice
+from servolink.control import ProblemNotice, RefusedNotice
 from servolink.hub.engine.standstill import LONGEST_GAP, SETTLING
-from tests.client.fake_board import late, now
+from tests.client.piped_board import late, now
 from tests.hub.control_program import RpcFailed, shared
 from tests.hub.shared_world import MOVE, STOP, world
-from tests.sleeping import HOUR, Computer, computer, set_wall_clock
+from tests.support.sleeping import HOUR, Computer, computer, set_wall_clock
 from tests.virtual_time import VirtualTimeLoop
 
 __all__ = ["computer"]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.hub.engine.standstill import SETTLING
-from servolink.recorder.reading import Recording
+from servolink.recorder import Recording
 from tests import processes
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs signals of Unix")

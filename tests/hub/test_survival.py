@@ -15,17 +15,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.client.connect import connect
-from servolink.client.servo_state import Servo
-from servolink.control.channel import open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.status import HubStatus
-from servolink.project.build import build_project
-from servolink.project.project_file import save_project
-from servolink.protocol.codec import Codec
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.records import Action, Step
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.client import Servo, connect
+from servolink.control import Greeting, HubStatus, open_channel
+from servolink.project import build_project, save_project
+from servolink.protocol import Action, Codec, FrameParser, QueryServoListRequest, QueryServoListResponse, Step
 from tests.cli.programs import COMMAND, environment, finished, started
 from tests.cli.terminals import in_pipe
 from tests.processes import start

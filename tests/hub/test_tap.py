@@ -11,7 +11,7 @@ from typing import Any
 
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.methods.feeds import TapFeed
-from servolink.recorder.channels import CommandDone, Event, Message, ProblemFound, Wire, decode
+from servolink.recorder import CommandDone, Event, Message, ProblemFound, Wire, decode
 from tests.hub.control_program import RpcProgram, shared
 from tests.hub.shared_world import MOVE, STOP, world
 

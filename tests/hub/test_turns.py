@@ -1,6 +1,6 @@
 """Work that a program asks of a hub leaves the event loop free, so that a stop of another program comes through.
 
-Module: servolink.tasks.
+Module: servolink.support.tasks.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from typing import Any
 
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.project_file import project_to_form
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.project import Project, ProjectFile
+from servolink.protocol import Action, Macro, MacroCommand, MacroCommandType, Step
 from servolink.testing import VirtualTimeLoop
-from servolink.virtual.kind import BoardKind
+from servolink.virtual import BoardKind
 from tests.hub.control_program import RpcFailed, shared
 
 RECORDS = 300
@@ -64,7 +63,7 @@ async def test_large_requests_leave_the_event_loop_free(tmp_path: Path, monkeypa
         actions=tuple(Action(number, f"\u00e9{number}", steps) for number in range(1, RECORDS + 1)),
         macros=(Macro(1, "all", every),),
     )
-    form = project_to_form(project)
+    form = ProjectFile(project).form()
     async with shared(kind=BoardKind(memory=10**6)) as here, here.program("script") as script:
         with counted_turns(monkeypatch) as turns:
             await script.call("project.apply", project=form)

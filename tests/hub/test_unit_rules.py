@@ -9,18 +9,18 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule
 
 from servolink.hub.rules.unit_rules import UnitReservation
-from servolink.motion.angles import AngleUnit
-from servolink.motion.units import ServoUnits, is_accepted, servos_concerned, unit_request
-from servolink.protocol.editing import ExecuteMacroRequest, QueryActionRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.motion import AngleUnit, ServoUnits, is_accepted, servos_concerned, unit_request
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Packet,
+    QueryActionRequest,
     QueryServoRequest,
     SetAngleUnitRequest,
     SetAngleUnitResponse,
+    Step,
 )
 
 ALL_DEGREE, ALL_ADC = SetAngleUnitRequest(ALL_SERVOS, 0), SetAngleUnitRequest(ALL_SERVOS, 1)

@@ -7,11 +7,9 @@ import asyncio
 import pytest
 
 from servolink.hub.hub import Hub
-from servolink.protocol.editing import QueryActionRequest, QueryMacroRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import QueryServoListRequest
-from tests.client.fake_board import LOST, FakeBoard, now
-from tests.hub.fake_hub import on_hub
+from servolink.protocol import Packet, QueryActionRequest, QueryMacroRequest, QueryServoListRequest
+from tests.client.piped_board import LOST, PipedBoard, now
+from tests.hub.fake_board_hub import on_hub
 from tests.hub.raw_program import RawProgram
 
 LIST = QueryServoListRequest()
@@ -30,7 +28,7 @@ async def longest_wait(program: RawProgram, packet: Packet, until: asyncio.Task[
 
 @pytest.mark.parametrize("unknown", [1, 3])
 def test_other_programs_are_answered_meanwhile(unknown: int) -> None:
-    async def use(hub: Hub, board: FakeBoard) -> None:
+    async def use(hub: Hub, board: PipedBoard) -> None:
         board.usual_of[QueryActionRequest] = board.usual_of[QueryMacroRequest] = LOST
         programs = [RawProgram(hub) for _ in range(unknown)]
         other = RawProgram(hub, "another program")

@@ -12,11 +12,9 @@ import pytest
 
 from servolink.hub.doors.frame_doors import tcp_door
 from servolink.hub.hub import Hub
-from servolink.listeners.forwarding import listen
-from servolink.protocol.codec import Codec
-from servolink.protocol.servos import QueryServoListRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.protocol import Codec, QueryServoListRequest
+from servolink.transports import listen
+from servolink.virtual import VirtualBoard, serve
 from tests.hub.door_hub import GUARD, on_hub, raw_tcp
 from tests.processes import start_async
 
@@ -78,7 +76,7 @@ async def _visit(page: str, folder: Path) -> None:
     """Show a page in the browser until it has done everything."""
     done = asyncio.Event()
 
-    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, _: object) -> None:
         body = page.encode()
         head = f"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
         try:

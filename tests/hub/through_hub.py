@@ -6,11 +6,10 @@ from collections.abc import Generator
 from contextlib import AsyncExitStack
 from typing import Any
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.hub.doors.in_process import LocalTransport
+from servolink.client import Board, connect
 from servolink.hub.hub import share
-from servolink.protocol.codec import Codec
+from servolink.protocol import Codec
+from tests.hub.local_transport import LocalTransport
 
 UPSTREAM = ("byte_order", "caption_encoding", "transmission_mode", "patience", "depth", "write_depth", "profile")
 """Options of the connection between hub and board; all are those of the program, too."""

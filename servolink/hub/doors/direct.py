@@ -9,24 +9,27 @@ from copy import copy
 from functools import partial
 from typing import Any, TypeVar, cast
 
-from servolink.client.button_events import ButtonEvent
-from servolink.connection.explain import lost, outcome_unknown, same, timed_out
-from servolink.connection.gates import Gates, limits_gate
-from servolink.connection.options import HUB_MARGIN, SLOW_PATIENCE
-from servolink.connection.sharing import BoardSharing
-from servolink.connection.stats import Stats
-from servolink.control.roles import Role
-from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, RequestTimeout, ServolinkError
+from servolink.client import ButtonEvent
+from servolink.connection import HUB_MARGIN, SLOW_PATIENCE, BoardSharing, Gates, Stats, lost, outcome_unknown, timed_out
+from servolink.control import Role
+from servolink.errors import ConnectionLost, OutcomeUnknown, Reason, ServolinkError
 from servolink.hub.engine.program import Program
 from servolink.hub.hub import Hub
 from servolink.hub.rules.exchanges import Exchange
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
-from servolink.motion.angles import AngleUnit
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Packet, Query, Request, Response, is_motion
-from servolink.protocol.servos import SetAngleUnitRequest, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, nothing_moved
+from servolink.motion import AngleUnit, StopCounter, Ticket
+from servolink.protocol import (
+    ClearAllDataRequest,
+    Codec,
+    Command,
+    Packet,
+    Query,
+    Request,
+    Response,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+)
+from servolink.support import call_at
 
 R = TypeVar("R", bound=Response)
 
@@ -130,8 +133,6 @@ class DirectConnection:
         self.is_suspended = False
         self.outlasts_silence = True
         self.on_another: Callable[[str], None] = lambda text: None
-        self.before_motion: Callable[[], object] = lambda: None
-        """Callback before a motion enters the queue; raises LeaseRefused for a program without the lease."""
         self.ended: ConnectionLost | None = None
         self.units_sent = 0
         self.answers = _Events()
@@ -139,8 +140,8 @@ class DirectConnection:
         self.gates = Gates(
             exclusive_use=self._refuse_other_use,
             lease=self._refuse_lease,
-            ticket=lambda packet, ticket: _nothing_moved(hub.standstill.refuse(packet, ticket, self.stops)),
-            limits=limits_gate(lambda: self.units_sent),
+            ticket=self._refuse_ticket,
+            limits=Gates.of_units(lambda: self.units_sent),
         )
         self._hub = hub
         self.program = DirectProgram(hub, self.answers, who=who, door=door, role=role, unit=unit, session_id=session_id)
@@ -219,14 +220,14 @@ class DirectConnection:
         asked = self._ask(packet, ticket, unchecked=unchecked)
         response = await self._outcome(asked, timeout, self._loop.time() if begun_at is None else begun_at)
         if response is None:
-            raise same(self.ended or lost(self.url, None))
+            raise (self.ended or lost(self.url, None)).copy()
         return cast("R", response)
 
     async def send(self, packet: Command, *, ticket: Ticket | None = None) -> bool:
         """Return True after sending a packet without response to the board."""
         await self._outcome(self._ask(packet, ticket), None, self._loop.time())
         if self.ended is not None:
-            raise same(self.ended)
+            raise self.ended.copy()
         return True
 
     async def send_stop(self, packet: SetServoParameterRequest) -> bool:
@@ -238,14 +239,13 @@ class DirectConnection:
     def _ask(self, packet: Packet, ticket: Ticket | None, *, unchecked: bool = False) -> _Asked:
         """Queue a packet, with a ticket of the hub in exchange for the ticket of this connection."""
         if self.ended is not None:
-            raise same(self.ended)
+            raise self.ended.copy()
         ticket = ticket or self.stops.ticket()
-        if is_motion(packet):
+        if packet.is_motion:
             # The other gates of the row are asked where the hub sends the packet.
             for gate in (self.gates.exclusive_use, self.gates.ticket, self.gates.limits):
                 if refusal := gate(packet, ticket):
                     raise refusal
-            self.before_motion()
             self.motions += 1
         elif isinstance(packet, SetAngleUnitRequest):
             self.units_sent += 1
@@ -283,7 +283,7 @@ class DirectConnection:
         since = begun_at if is_fixed else max(begun_at, self.program.heard_at)
         if self._loop.time() < since + patience - _EARLY:
             again = partial(self._limit, asked, begun_at, patience, is_fixed=is_fixed)
-            asked.timer = self._loop.call_at(since + patience, again)
+            asked.timer = call_at(self._loop, since + patience, again)
             return
         waited, hold = self._loop.time() - begun_at, self._hub.exclusive_use
         error: ServolinkError = outcome_unknown(asked.packet, self.url, waited)
@@ -298,9 +298,9 @@ class DirectConnection:
         error, packet = asked.error, asked.packet
         assert error is not None  # noqa: S101 - narrows the type
         if isinstance(error, ConnectionLost):  # of the hub with the board: this connection goes on
-            kind = RequestTimeout if isinstance(packet, Query) else OutcomeUnknown
-            return kind(str(error), packet)
-        return _nothing_moved(copy(error))
+            is_certain = asked.is_unsent or isinstance(packet, Query)
+            return error.copy() if is_certain else OutcomeUnknown(str(error), packet)
+        return nothing_moved(copy(error))
 
     # --- gates --------------------------------------------------------------------------------------------------
 
@@ -313,17 +313,12 @@ class DirectConnection:
             f"nothing was moved: {hold.who} has taken exclusive use of the board", reason=Reason.EXCLUSIVE_USE
         )
 
+    def _refuse_ticket(self, packet: Packet, ticket: Ticket) -> ServolinkError | None:
+        """Refuse a motion after a stop, after its time, and right after the hub stood still."""
+        refusal = self._hub.standstill.refuse(packet, ticket, self.stops)
+        return refusal and nothing_moved(refusal)
+
     def _refuse_lease(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
         """Refuse a motion while another program holds the lease."""
         reason = self._hub.leases.reason(self.program.session_id)
         return LeaseRefused(reason) if reason else None
-
-
-E = TypeVar("E", bound="ServolinkError | None")
-
-
-def _nothing_moved(error: E) -> E:
-    """Return a refusal of the hub, worded for a program that waits for the result of a motion."""
-    if isinstance(error, LeaseRefused | MotionOver):
-        return type(error)(f"nothing was moved: {error}", reason=error.reason)
-    return error

@@ -11,17 +11,13 @@ from contextlib import asynccontextmanager, closing
 from functools import partial
 from pathlib import Path
 
-from servolink.control.roles import Role
-from servolink.escaping import quote
+from servolink.control import Role
+from servolink.errors import quote
 from servolink.hub.engine.program import FrameProgram
 from servolink.hub.hub import Hub
-from servolink.listeners.accept import RareWarning, most_connections
-from servolink.listeners.accepted import AcceptedConnection, serve_connections
-from servolink.listeners.pty import ServedTerminal, address_of
-from servolink.listeners.tcp import host_and_port, joined, listening_sockets, place_of
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import MAGIC
+from servolink.motion import AngleUnit
+from servolink.protocol import MAGIC, Codec
+from servolink.transports import AcceptedConnection, NetworkPlace, RareWarning, ServedTerminal, Strangers
 
 _SHOWN = 16  # bytes of a wrong beginning
 
@@ -37,9 +33,11 @@ async def tcp_door(
     """
     join = partial(hub.join, door="watch-tcp" if role is Role.WATCH else "tcp", role=role, codec=codec, unit=unit)
     warning = RareWarning()
-    listening = await listening_sockets(*host_and_port(place))
-    url = f"tcp://{place_of(listening)}"
-    async with serve_connections(listening, lambda: TcpConnection(join, warning), most=most_connections()):
+    listening = await NetworkPlace.parse(place).listen()
+    url = f"tcp://{NetworkPlace.of(listening)}"
+    async with AcceptedConnection.serving(
+        listening, lambda: TcpConnection(join, warning), most=Strangers.most_connections()
+    ):
         yield url
 
 
@@ -57,7 +55,7 @@ class TcpConnection(AcceptedConnection):
         """Name the program by its address."""
         super().connection_made(transport)
         host, port, *_ = transport.get_extra_info("peername") or ("", 0)  # none if it has gone already
-        self.who = joined(host, port)
+        self.who = str(NetworkPlace(host, port))
 
     def _begin(self, data: bytes) -> None:
         # A web page can make the browser connect to any port of this machine: no frames are searched behind HTTP.
@@ -65,6 +63,8 @@ class TcpConnection(AcceptedConnection):
         if not MAGIC.startswith(self._first[: len(MAGIC)]):
             shown = quote(self._first[:_SHOWN])
             self._warning.log("%s was disconnected: its first bytes are %s, not of this protocol", self.who, shown)
+            self.abort()
+        elif len(self._first) >= len(MAGIC) and not self.admit():
             self.abort()
         elif len(self._first) >= len(MAGIC):
             program = self._join_hub(self.send, who=self.who)
@@ -86,5 +86,5 @@ async def pty_door(
     def begin(terminal: ServedTerminal) -> FrameProgram:
         return hub.join(terminal.send, who=f"serial port {terminal.name}", door="pty", codec=codec, unit=unit)
 
-    with closing(ServedTerminal(begin)) as terminal, address_of(terminal, link) as url:
+    with closing(ServedTerminal(begin)) as terminal, terminal.address(link) as url:
         yield url

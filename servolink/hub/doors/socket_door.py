@@ -1,6 +1,6 @@
 """Door for programs with servolink: `share://NAME`, a Unix socket that only this user can open.
 
-See `servolink.control.greeting` for the greeting, `servolink.platforms.local_sockets` for systems without such sockets.
+`control/greeting.py` has the greeting, `support/platforms/local_sockets.py` systems without such sockets.
 """
 
 from __future__ import annotations
@@ -9,22 +9,23 @@ import asyncio
 import secrets
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
+from functools import partial
 from hmac import compare_digest
 from typing import Protocol, TypeAlias
 
 import msgspec
-from msgspec import Raw, Struct
+from msgspec import Raw
 
-from servolink.control.greeting import GREETING_LIMIT, MOST_GREETING, VERSION, Greeting, Refusal, Welcome
-from servolink.control.roles import Role
-from servolink.discovery.hubs import HubClaim
+from servolink.boards import HubClaim
+from servolink.control import Greeting, Refusal, Role, Welcome
 from servolink.errors import OpenError
-from servolink.files import reason
 from servolink.hub.hub import Hub
-from servolink.listeners.accepted import AcceptedConnection, serve_connections
-from servolink.platforms import local_sockets
-from servolink.protocol.codec import Codec
+from servolink.protocol import Codec
+from servolink.support import is_same_user, listen_locally, listening_in_memory, reason
+from servolink.transports import AcceptedConnection, Strangers
 
+GREETING_LIMIT = 2.0
+"""Seconds until a program without a greeting is disconnected."""
 MOST_MESSAGE = 1024 * 1024
 """Most bytes of a JSON-RPC message."""
 
@@ -52,12 +53,19 @@ OpenChannel: TypeAlias = Callable[[Hub, Greeting, str, Callable[[bytes], None], 
 @asynccontextmanager
 async def socket_door(hub: Hub, claim: HubClaim, open_channel: OpenChannel | None = None) -> AsyncIterator[str]:
     """Serve programs at the address of the claimed name within this context; yield the URL. Raise OpenError."""
+    with listening_in_memory(claim.name, partial(ShareConnection, hub, open_channel, "")) as is_listening:
+        if is_listening:
+            yield claim.url
+            return
     try:
-        door = local_sockets.listen(claim.name)
+        door = listen_locally(claim.name)
     except OSError as error:
         raise OpenError(f"{claim.url}: no program could connect: {reason(error)}") from error
     try:
-        async with serve_connections([door.listening], lambda: ShareConnection(hub, open_channel, door.token)):
+        # Strangers of its own: those from the network must not take the place of a local program that is to stop.
+        local = Strangers()
+        make = partial(ShareConnection, hub, open_channel, door.token)
+        async with AcceptedConnection.serving([door.listening], make, strangers=local):
             yield claim.url
     finally:
         with suppress(OSError):
@@ -79,7 +87,7 @@ class ShareConnection(AcceptedConnection):
     def _begin(self, data: bytes) -> None:
         self._text += data
         line, end, rest = bytes(self._text).partition(b"\n")
-        if not end and len(line) <= MOST_GREETING:
+        if not end and len(line) <= Greeting.MOST_BYTES:
             return
         self._limit.cancel()
         try:
@@ -121,7 +129,7 @@ class ShareConnection(AcceptedConnection):
         board = self._hub.board
         profile = None if board.profile is None else board.profile.profile
         return Welcome(
-            servolink=VERSION,
+            servolink=Welcome.VERSION,
             session=session,
             name=self._hub.name,
             url=self._hub.url,
@@ -148,7 +156,7 @@ class ShareConnection(AcceptedConnection):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Disconnect other users, for whom the folder of the socket is closed."""
         super().connection_made(transport)
-        if not local_sockets.is_allowed(transport.get_extra_info("socket")):
+        if not is_same_user(transport.get_extra_info("socket")):
             self.abort("it belongs to another user")
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -189,19 +197,7 @@ class Messages:
 
 def _read_greeting(line: bytes, token: str) -> Greeting:
     """Return the greeting of a program. Raise ValueError with the reason for a refusal."""
-    if len(line) > MOST_GREETING:
-        raise ValueError(f"a greeting has at most {MOST_GREETING} bytes")
-    try:
-        version = msgspec.json.decode(line, type=_Versioned).servolink
-        if version != VERSION:
-            raise ValueError(f"this hub has version {VERSION} of its protocol, not {version}: update servolink")
-        greeting = msgspec.json.decode(line, type=Greeting)
-    except msgspec.MsgspecError as error:
-        raise ValueError(f"this is not a greeting: {error}") from None
+    greeting = Greeting.read(line)
     if token and not compare_digest(greeting.token.encode(), token.encode()):
         raise ValueError("wrong token: read it from the private file of this hub")
     return greeting
-
-
-class _Versioned(Struct):
-    servolink: int

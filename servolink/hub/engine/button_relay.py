@@ -6,12 +6,10 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
-from servolink.client.board import Board
-from servolink.client.button_events import ButtonEvent, ButtonEvents
+from servolink.client import Board, ButtonEvent, ButtonEvents
 from servolink.errors import ConnectionLost, Rejected, ServolinkError
 from servolink.hub.rules.exchanges import Asker
-from servolink.protocol.codec import in_range
-from servolink.protocol.joystick import SubscribeButtonEventRequest, SubscribeButtonEventResponse
+from servolink.protocol import PACKETS, Result, SubscribeButtonEventRequest
 
 
 class Subscribers:
@@ -73,22 +71,22 @@ class ButtonRelay:
         self._reading: asyncio.Task[None] | None = None
         self._changing = asyncio.Lock()
 
-    async def set(self, program: Asker, packet: SubscribeButtonEventRequest) -> SubscribeButtonEventResponse:
+    async def set(self, program: Asker, packet: SubscribeButtonEventRequest) -> Result:
         """Begin or end the subscription of a program, and return the response."""
-        if not in_range(packet):
-            return SubscribeButtonEventResponse(0)
+        if not packet.is_in_range():
+            return PACKETS.result_of(packet, done=False)
         subscribe = bool(packet.subscribe)
         async with self._changing:
             if self.subscribers.must_ask(program.session_id, subscribe=subscribe):
                 try:
                     await self._ask(subscribe=subscribe)
                 except Rejected:
-                    return SubscribeButtonEventResponse(0)
+                    return PACKETS.result_of(packet, done=False)
             self.subscribers.change(program.session_id, subscribe=subscribe)
             program.is_subscribed = subscribe
         if program.has_left:  # during the request: no subscription existed yet that could be ended
             await self.left(program.session_id)
-        return SubscribeButtonEventResponse(1)
+        return PACKETS.result_of(packet, done=True)
 
     async def left(self, session_id: str) -> None:
         """End the subscription of a program after the program has left."""

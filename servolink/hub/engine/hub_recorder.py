@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shutil
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
-from servolink.client.board import Board
-from servolink.control.messages import RecordingEntry, RecordingNow
-from servolink.control.notifications import ProblemNotice, RecordingNotice
+from servolink.client import Board
+from servolink.control import ProblemNotice, RecordingNotice
 from servolink.errors import RecordingError, ServolinkError
-from servolink.files import MIB
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
-from servolink.platforms.user_folders import user_folder
-from servolink.recorder.board_source import follow_servos
-from servolink.recorder.channels import Event
-from servolink.recorder.readings import ReadingsFeed
-from servolink.recorder.recorder import Recorder, Wanted
-from servolink.recorder.writer import RecorderStatus
+from servolink.hub.method_messages import RecordingEntry, RecordingNow
+from servolink.recorder import Event, ReadingsFeed, Recorder, RecorderStatus, Wanted
+from servolink.support import MIB, user_folder
 
 MOST_BYTES = 1024 * MIB
 """Bytes at which a recording is ended: the starter may have forgotten the recording."""
@@ -82,7 +78,7 @@ class HubRecorder:
             codec = self._hub.board.codec
             recorder = Recorder(Wanted(await asyncio.to_thread(self._new_path), hz, wire_only))
             about = recorder.about(self._hub.name, "hub", codec.byte_order, codec.caption_encoding)
-            await asyncio.to_thread(recorder.begin, about, by_child=True)
+            await asyncio.to_thread(recorder.begin, about)
             self._recorder = recorder
             recorder.take(recorder.clock.now(), Event("connection", self._hub.state))
             self._tap = HubTap(self._hub, recorder.take, wire_only=wire_only)
@@ -147,7 +143,7 @@ class HubRecorder:
     async def _follow_servos(self, recorder: Recorder) -> None:
         readings = ReadingsFeed(recorder.take, recorder.wanted.rate)
         try:
-            await follow_servos(await self._open_board(), readings)
+            await readings.follow(await self._open_board())
         except ServolinkError as error:
             readings.failed(error)
 
@@ -171,8 +167,6 @@ class HubRecorder:
 
 def _free(folder: Path) -> int:
     """Return how many bytes are free on the disk of a folder; very many if nobody knows."""
-    import shutil
-
     try:
         return shutil.disk_usage(folder).free
     except OSError:

@@ -9,20 +9,16 @@ from collections.abc import Callable, Iterable
 
 from msgspec import Struct
 
-from servolink.control.notifications import LeaseNotice
-from servolink.control.status import LeaseStatus
-from servolink.escaping import escape
+from servolink.control import LeaseNotice, LeaseStatus
+from servolink.errors import escape
 from servolink.hub.engine.motions import Motions
 from servolink.hub.engine.unit_switch import UnitSwitch
 from servolink.hub.rules.exchanges import Exchange, RunEnd
 from servolink.hub.rules.hub_gates import LeaseGate, LeaseRefused
 from servolink.hub.rules.lease import LeaseChange, MotionLease
-from servolink.motion.ticket import Ticket
-from servolink.platforms.time_asleep import seconds_asleep
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import ExecuteActionRequest
-from servolink.tasks import Tasks
+from servolink.motion import Ticket
+from servolink.protocol import ExecuteActionRequest, ExecuteMacroRequest, Packet
+from servolink.support import Tasks, call_at, seconds_asleep
 
 _logger = logging.getLogger(__name__)
 
@@ -75,10 +71,10 @@ class LeaseKeeper:
 
     # --- what programs do ---------------------------------------------------------------------------------------
 
-    def take_for_motion(self, session: str) -> bool:
+    def take_for_motion(self, session: str, dead_man: float | None) -> bool:
         """Give a free lease to a program that is about to move servos. Return whether the program has the lease."""
         if self._lease.holder != session:
-            self._report(self._lease.take(session, self._now(), is_beat=False))
+            self._report(self._lease.take(session, self._now(), dead_man=dead_man, is_beat=False))
         return self._lease.holder == session
 
     def refuse(self, packet: Packet, ticket: Ticket) -> LeaseRefused | None:
@@ -186,7 +182,7 @@ class LeaseKeeper:
             self._timer.cancel()
             self._timer = None
         if (due := self._lease.next_due()) is not None:
-            self._timer = self._loop.call_at(due - seconds_asleep(), self._timed_out)
+            self._timer = call_at(self._loop, due - seconds_asleep(), self._timed_out)
 
     def look(self) -> None:
         """End the lease if its time is over, as after a sleep, in which timers stand still."""

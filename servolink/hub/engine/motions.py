@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Any, NamedTuple
 
-from servolink.client.board import Board, servos_of, with_ticket
-from servolink.client.collect import collect
+from servolink.client import Board, collect, servos_of, with_ticket
 from servolink.errors import (
     EncodeError,
     OutcomeUnknown,
@@ -16,21 +15,24 @@ from servolink.errors import (
     TargetNotReached,
 )
 from servolink.hub.rules.courses import Courses
-from servolink.hub.rules.exchanges import RunEnd
+from servolink.hub.rules.exchanges import Exchange, MoveOrder, RunEnd
 from servolink.hub.rules.hub_gates import refused_response
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.set_points import SetPoints
-from servolink.motion.ticket import Ticket
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Command, Packet, Request, Response
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.servos import (
+from servolink.motion import SetPoints, Ticket
+from servolink.project import RecordRun
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    Command,
     ExecuteActionExRequest,
     ExecuteActionRequest,
-    QueryServoRequest,
+    ExecuteMacroRequest,
+    Packet,
+    RecordType,
+    Request,
+    Response,
     SetServoParameterRequest,
 )
-from servolink.tasks import computed
+from servolink.support import computed
 
 _PAUSE = 0.5  # seconds between two readings of servos that may move
 _RESTING = 4  # readings in a row between which no servo turns
@@ -87,8 +89,26 @@ class Motions:
             )
             return response
         assert isinstance(packet, Command), packet  # noqa: S101 - narrows the type
-        await (board.send(packet) if board.limits else connection.send(packet, ticket=ticket))
+        if board.limits:
+            await board.send(packet)
+        elif isinstance(packet, ExecuteActionRequest):
+            await servos_of(board).send(packet, ticket=ticket)
+        else:
+            await connection.send(packet, ticket=ticket)
         return None
+
+    async def move(self, exchange: Exchange, order: MoveOrder, ticket: Ticket) -> Outcome:
+        """Plan a movement for the units set now, and send it. Raise OutcomeUnknown for a start that is not answered."""
+        servos = servos_of(self._board)
+        try:
+            plan = await servos.move(order.movement, ticket, start=order.start, planner=order.planner)
+        except OutcomeUnknown:
+            raise
+        except (EncodeError, RequestError) as error:
+            return Outcome(None, error)
+        exchange.plan, exchange.packet = plan, plan.packet
+        self._sent(plan.packet)
+        return Outcome(None)
 
     async def stream(self, packet: Packet, points: SetPoints, ticket: Ticket) -> Outcome:
         """Send a movement toward the set-points in `packet`, shortened by `points` and not refused for a limit."""
@@ -106,10 +126,10 @@ class Motions:
         if not isinstance(packet, SetServoParameterRequest):
             return refused_response(packet)
         try:
-            states = await self._board.connection.request(QueryServoRequest(packet.servo_id))
+            states = await servos_of(self._board).all.states(packet.servo_id)
         except ServolinkError:
             return None
-        return refused_response(packet, states.servos)
+        return refused_response(packet, states)
 
     async def end_of(self, packet: Packet) -> RunEnd | None:
         """Return the end of a motion; None if it is unknown."""
@@ -133,7 +153,7 @@ class Motions:
 
     def seconds_of_steps(self, packet: ExecuteActionRequest) -> float:
         """Return how long a movement takes."""
-        return max((step.interval for step in packet.steps), default=0) * self._interval_unit
+        return servos_of(self._board).planner.seconds_of(packet.steps)
 
     async def until_rest(self) -> None:
         """Return when no servo has turned for 1.5 s. A board without answers gives no state: continue asking."""
@@ -153,21 +173,14 @@ class Motions:
 
     def _sent(self, packet: Packet) -> None:
         now = asyncio.get_running_loop().time()
-        self.courses.sent(packet, now, self._board.unit_of, self._interval_unit)
-
-    @property
-    def _interval_unit(self) -> float:
-        profile = self._board.profile
-        return (profile and profile.settings.interval_unit) or INTERVAL_UNIT
+        self.courses.sent(packet, now, self._board.unit_of, servos_of(self._board).planner.interval_unit)
 
     async def _end_of(self, kind: RecordType[Any], record_id: int) -> RunEnd | None:
-        from servolink.project.speed import RecordRun  # late: most programs run nothing that is stored
-
         try:
             stored = await collect(self._get, kind, record_id)
         except ServolinkError:
             return None
-        interval_unit = self._interval_unit
+        interval_unit = servos_of(self._board).planner.interval_unit
 
         def end() -> RunEnd | None:
             run = RecordRun(stored, kind.by_id(stored)[record_id], interval_unit)

@@ -10,20 +10,21 @@ from collections import deque
 from collections.abc import Callable
 from typing import Protocol
 
-from servolink.client.button_events import ButtonEvent
-from servolink.control.roles import Role
-from servolink.control.status import ProgramStatus
-from servolink.errors import DecodeError
-from servolink.escaping import escape
+from servolink.client import ButtonEvent
+from servolink.control import ProgramStatus, Role
+from servolink.errors import DecodeError, escape
 from servolink.hub.rules.exchanges import Exchange, ProgramCounters, ProgramQueue
-from servolink.motion.angles import AngleUnit
-from servolink.motion.ticket import NO_TICKET, StopCounter
-from servolink.motion.units import ServoUnits
-from servolink.protocol.codec import Codec, in_range
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.packet import Effect, Packet, Response
-from servolink.protocol.parser import PADDING, FrameParser
-from servolink.protocol.settings import TransmissionModeSettingRequest, TransmissionModeSettingResponse
+from servolink.motion import NO_TICKET, AngleUnit, ServoUnits, StopCounter
+from servolink.protocol import (
+    Codec,
+    Effect,
+    FrameParser,
+    Packet,
+    Response,
+    TransmissionModeSettingRequest,
+    TransmissionModeSettingResponse,
+    encode_frame,
+)
 
 MOST_HELD = 256 * 1024
 """Most bytes in unfinished requests of a program, which is not read beyond the limit. There is room
@@ -82,6 +83,8 @@ class Program(ABC):
         self.codec = codec
         self.units = ServoUnits(unit)
         """Units of the angles that the program sends and reads."""
+        self.dead_man: float | None = None
+        """Seconds without a beat until the board is stopped, once a motion has taken the lease; None for no beats."""
         self.is_subscribed = False
         """Whether button events are sent to the program (3.4.7)."""
         self.counters = ProgramCounters()
@@ -188,7 +191,7 @@ class FrameProgram(Program):
     def garbage(self) -> int:
         """Number of received bytes that belong to no frame."""
         skipped = self._parser.skipped
-        return sum(skipped.values()) - skipped[PADDING]
+        return sum(skipped.values()) - skipped[FrameParser.PADDING]
 
     # --- from the program ---------------------------------------------------------------------------------------
 
@@ -245,7 +248,7 @@ class FrameProgram(Program):
         return None
 
     def _set_mode(self, exchange: Exchange, packet: TransmissionModeSettingRequest) -> None:
-        if in_range(packet):
+        if packet.is_in_range():
             self.mode = packet.mode
         exchange.is_silent = False
         self.finish(exchange, TransmissionModeSettingResponse(self.mode))

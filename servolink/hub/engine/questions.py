@@ -9,11 +9,11 @@ from typing import NamedTuple
 import msgspec
 from msgspec import Struct
 
-from servolink.control.messages import Answer, QuestionAsk
-from servolink.control.notifications import ProgramNotice, QuestionNotice, QuestionOver
+from servolink.control import Answer, ProgramNotice, QuestionNotice, QuestionOver
 from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.hub.engine.stop_order import MotionsCancelled
-from servolink.motion.ticket import STOPPED
+from servolink.hub.method_messages import QuestionAsk
+from servolink.motion import STOPPED
 
 OPEN = 30.0
 """Seconds in which a question must be answered."""
@@ -53,7 +53,7 @@ class Questions:
             NotFound: No other program shows questions.
         """
         self.withdraw(session)
-        if not self.shown_by - {session}:
+        if all(self._is_same(session, each) for each in self.shown_by):
             raise NotFound("nobody can be asked: no page that may move the robot is open in a studio of this board")
         self._count += 1
         number = self._count
@@ -71,10 +71,15 @@ class Questions:
             self._tell(QuestionOver(number), session)
 
     def answer(self, session: str, number: int, *, is_yes: bool) -> None:
-        """Answer an open question for the person at `session`. Raise NotFound for any other, and for one of its own."""
+        """Answer an open question for the person at `session`.
+
+        Raise NotFound for any other, for one of its own program, and for a session that shows no questions.
+        """
         found = self._open.get(number)
-        if found is None or found.answer.done() or found.asker == session:
+        if found is None or found.answer.done() or self._is_same(found.asker, session):
             raise NotFound("this question is not open any more")
+        if session not in self.shown_by:
+            raise NotFound("this question was not shown here: call question.show, and ask the person")
         found.answer.set_result(Answer(is_yes, self._who_of(session)))
 
     def withdraw(self, session: str) -> None:
@@ -93,6 +98,10 @@ class Questions:
                     self._end("the page with the question was closed", Reason.OTHER)
             case _:
                 pass
+
+    def _is_same(self, asker: str, session: str) -> bool:
+        """Return whether two sessions belong to one program, which names all its connections alike."""
+        return asker == session or self._who_of(asker) == self._who_of(session)
 
     def _end(self, why: str, reason: Reason, session: str = "") -> None:
         """Refuse the questions of a program, or of all programs."""

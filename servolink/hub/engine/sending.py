@@ -11,9 +11,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from servolink.client.board import Board, servos_of
-from servolink.connection.connection import Connection
-from servolink.connection.fences import name_of
+from servolink.client import Board, servos_of
+from servolink.connection import Connection
 from servolink.errors import ConnectionLost, MotionRefused, OutcomeUnknown, Rejected, ServolinkError, WrongBoard
 from servolink.hub.engine.button_relay import ButtonRelay
 from servolink.hub.engine.lease_keeper import LeaseKeeper
@@ -23,20 +22,24 @@ from servolink.hub.engine.standstill import Standstill
 from servolink.hub.engine.unit_switch import UnitsKept, UnitSwitch
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import refuse_role
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.motion.units import carries_angles
-from servolink.protocol.editing import ExecuteMacroResponse, WriteProjectIDRequest, WriteProjectIDResponse
-from servolink.protocol.joystick import SubscribeButtonEventRequest
-from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
-from servolink.protocol.servos import (
+from servolink.motion import StopCounter, Ticket, carries_angles
+from servolink.protocol import (
     ALL_SERVOS,
+    PACKETS,
+    ClearAllDataRequest,
+    Command,
     ExecuteActionRequest,
+    ExecuteMacroResponse,
+    Packet,
+    Query,
     QueryServoRequest,
     QueryServoResponse,
+    Request,
     SetAngleUnitRequest,
     SetServoParameterRequest,
+    SubscribeButtonEventRequest,
+    WriteProjectIDRequest,
 )
-from servolink.protocol.settings import ClearAllDataRequest, ClearAllDataResponse
 
 Done = Callable[[Exchange, "Packet | ServolinkError", "bytes | None"], None]
 """Called with the response to a query, and the content as received, if known; or with an error."""
@@ -112,7 +115,7 @@ class PacketSender:
     def may_wait(self, exchange: Exchange) -> bool:
         """Return whether a packet may have to wait for more than the line: for units, or a check against limits."""
         packet = exchange.packet
-        if isinstance(packet, SetAngleUnitRequest) or (is_motion(packet) and self._board.limits):
+        if isinstance(packet, SetAngleUnitRequest) or (packet.is_motion and self._board.limits):
             return True
         return carries_angles(packet) and not self._units.is_set_for(packet, exchange.program.units)
 
@@ -123,6 +126,7 @@ class PacketSender:
         is called.
         """
         packet, angle_units = exchange.packet, exchange.program.units
+        exchange.is_unsent = self._board.connection.ended is not None
         is_inside = False
         try:
             if isinstance(packet, SetAngleUnitRequest):
@@ -136,7 +140,7 @@ class PacketSender:
                 is_inside = True
             if not exchange.is_wanted:
                 return None
-            if is_motion(packet):
+            if packet.is_motion:
                 return await self._move(exchange)
             # In the next turn of the loop: the packet must reach the connection first.
             asyncio.get_running_loop().call_soon(self._free, exchange, on_free)
@@ -165,7 +169,7 @@ class PacketSender:
             return MotionRefused("its program has left")
         if refusal := refuse_role(packet, program.role):
             return refusal
-        if is_motion(packet) and not exchange.may_wait:
+        if packet.is_motion and not exchange.may_wait:
             return None
         if late := self._standstill.refuse(packet, exchange.ticket, self._stops):
             return late
@@ -185,9 +189,10 @@ class PacketSender:
         match packet:
             case ClearAllDataRequest():
                 with self._exclusive(exchange):
-                    return ClearAllDataResponse(await _is_done(self._board.clear_all_data()))
+                    return PACKETS.result_of(packet, done=await _is_done(self._board.clear_all_data()))
             case WriteProjectIDRequest():  # by which the board is recognised after a loss
-                return WriteProjectIDResponse(await _is_done(self._board.write_project_id(packet.project_id)))
+                is_done = await _is_done(self._board.write_project_id(packet.project_id))
+                return PACKETS.result_of(packet, done=is_done)
             case QueryServoRequest() if self._is_for_each(packet):
                 return QueryServoResponse(await servos_of(self._board).all.states())
             case Request():
@@ -205,17 +210,23 @@ class PacketSender:
         """Send a motion, unless forbidden by a limit, or by a stop or another holder since the request."""
         if refusal := self._standstill.refuse(exchange.packet, exchange.ticket, self._stops):
             return await self.refused(exchange, refusal)
-        stops, until = self._board.connection.stops, exchange.ticket.until
+        connection, until = self._board.connection, exchange.ticket.until
+        motions = connection.motions
         try:
-            ticket = stops.ticket(until=until, who=exchange.program.session_id)
-            if exchange.points is None:
+            ticket = connection.stops.ticket(until=until, who=exchange.program.session_id)
+            if exchange.order is not None:
+                outcome = await self._motions.move(exchange, exchange.order, ticket)
+                self.is_stopped = self.is_stopped and not exchange.order.start
+            elif exchange.points is None:
                 outcome = await self._motions.send(exchange.packet, ticket, unchecked=exchange.is_unchecked)
             else:
                 outcome = await self._motions.stream(exchange.packet, exchange.points, ticket)
                 exchange.packet = ExecuteActionRequest(exchange.points.latest)
         except (OutcomeUnknown, ConnectionLost):
-            self._keeper.moved(exchange)  # the board may have carried out the motion
-            self._motions.courses.forget()
+            exchange.is_unsent = connection.motions == motions
+            if not exchange.is_unsent:
+                self._keeper.moved(exchange)  # the board may have carried out the motion
+                self._motions.courses.forget()
             raise
         finally:
             if exchange.has_begun:
@@ -248,14 +259,14 @@ class PacketSender:
 
     async def _take_lease(self, packet: Packet, ticket: Ticket) -> None:
         """Take the lease for a motion of a program, and keep the program's units during a soft start."""
-        if not ticket.who or not is_motion(packet):
+        if not ticket.who or not packet.is_motion:
             return
         program = self._programs.get(ticket.who)
         if program is None:
             raise MotionRefused("its program has left")
-        self.motions += self._keeper.take_for_motion(ticket.who)
+        self.motions += self._keeper.take_for_motion(ticket.who, program.dead_man)
         exchange = program.queue.blocked_by
-        is_soft = exchange is not None and is_motion(exchange.packet) and packet != exchange.packet
+        is_soft = exchange is not None and exchange.packet.is_motion and packet != exchange.packet
         if exchange is not None and is_soft and isinstance(packet, ExecuteActionRequest):
             exchange.has_begun = True
             self._motions.courses.forget()
@@ -269,13 +280,13 @@ class PacketSender:
 
     def _is_unanswered(self, packet: Request[Any]) -> bool:
         """Return whether the board is known to leave a query unanswered, for which no program should wait for long."""
-        return bool(self._board.connection.opener.unsupported) and name_of(packet) in self._board.unanswered
+        return bool(self._board.connection.opener.unsupported) and packet.short_name in self._board.unanswered
 
 
-async def _is_done(doing: Coroutine[Any, Any, None]) -> int:
-    """Return 1 after success, 0 if the board refuses."""
+async def _is_done(doing: Coroutine[Any, Any, None]) -> bool:
+    """Return whether the board has done it, and not refused."""
     try:
         await doing
     except Rejected:
-        return 0
-    return 1
+        return False
+    return True

@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from servolink.errors import Reason
 from servolink.hub.rules.hub_gates import MotionOver, refuse_ticket
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.time_asleep import time_with_sleep
-from servolink.protocol.packet import Packet, is_motion
+from servolink.motion import StopCounter, Ticket
+from servolink.protocol import Packet
+from servolink.support import time_with_sleep
 
 LONGEST_GAP = 5.0
 """Seconds without a turn of the event loop, beyond which the hub has stood still; a busy computer stays below."""
@@ -47,7 +47,7 @@ class Standstill:
 
     def refuse(self, packet: Packet, ticket: Ticket, stops: StopCounter) -> MotionOver | None:
         """Refuse a motion right after a standstill, after a stop since the issue of `ticket`, and after its time."""
-        if not is_motion(packet):
+        if not packet.is_motion:
             return None
         now = self._look()
         if now < self._settled:

@@ -10,24 +10,31 @@ from typing import Literal, NamedTuple
 
 from msgspec import Struct
 
-from servolink.client.board import Board, servos_of
-from servolink.control.notifications import ProblemNotice
-from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.escaping import escape
+from servolink.client import Board, servos_of
+from servolink.control import ProblemNotice
+from servolink.errors import (
+    ConnectionLost,
+    DecodeError,
+    OutcomeUnknown,
+    RequestRefused,
+    RequestTimeout,
+    ServolinkError,
+    escape,
+)
 from servolink.hub.engine.lease_keeper import LeaseKeeper
 from servolink.hub.engine.program import Program
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.engine.upstream import RequestFollower, Upstream
 from servolink.hub.rules.exchanges import Exchange
 from servolink.hub.rules.hub_gates import stops_all
-from servolink.motion.ticket import STOPPED, StopCounter
-from servolink.protocol.servos import (
+from servolink.motion import STOPPED, StopCounter
+from servolink.protocol import (
     ALL_SERVOS,
     QueryServoRequest,
     SetServoParameterRequest,
     SetServoParameterResponse,
 )
-from servolink.tasks import Tasks
+from servolink.support import Tasks
 
 _logger = logging.getLogger(__name__)
 
@@ -210,14 +217,17 @@ async def _stop(board: Board, packet: SetServoParameterRequest) -> SetServoParam
     if packet.servo_id == ALL_SERVOS:
         await board.stop()
         return SetServoParameterResponse(ALL_SERVOS, 0, 1)
+    servos = servos_of(board)
     for _ in range(_TRIES):
         connection = board.connection
         await connection.send_stop(packet)
-        query = QueryServoRequest(packet.servo_id)
+        servos.known.set(packet.servo_id, is_idle=True)
         try:
-            states = (await connection.request(query, timeout=connection.patience / _TRIES, first=True)).servos
+            states = await servos.all.states(packet.servo_id, timeout=connection.patience / _TRIES, first=True)
         except (RequestTimeout, DecodeError):
             continue
+        except RequestRefused as error:
+            raise OutcomeUnknown(f"a stop was sent and could not be confirmed: {error}", packet) from error
         if not states:
             return SetServoParameterResponse(0, 1, 0)  # as a board without such a servo answers
         if (states[0].is_start, states[0].is_hold) == (0, 1):
@@ -232,9 +242,15 @@ async def _stop_each(board: Board, servo_ids: Iterable[int]) -> None:
     """
     connection = board.connection
     wanted = set(servo_ids)
+    servos = servos_of(board)
     for servo_id in wanted:
         await connection.send_stop(SetServoParameterRequest(servo_id, 0, 1))
-    states = await servos_of(board).all.states(timeout=connection.patience / _TRIES, first=True)
+        servos.known.set(servo_id, is_idle=True)
+    try:
+        states = await servos.all.states(timeout=connection.patience / _TRIES, first=True)
+    except RequestRefused as error:
+        text = f"servos {sorted(wanted)} were asked to stop, which could not be confirmed: {error}"
+        raise OutcomeUnknown(text, QueryServoRequest(ALL_SERVOS)) from error
     stopped = {state.servo_id for state in states if (state.is_start, state.is_hold) == (0, 1)}
     if missing := sorted(wanted - stopped):
         raise OutcomeUnknown(

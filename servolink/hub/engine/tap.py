@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from servolink.control.notifications import ConnectionNow, HoldNotice, LeaseNotice, ProblemNotice, ProgramNotice
-from servolink.control.status import HoldStatus
-from servolink.protocol.packet import Packet
-from servolink.recorder.board_source import WireTap
-from servolink.recorder.channels import Event, Message, ProblemFound
-from servolink.recorder.packet_messages import command_done
-from servolink.recorder.readings import Take
-
-if TYPE_CHECKING:
-    from servolink.hub.hub import Hub
+from servolink.control import ConnectionNow, HoldNotice, HoldStatus, LeaseNotice, ProblemNotice, ProgramNotice
+from servolink.hub.hub import Hub
+from servolink.protocol import Packet
+from servolink.recorder import Event, Message, ProblemFound, WireTap
 
 
 class HubTap(WireTap):
     """Tap of a hub: bytes of the line, outcomes of requests, and notices, until closed."""
 
-    def __init__(self, hub: Hub, take: Take, *, wire_only: bool = False) -> None:
+    def __init__(self, hub: Hub, take: Callable[[float, Message], None], *, wire_only: bool = False) -> None:
         super().__init__(take)
         self._hub = hub
         ends: list[Callable[[], None]] = [hub.board.connection.taps.add(self)]
@@ -37,9 +30,9 @@ class HubTap(WireTap):
 
     def _over(self, packet: Packet, outcome: object, asked_at: float, who: str, session: str) -> None:
         """Pass on the outcome of a program's request."""
-        now, lease = self._now(), self._hub.lease
+        lease = self._hub.lease
         holder = "" if lease is None else lease.who
-        self._take(now, command_done(packet, outcome, now - asked_at, who=who, session=session, lease=holder))
+        self.done(packet, outcome, self._now() - asked_at, who=who, session=session, lease=holder)
 
     def _hear(self, notice: Struct, session: str) -> None:
         message = message_of(notice)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from servolink.client.board import Board, servos_of
+from servolink.client import Board, servos_of
 from servolink.errors import Reason, Rejected, RequestRefused
 from servolink.hub.rules.unit_rules import UnitReservation
-from servolink.motion.units import ServoUnits, is_accepted, servos_concerned
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
+from servolink.motion import ServoUnits, is_accepted, servos_concerned
+from servolink.protocol import Packet, SetAngleUnitRequest, SetAngleUnitResponse
 
 
 class UnitsKept(RequestRefused):

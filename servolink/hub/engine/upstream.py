@@ -9,17 +9,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal, TypeAlias
 
-from servolink.client.board import Board
-from servolink.connection.scheduler import MOST_ASIDE
-from servolink.errors import Reason, ServolinkError
-from servolink.escaping import escape
+from servolink.client import Board
+from servolink.errors import Reason, ServolinkError, escape
 from servolink.hub.engine.sending import PacketSender
 from servolink.hub.rules.exchanges import Exchange, RoundRobin
 from servolink.hub.rules.hub_gates import MotionOver
-from servolink.motion.units import carries_angles
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Command, Packet, Query, Request, is_motion
-from servolink.tasks import Tasks
+from servolink.motion import carries_angles
+from servolink.protocol import Codec, Command, Packet, Query, Request
+from servolink.support import Tasks
 
 _logger = logging.getLogger(__name__)
 
@@ -51,7 +48,7 @@ class Upstream:
 
     def start(self) -> None:
         """Begin to send queued requests."""
-        for _ in range(self._board.connection.depth_bound + MOST_ASIDE):
+        for _ in range(self._board.connection.most_under_way):
             first = self._loop.create_future()
             self._idle.append(first)
             self._tasks.begin(self._work(first))
@@ -91,7 +88,7 @@ class Upstream:
 
     def drop_motions(self, reason: str) -> None:
         """Give up waiting motions, with the reason for people."""
-        for exchange in self.waiting.drop_where(lambda waiting: is_motion(waiting.packet)):
+        for exchange in self.waiting.drop_where(lambda waiting: waiting.packet.is_motion):
             self._tasks.begin(self._finish_stopped(exchange, reason))
 
     @contextmanager

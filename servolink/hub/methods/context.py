@@ -10,30 +10,20 @@ from typing import NamedTuple, TypeAlias, TypeVar
 
 from msgspec import Struct
 
-from servolink.client.board import Board, with_ticket
-from servolink.client.captions import servo_or_caption
-from servolink.client.servo_stream import ServoStream
-from servolink.client.session import Session
-from servolink.connection.connection import Connection
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.greeting import Greeting
-from servolink.control.messages import MOST_LIMITS
-from servolink.control.notifications import HoldNotice
-from servolink.control.roles import Role
-from servolink.control.status import HoldStatus
+from servolink.client import Board, ServoStream, Session, servo_or_caption, servos_of, with_ticket
+from servolink.connection import Connection
+from servolink.control import Code, Greeting, HoldNotice, HoldStatus, Role, RpcError
 from servolink.errors import ConnectionLost, OpenError, RequestTimeout
 from servolink.hub.doors.direct import DirectConnection
+from servolink.hub.engine.questions import Questions
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
-from servolink.hub.rules.exchanges import RunEnd
-from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver
-from servolink.motion.angles import AngleUnit
-from servolink.motion.limits import MotionLimits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.time_asleep import time_with_sleep
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.servos import ExecuteActionExRequest, ExecuteActionRequest
+from servolink.hub.method_messages import MOST_LIMITS, Move
+from servolink.hub.rules.exchanges import MoveOrder, RunEnd
+from servolink.hub.rules.hub_gates import LeaseRefused, MotionOver, nothing_moved
+from servolink.motion import AngleUnit, MotionLimits, MotionPlanner, StopCounter, Ticket
+from servolink.protocol import ExecuteActionExRequest, ExecuteActionRequest, ExecuteMacroRequest
+from servolink.support import time_with_sleep
 
 T = TypeVar("T")
 
@@ -99,7 +89,7 @@ class Control:
         self._connection: DirectConnection | None = None
         if greeting.session is None:
             self._connection = _joined(hub, who=self.who, role=self.role, session=session)
-            self._connection.before_motion = self.take_lease
+            self._connection.program.dead_man = greeting.dead_man
         self.stops = StopCounter() if self._connection is None else self._connection.stops
         """Stops that end motions of the program."""
         self._board: Board | None = None
@@ -142,6 +132,22 @@ class Control:
             self._board = _board_on(self.hub, self._own_connection(), self.limits)
         return self._board
 
+    async def move(self, params: Move, ticket: Ticket) -> float:
+        """Move servos for the program, and return the seconds of the movement (see `Hub.move`)."""
+        servos = servos_of(await self.board_to_move(ticket))
+        movement = await servos.movement(
+            params.targets, duration=params.duration, speed=params.speed, any_angle=params.any_angle
+        )
+        order = MoveOrder(movement, servos.planner, params.start)
+        self._refuse_ticket(ticket)
+        own = self.hub.stops.ticket(until=ticket.until, who=self.session)
+        if params.dry_run:
+            return (await self.hub.plan(self.session, order, own)).seconds
+        plan = await self.hub.move(self.session, order, own)
+        if params.wait:
+            await servos.until_over(plan, ticket)
+        return plan.seconds
+
     async def board_to_move(self, ticket: Ticket) -> Board:
         """Return the board of the program for a motion, once no other program has exclusive use.
 
@@ -155,9 +161,13 @@ class Control:
                     await self._changed.wait()
         except TimeoutError:
             raise MotionOver("nothing was moved: the time by which it was to begin has passed") from None
-        if refusal := self._own_connection().gates.ticket(_ANY_MOTION, ticket):
-            raise refusal
+        self._refuse_ticket(ticket)
         return board
+
+    def _refuse_ticket(self, ticket: Ticket) -> None:
+        """Raise MotionOver after a stop, after the time of a motion, and right after the hub stood still."""
+        if refusal := self.hub.standstill.refuse(_ANY_MOTION, ticket, self.stops):
+            raise nothing_moved(refusal)
 
     async def end_move(self, servo_ids: Sequence[int]) -> None:
         """Stop the motions of this program, including unsent ones (see `Hub.end_move`)."""
@@ -210,6 +220,12 @@ class Control:
                 remedy="tighten the limits of all servos in one call",
             )
         self._limits = limits if self._limits is None else self._limits.tightened(limits)
+
+    @property
+    def questions(self) -> Questions:
+        """Questions to a person. Raise RpcError for a connection that joined the session of another connection."""
+        self._own_connection()  # ids of sessions are no secret: a program could answer as a page that it has joined
+        return self.hub.questions
 
     def _own_connection(self) -> DirectConnection:
         """Return the connection with the board. Raise RpcError without a board."""
@@ -292,6 +308,6 @@ def _joined(hub: Hub, *, who: str, role: Role, session: str) -> DirectConnection
 def _board_on(hub: Hub, connection: DirectConnection, limits: MotionLimits, unit: AngleUnit = "degree") -> Board:
     """Return the board of `hub` for a program, within `limits`."""
     upstream = hub.board
-    interval_unit = upstream.profile and upstream.profile.profile.settings.interval_unit
-    session = Session(connection, None, upstream.profile)
-    return Board(session, unit, limits, interval_unit or INTERVAL_UNIT)
+    servos = servos_of(upstream)
+    planner = MotionPlanner(limits, servos.planner.interval_unit)
+    return Board(Session(connection, None, upstream.profile), unit, planner, servos)

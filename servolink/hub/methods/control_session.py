@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+from weakref import WeakValueDictionary
 
 from msgspec import Struct
 
-from servolink.control.greeting import Greeting
-from servolink.control.notifications import (
-    NAMES,
+from servolink.control import (
+    Greeting,
+    Peer,
     ProblemNotice,
     ProgramNotice,
     QuestionNotice,
@@ -16,7 +18,6 @@ from servolink.control.notifications import (
     RefusedNotice,
     StoppedNotice,
 )
-from servolink.control.peer import Peer
 from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.engine.stop_order import MotionsCancelled
 from servolink.hub.hub import Hub
@@ -35,12 +36,16 @@ class ControlInterface:
         self._readings = Readings(hub)
         self.recorder = HubRecorder(hub, self._readings.board)
         """Recording started and stopped by programs."""
+        self._groups: WeakValueDictionary[str, asyncio.Semaphore] = WeakValueDictionary()
 
     def open_channel(
         self, hub: Hub, greeting: Greeting, session: str, send: Callable[[bytes], None], abort: Callable[[str], None]
     ) -> ControlSession:
         """Begin to serve a program that a door has admitted."""
-        return ControlSession(hub, self._readings, self.recorder, greeting, session, send, abort)
+        reading = asyncio.Semaphore(Peer.MOST_READING)
+        if greeting.group:
+            reading = self._groups.setdefault(greeting.group, reading)
+        return ControlSession(hub, self._readings, self.recorder, greeting, session, send, abort, reading)
 
     async def close(self) -> None:
         """End the recording, and stop reading the board. Sessions are closed by the doors, earlier."""
@@ -60,10 +65,12 @@ class ControlSession:
         session: str,
         send: Callable[[bytes], None],
         abort: Callable[[str], None],
+        reading: asyncio.Semaphore | None = None,
     ) -> None:
         """Call `send` with each message, and `abort`, with the reason, if the program must be disconnected.
 
-        If `greeting` names a session, this is the control interface of a program that has a board already.
+        If `greeting` names a session, this is the control interface of a program that has a board already. Programs of
+        one group have the same `reading`.
         """
         self.control = Control(hub, readings, greeting, session)
         self._hub = hub
@@ -73,7 +80,7 @@ class ControlSession:
         self._buttons = ButtonsFeed(self.control.readings, self._notify)
         self._tap = TapFeed(hub, self._notify, lambda: self._peer.is_paused)
         self._recorder = recorder
-        self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=self.control.role)
+        self._peer: Peer[Caller] = Peer(METHODS, self._caller, send, abort, role=self.control.role, reading=reading)
         self._end_listening: Callable[[], None] | None = None
         self._told_dropped = 0
 
@@ -113,7 +120,7 @@ class ControlSession:
         return Caller(self.control, self._servos, self._buttons, self._tap, self._recorder, self.control.stops.ticket())
 
     def _notify(self, notification: Struct) -> None:
-        self._peer.notify(NAMES[type(notification)], notification)
+        self._peer.tell(notification)
 
     def _hear(self, notice: Struct, session: str) -> None:
         """Pass on a notice of the hub, if meant for the program."""

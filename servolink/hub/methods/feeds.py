@@ -9,21 +9,17 @@ from typing import cast
 
 from msgspec import Struct
 
-from servolink.client.board import Board
-from servolink.client.servo_readings import ServoReading
-from servolink.client.servo_state import Servo
-from servolink.control.messages import CREDIT
-from servolink.control.notifications import ButtonPressed, ProblemNotice, ServosFrame, TapFrame, TapItem
-from servolink.control.status import ServoNow
+from servolink.client import Board, Servo, ServoReading
+from servolink.control import ButtonPressed, ProblemNotice, ServoNow, ServosFrame, TapFrame, TapItem
 from servolink.errors import ConnectionLost, RequestTimeout, ServolinkError
-from servolink.files import MIB
 from servolink.hub.engine.tap import HubTap
 from servolink.hub.hub import Hub
+from servolink.hub.method_messages import CREDIT
 from servolink.hub.methods.context import OpenBoard
 from servolink.hub.rules.courses import Courses
-from servolink.motion.angles import Angle, AngleUnit
-from servolink.recorder.backlog import Backlog
-from servolink.recorder.channels import TOPICS
+from servolink.motion import Angle, AngleUnit
+from servolink.recorder import TOPICS, Backlog
+from servolink.support import MIB
 
 Notify = Callable[[Struct], None]
 
@@ -77,16 +73,17 @@ class Feed(ABC):
         """Read until the hub ends; after an error, say so once and read again."""
         told = ""
         while True:
+            board = await self._open_board()
             try:
-                await self._read(await self._open_board(), ready)
+                await self._read(board, ready)
             except ServolinkError as error:
                 if not ready.done():
                     ready.set_exception(error)
                     return
-                if isinstance(error, ConnectionLost):  # of a session in this process: the hub has ended
+                if board.connection.ended is not None:  # of a session in this process: the hub has ended
                     return
                 # Why nothing is answered, the notifications `connection` and `hold` say.
-                if str(error) != told and not isinstance(error, RequestTimeout):
+                if str(error) != told and not isinstance(error, RequestTimeout | ConnectionLost):
                     told = str(error)
                     self._notify(ProblemNotice(f"{told}; trying again"))
                 await asyncio.sleep(_PAUSE)

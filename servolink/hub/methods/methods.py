@@ -9,47 +9,50 @@ from typing import Any, NamedTuple, TypeVar
 
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.control.messages import (
+from servolink.client import Board
+from servolink.control import (
     Battery,
+    BoardState,
+    Done,
+    HubStatus,
+    LeaseNow,
+    Methods,
+    NoParams,
+    Ran,
+    Role,
+    ServoList,
+    Tighten,
+    Touches,
+)
+from servolink.errors import RequestTimeout
+from servolink.hub.engine.hub_recorder import HubRecorder
+from servolink.hub.method_messages import (
     BoardFacts,
     BoardMode,
-    Done,
-    Hold,
-    HoldNow,
-    LeaseNow,
+    ExclusiveUse,
+    ExclusiveUseNow,
     LeaseTake,
     LineTest,
     LineTested,
     Move,
     Moved,
     MoveEnd,
-    NoParams,
-    Ran,
     Release,
     Rename,
     Run,
-    ServoList,
     ServoParameters,
     ServosAck,
     ServoSet,
     ServosList,
     ServosWatch,
-    Tighten,
     Watching,
 )
-from servolink.control.peer import Methods
-from servolink.control.roles import Role
-from servolink.control.status import BoardState, HubStatus
-from servolink.control.tightening import limits_in
-from servolink.errors import RequestTimeout
-from servolink.hub.engine.hub_recorder import HubRecorder
 from servolink.hub.methods.context import Control
 from servolink.hub.methods.feeds import ButtonsFeed, ServosFeed, TapFeed, servos_now
-from servolink.motion.ticket import Ticket
-from servolink.platforms.time_asleep import seconds_asleep
-from servolink.project.model import is_unfinished
-from servolink.protocol.servos import ALL_SERVOS, QueryServoListRequest
+from servolink.motion import Ticket
+from servolink.project import UNFINISHED
+from servolink.protocol import ALL_SERVOS, QueryServoListRequest
+from servolink.support import seconds_asleep
 
 T = TypeVar("T")
 
@@ -70,14 +73,17 @@ class Caller(NamedTuple):
 
     async def board_to_move(self, until: float | None) -> Board:
         """Return the board for a motion, which must begin by `until` (see `Control.board_to_move`)."""
-        ticket = self.ticket if until is None else replace(self.ticket, until=until + seconds_asleep())
-        return await self.control.board_to_move(ticket)
+        return await self.control.board_to_move(self.ticket_until(until))
+
+    def ticket_until(self, until: float | None) -> Ticket:
+        """Return the ticket of a motion that must begin by `until`; None for any time."""
+        return self.ticket if until is None else replace(self.ticket, until=until + seconds_asleep())
 
 
 METHODS: Methods[Caller] = Methods()
 
 
-@METHODS.add("status", Role.WATCH)
+@METHODS.add("status", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 def status(caller: Caller, params: NoParams) -> HubStatus:
     """Return programs, lease, exclusive use and traffic counts of the hub.
 
@@ -88,7 +94,7 @@ def status(caller: Caller, params: NoParams) -> HubStatus:
     return caller.control.hub.status()
 
 
-@METHODS.add("rename", Role.WATCH)
+@METHODS.add("rename", Role.WATCH, touches=Touches.SESSION)
 def rename(caller: Caller, params: Rename) -> Done:
     """Rename the program. Lease and hold stay unchanged."""
     caller.control.who = params.who
@@ -96,7 +102,7 @@ def rename(caller: Caller, params: Rename) -> Done:
     return Done()
 
 
-@METHODS.add("board.state", Role.WATCH)
+@METHODS.add("board.state", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 def board_state(caller: Caller, params: NoParams) -> BoardState:
     """Return lease, exclusive use, and the state of the connection to the board."""
     hub = caller.control.hub
@@ -106,7 +112,7 @@ def board_state(caller: Caller, params: NoParams) -> BoardState:
 # --- the lease and the hold -------------------------------------------------------------------------------------------
 
 
-@METHODS.add("lease.take", Role.RUN)
+@METHODS.add("lease.take", Role.RUN, touches=Touches.SESSION)
 def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
     """Take the lease, which every motion needs; a motion takes a free lease by itself.
 
@@ -119,7 +125,7 @@ def lease_take(caller: Caller, params: LeaseTake) -> LeaseNow:
     return LeaseNow(caller.control.hub.lease)
 
 
-@METHODS.add("lease.give", Role.WATCH)
+@METHODS.add("lease.give", Role.WATCH, touches=Touches.SESSION)
 def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
     """Give the lease back; programs that lost the lease to this program may take it again. A motion continues."""
     caller.control.prepared = None
@@ -127,52 +133,52 @@ def lease_give(caller: Caller, params: NoParams) -> LeaseNow:
     return LeaseNow(caller.control.hub.lease)
 
 
-@METHODS.add("lease.beat", Role.WATCH)
+@METHODS.add("lease.beat", Role.WATCH, touches=Touches.SESSION)
 def lease_beat(caller: Caller, params: NoParams) -> Done:
     """Confirm that the program still watches over the motion, after taking the lease with `dead_man`."""
     caller.control.hub.leases.beat(caller.control.session)
     return Done()
 
 
-@METHODS.add("lease.ask", Role.WATCH)
+@METHODS.add("lease.ask", Role.WATCH, touches=Touches.SESSION)
 def lease_ask(caller: Caller, params: NoParams) -> LeaseNow:
     """Ask the holder for the lease with a notification; the holder decides."""
     caller.control.hub.leases.ask(caller.control.session)
     return LeaseNow(caller.control.hub.lease)
 
 
-@METHODS.add("board.hold", Role.EDIT, in_order=True)
-async def board_hold(caller: Caller, params: Hold) -> HoldNow:
+@METHODS.add("board.hold", Role.EDIT, touches=Touches.SESSION, in_order=True)
+async def board_hold(caller: Caller, params: ExclusiveUse) -> ExclusiveUseNow:
     """Take exclusive use of the board: other programs wait, except with stops. Waits while another program has it.
 
     It ends with `board.release`, or when the program leaves.
     """
     await caller.control.begin_exclusive_use(params.reason)
-    return HoldNow(caller.control.hub.exclusive_use)
+    return ExclusiveUseNow(caller.control.hub.exclusive_use)
 
 
-@METHODS.add("board.release", Role.EDIT, in_order=True)
-async def board_release(caller: Caller, params: NoParams) -> HoldNow:
+@METHODS.add("board.release", Role.EDIT, touches=Touches.SESSION, in_order=True)
+async def board_release(caller: Caller, params: NoParams) -> ExclusiveUseNow:
     """Share the board again with other programs."""
     caller.control.hub.end_exclusive_use(caller.control.session)
-    return HoldNow(caller.control.hub.exclusive_use)
+    return ExclusiveUseNow(caller.control.hub.exclusive_use)
 
 
-@METHODS.add("limits.tighten", Role.WATCH)
+@METHODS.add("limits.tighten", Role.WATCH, touches=Touches.SESSION)
 def limits_tighten(caller: Caller, params: Tighten) -> Done:
     """Limit the motions of this program, in addition to the limits of the board, until the program leaves.
 
     Call it first: it is refused once the program has moved or changed something or read a record, and on a connection
     that belongs to the `session` of a program with frames.
     """
-    caller.control.tighten(limits_in(params))
+    caller.control.tighten(params.limits())
     return Done()
 
 
 # --- servos -----------------------------------------------------------------------------------------------------------
 
 
-@METHODS.add("stop", Role.WATCH)
+@METHODS.add("stop", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
     """Stop and hold all servos at once, ahead of all other requests, whichever program has the lease.
 
@@ -187,26 +193,26 @@ def stop(caller: Caller, params: NoParams) -> Coroutine[Any, Any, Done]:
     return confirmed()
 
 
-@METHODS.add("servos.list", Role.WATCH)
+@METHODS.add("servos.list", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def servos_list(caller: Caller, params: ServosList) -> ServoList:
     """Return the state of all servos. The unit of the angles is set on the board for this reading only."""
     servos = await caller.control.read(Board.servos, partial(caller.control.readings, params.unit))
     return ServoList(servos_now(servos, caller.control.hub.motions.courses, asyncio.get_running_loop().time()))
 
 
-@METHODS.add("servos.parameters", Role.WATCH)
+@METHODS.add("servos.parameters", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def servos_parameters(caller: Caller, params: NoParams) -> ServoParameters:
     """Return caption and angle correction of each servo, as stored on the board."""
     return ServoParameters(await caller.control.read(Board.servo_parameters, caller.control.readings))
 
 
-@METHODS.add("battery", Role.WATCH)
+@METHODS.add("battery", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def battery(caller: Caller, params: NoParams) -> Battery:
     """Return the charge of the battery. RequestTimeout if the board does not know it."""
     return Battery(await caller.control.read(Board.battery, caller.control.readings))
 
 
-@METHODS.add("servos.watch", Role.WATCH)
+@METHODS.add("servos.watch", Role.WATCH, touches=Touches.SESSION)
 async def servos_watch(caller: Caller, params: ServosWatch) -> Watching:
     """Send the notification `servos` from now on. All programs share one poll of the board.
 
@@ -216,49 +222,45 @@ async def servos_watch(caller: Caller, params: ServosWatch) -> Watching:
     return Watching(params.hz)
 
 
-@METHODS.add("servos.ack", Role.WATCH)
+@METHODS.add("servos.ack", Role.WATCH, touches=Touches.SESSION)
 def servos_ack(caller: Caller, params: ServosAck) -> Done:
     """Acknowledge notifications `servos`; best sent without `id`, as no response is needed."""
     caller.servos.acknowledge(params.number)
     return Done()
 
 
-@METHODS.add("servos.unwatch", Role.WATCH)
+@METHODS.add("servos.unwatch", Role.WATCH, touches=Touches.SESSION)
 async def servos_unwatch(caller: Caller, params: NoParams) -> Done:
     """Send no more notifications `servos`."""
     await caller.servos.close()
     return Done()
 
 
-@METHODS.add("buttons.subscribe", Role.WATCH)
+@METHODS.add("buttons.subscribe", Role.WATCH, touches=Touches.SESSION)
 async def buttons_subscribe(caller: Caller, params: NoParams) -> Done:
     """Send the notification `button` for each button event from now on."""
     await caller.buttons.subscribe()
     return Done()
 
 
-@METHODS.add("buttons.unsubscribe", Role.WATCH)
+@METHODS.add("buttons.unsubscribe", Role.WATCH, touches=Touches.SESSION)
 async def buttons_unsubscribe(caller: Caller, params: NoParams) -> Done:
     """Send no more notifications `button`."""
     await caller.buttons.unsubscribe()
     return Done()
 
 
-@METHODS.add("move", Role.MOVE, in_order=True)
+@METHODS.add("move", Role.MOVE, touches=Touches.MOTION, from_afar=True, in_order=True)
 async def move(caller: Caller, params: Move) -> Moved:
     """Move servos together, within the limits of the board. Motions of one program are carried out in their order.
 
     MotionRefused says why nothing moved: a limit, another program that holds the lease, or a stop that came, or `until`
     that passed, while another program had exclusive use of the board.
     """
-    board = await caller.board_to_move(params.until)
-    seconds = await board.move(
-        params.targets, duration=params.duration, speed=params.speed, wait=params.wait, dry_run=params.dry_run
-    )
-    return Moved(seconds)
+    return Moved(await caller.control.move(params, caller.ticket_until(params.until)))
 
 
-@METHODS.add("move.end", Role.MOVE, is_urgent=True)
+@METHODS.add("move.end", Role.MOVE, touches=Touches.SESSION | Touches.MOTION, is_urgent=True)
 async def move_end(caller: Caller, params: MoveEnd) -> Done:
     """Stop servos at once where they are, after press and hold. The servos hold, and obey the next movement.
 
@@ -270,7 +272,7 @@ async def move_end(caller: Caller, params: MoveEnd) -> Done:
     return Done()
 
 
-@METHODS.add("release", Role.MOVE, in_order=True)
+@METHODS.add("release", Role.MOVE, touches=Touches.MOTION, from_afar=True, in_order=True)
 async def release(caller: Caller, params: Release) -> Done:
     """Stop and release a servo, or all. It goes limp, and a raised limb falls."""
     board = await caller.board_to_move(params.until)
@@ -281,7 +283,7 @@ async def release(caller: Caller, params: Release) -> Done:
     return Done()
 
 
-@METHODS.add("servo.set", Role.MOVE, in_order=True)
+@METHODS.add("servo.set", Role.MOVE, touches=Touches.MOTION, from_afar=True, in_order=True)
 async def servo_set(caller: Caller, params: ServoSet) -> Done:
     """Start or stop a servo, and hold or release its angle. After a stop, a servo moves only when started again."""
     is_stop, control = params.hold and not params.start, caller.control
@@ -290,7 +292,7 @@ async def servo_set(caller: Caller, params: ServoSet) -> Done:
     return Done()
 
 
-@METHODS.add("run", Role.RUN, in_order=True)
+@METHODS.add("run", Role.RUN, touches=Touches.MOTION, from_afar=True, in_order=True)
 async def run(caller: Caller, params: Run) -> Ran:
     """Run a stored action or macro. With `wait`, later motions of this program wait too; a stop does not.
 
@@ -306,12 +308,12 @@ async def run(caller: Caller, params: Run) -> Ran:
 # --- settings ---------------------------------------------------------------------------------------------------------
 
 
-@METHODS.add("board.facts", Role.WATCH)
+@METHODS.add("board.facts", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def board_facts(caller: Caller, params: NoParams) -> BoardFacts:
     """Return ids of servos, project id and memory of the board. What the board does not answer is null."""
     project_id = await _answer(caller, Board.project_id)
     memory = await _answer(caller, Board.memory)
-    is_marked = project_id is not None and is_unfinished(project_id)
+    is_marked = project_id is not None and project_id in UNFINISHED
     free = None if memory is None or memory.size < 0 else memory.size
     return BoardFacts(
         await caller.control.read(Board.servo_ids),
@@ -330,7 +332,7 @@ async def _answer(caller: Caller, query: Callable[[Board], Awaitable[T]]) -> T |
         return None
 
 
-@METHODS.add("board.mode", Role.EDIT, in_order=True)
+@METHODS.add("board.mode", Role.EDIT, touches=Touches.BOARD, in_order=True)
 async def board_mode(caller: Caller, params: BoardMode) -> BoardMode:
     """Set the transmission mode of the board for all programs: 1 for this protocol, 0 for an older protocol.
 
@@ -350,7 +352,7 @@ async def board_mode(caller: Caller, params: BoardMode) -> BoardMode:
     return params
 
 
-@METHODS.add("line.test", Role.EDIT, in_order=True)
+@METHODS.add("line.test", Role.EDIT, touches=Touches.NOTHING, in_order=True)
 async def line_test(caller: Caller, params: LineTest) -> LineTested:
     """Send test data, which the board ignores, and then a query; return how the query was answered."""
     board, stats = await caller.control.board(), caller.control.hub.board.stats

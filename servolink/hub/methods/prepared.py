@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.client.board import with_ticket
-from servolink.control.messages import Ran, RunPrepare, RunStart, RunStarted
-from servolink.control.roles import Role
+from servolink.client import with_ticket
+from servolink.control import Ran, Role, RunStarted, Touches
 from servolink.errors import MotionRefused, Reason
+from servolink.hub.method_messages import RunPrepare, RunStart
 from servolink.hub.methods.context import PreparedRun
 from servolink.hub.methods.methods import METHODS, Caller
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.servos import ExecuteActionExRequest
+from servolink.protocol import ExecuteActionExRequest, ExecuteMacroRequest
+from servolink.support import call_at
 
 _LONGEST_LEAD = 1.0
 _QUIET = 0.05  # seconds before a start in which the board is asked for nothing; a stop waits no longer for the line
 
 
-@METHODS.add("run.prepare", Role.RUN, in_order=True)
+@METHODS.add("run.prepare", Role.RUN, touches=Touches.SESSION | Touches.MOTION, in_order=True)
 async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     """Check a stored action or macro with all its parts, and take the lease, so that `run.start` begins at once.
 
@@ -42,7 +42,7 @@ async def run_prepare(caller: Caller, params: RunPrepare) -> Ran:
     return Ran(seconds)
 
 
-@METHODS.add("run.start", Role.RUN, is_urgent=True)
+@METHODS.add("run.start", Role.RUN, touches=Touches.SESSION | Touches.MOTION, is_urgent=True)
 async def run_start(caller: Caller, params: RunStart) -> RunStarted:
     """Begin the prepared run of `run.prepare` once, at the time `at`, ahead of all waiting requests.
 
@@ -86,7 +86,7 @@ async def _until(at: float) -> None:
     """Wait until a time of the event loop; at least one turn of the loop."""
     loop = asyncio.get_running_loop()
     moment = loop.create_future()
-    timer = loop.call_at(at, moment.set_result, None)
+    timer = call_at(loop, at, moment.set_result, None)
     try:
         await moment
     finally:

@@ -8,48 +8,56 @@ from typing import Any, cast
 
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.control.messages import (
+from servolink.client import Board
+from servolink.control import (
     AnyRecord,
     Applied,
+    NoParams,
+    ProjectExported,
+    RecordEntry,
+    RecordKind,
+    RecordList,
+    Role,
+    Touches,
+    encoded,
+)
+from servolink.errors import NotFound, ProjectError
+from servolink.hub.method_messages import (
     BackupEntry,
     BackupList,
     Changed,
     MemoryNow,
-    NoParams,
     Planned,
     ProjectApply,
-    ProjectExported,
     ProjectPlan,
     ProjectRollback,
-    RecordEntry,
-    RecordKind,
-    RecordList,
     RecordsGet,
     RecordsList,
     RecordStored,
 )
-from servolink.control.peer import encoded
-from servolink.control.roles import Role
-from servolink.errors import NotFound, ProjectError
 from servolink.hub.methods.methods import METHODS, Caller
-from servolink.project.model import Project, is_unfinished
-from servolink.project.project_file import project_from_form, project_to_form
-from servolink.project.single_record import add_record, remove_records, replace_record
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.transfer.journal import journal_of
-from servolink.project.transfer.results import ApplyResult, Memory, Plan, ProgressCallback
-from servolink.project.validate import validate_project
-from servolink.protocol.json_form import record_to_json, struct_from_json
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.tasks import computed
+from servolink.project import (
+    UNFINISHED,
+    ApplyResult,
+    BackupStore,
+    Plan,
+    ProgressCallback,
+    Project,
+    ProjectFile,
+    add_record,
+    remove_records,
+    replace_record,
+    validate_project,
+)
+from servolink.protocol import RECORD_TYPES, RecordType, record_from_json, record_to_json
+from servolink.support import computed
 
 _KINDS: dict[RecordKind, RecordType[Any]] = {
     cast("RecordKind", kind.label.replace(" ", "_")): kind for kind in RECORD_TYPES
 }
 
 
-@METHODS.add("records.list", Role.WATCH)
+@METHODS.add("records.list", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def records_list(caller: Caller, params: RecordsList) -> RecordList:
     """Return id and caption of each stored record."""
 
@@ -64,14 +72,14 @@ async def records_list(caller: Caller, params: RecordsList) -> RecordList:
     return await caller.control.read(read)
 
 
-@METHODS.add("records.get", Role.WATCH)
+@METHODS.add("records.get", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def records_get(caller: Caller, params: RecordsGet) -> AnyRecord:
     """Return a stored record, in the form of project files; NotFound if there is none."""
     record = await caller.control.read(lambda board: getattr(board, params.type)(params.id))
     return {"type": params.type, "record": record_to_json(record)}
 
 
-@METHODS.add("records.put", Role.EDIT, in_order=True)
+@METHODS.add("records.put", Role.EDIT, touches=Touches.BOARD, from_afar=True, in_order=True)
 async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCallback) -> RecordStored:
     """Store a record, replacing a record of the same id.
 
@@ -80,7 +88,7 @@ async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCa
     """
     name = params.__struct_config__.tag
     kind = _KINDS[name]
-    record = await computed(struct_from_json)(kind.record_class, params.record)
+    record = await computed(record_from_json)(kind.record_class, params.record)
     record_id = kind.id_of(record)
 
     def edit(before: Project, caption_encoding: str) -> Project:
@@ -93,7 +101,7 @@ async def records_put(caller: Caller, params: AnyRecord, on_progress: ProgressCa
     return RecordStored(name, record_id, result.changed, _text(result.backup))
 
 
-@METHODS.add("records.delete", Role.EDIT, in_order=True)
+@METHODS.add("records.delete", Role.EDIT, touches=Touches.BOARD, from_afar=True, in_order=True)
 async def records_delete(caller: Caller, params: RecordsGet, on_progress: ProgressCallback) -> Applied:
     """Delete a stored record, in the way of `records.put`; ProjectError if another record refers to it."""
     kind = _KINDS[params.type]
@@ -123,14 +131,14 @@ async def _change(caller: Caller, edit: Edit, on_progress: ProgressCallback) -> 
         return before, after, await board.apply_project(after, unchecked=True, on_progress=on_progress)
 
 
-@METHODS.add("project.export", Role.WATCH)
+@METHODS.add("project.export", Role.WATCH, touches=Touches.NOTHING, from_afar=True)
 async def project_export(caller: Caller, params: NoParams, on_progress: ProgressCallback) -> ProjectExported:
     """Return everything that is stored on the board, as a project file.
 
     If an import is unfinished, the project id is the one that the board was to get, or 0 if that is not known here.
     """
     project = await caller.control.read(lambda board: board.export_project(on_progress=on_progress))
-    if is_unfinished(project.project_id):
+    if project.project_id in UNFINISHED:
         url = caller.control.hub.board.url
         project = replace(project, project_id=await asyncio.to_thread(_wanted_id, project.project_id, url))
     return await _exported(project, caller.control.hub.board.codec.caption_encoding)
@@ -140,18 +148,18 @@ async def project_export(caller: Caller, params: NoParams, on_progress: Progress
 def _exported(project: Project, caption_encoding: str) -> ProjectExported:
     found = validate_project(project, caption_encoding=caption_encoding)
     is_odd = any(one.severity == "error" for one in found)
-    return encoded(ProjectExported(project_to_form(project, unchecked=is_odd)))
+    return encoded(ProjectExported(ProjectFile(project, unchecked=is_odd).form()))
 
 
 def _wanted_id(marker: int, url: str) -> int:
-    begun = journal_of(BackupStore().journals(marker), marker, url)
+    begun = BackupStore().journal_of(marker, url)
     return 0 if begun is None else begun.project_id
 
 
-@METHODS.add("project.plan", Role.EDIT, in_order=True)
+@METHODS.add("project.plan", Role.EDIT, touches=Touches.NOTHING, from_afar=True, in_order=True)
 async def project_plan(caller: Caller, params: ProjectPlan, on_progress: ProgressCallback) -> Planned:
     """Return the changes of `project.apply` and their cost. Nothing is changed, and other programs wait meanwhile."""
-    project, unchecked, *_ = await computed(project_from_form)(params.project)
+    project, unchecked, *_ = await computed(ProjectFile.of_form)(params.project)
 
     async def read(board: Board) -> Plan:
         async with caller.control.exclusive("a project is being compared"):
@@ -164,26 +172,29 @@ async def project_plan(caller: Caller, params: ProjectPlan, on_progress: Progres
 
 @computed
 def _planned(plan: Plan) -> Planned:
+    memory = None
+    if (found := plan.memory) is not None:
+        memory = MemoryNow(found.unit, found.size, found.free_before, found.free_after, found.warning or None)
     planned = Planned(
         tuple(Changed(one.what, record_to_json(one.old), record_to_json(one.new)) for one in plan.changes),
         plan.inconsistencies,
         plan.requests,
         plan.wire_bytes,
         plan.seconds,
-        None if plan.memory is None else _memory(plan.memory),
+        memory,
         plan.is_unfinished,
     )
     return encoded(planned)
 
 
-@METHODS.add("project.apply", Role.EDIT, in_order=True)
+@METHODS.add("project.apply", Role.EDIT, touches=Touches.MOTION | Touches.BOARD, from_afar=True, in_order=True)
 async def project_apply(caller: Caller, params: ProjectApply, on_progress: ProgressCallback) -> Applied:
     """Make the board hold exactly this project, and keep exclusive use of the board meanwhile.
 
     If it is interrupted, by the end of this program too, apply the same project again, or roll back.
     """
     board = await caller.control.board()
-    project, unchecked, *_ = await computed(project_from_form)(params.project)
+    project, unchecked, *_ = await computed(ProjectFile.of_form)(params.project)
     async with caller.control.exclusive("a project is being written"):
         with caller.control.moving():  # corrections turn servos, and half an import helps nobody
             result = await board.apply_project(
@@ -192,7 +203,7 @@ async def project_apply(caller: Caller, params: ProjectApply, on_progress: Progr
     return _applied(result)
 
 
-@METHODS.add("project.rollback", Role.EDIT, in_order=True)
+@METHODS.add("project.rollback", Role.EDIT, touches=Touches.MOTION | Touches.BOARD, from_afar=True, in_order=True)
 async def project_rollback(caller: Caller, params: ProjectRollback, on_progress: ProgressCallback) -> Applied:
     """Restore the content from before the last import, or of a backup; with exclusive use, as `project.apply`."""
     board = await caller.control.board()
@@ -208,7 +219,7 @@ async def project_rollback(caller: Caller, params: ProjectRollback, on_progress:
     return _applied(result)
 
 
-@METHODS.add("project.backups", Role.EDIT)
+@METHODS.add("project.backups", Role.EDIT, touches=Touches.NOTHING, from_afar=True)
 @computed
 def project_backups(caller: Caller, params: NoParams) -> BackupList:
     """Return all backups of boards on this computer."""
@@ -222,10 +233,6 @@ def project_backups(caller: Caller, params: NoParams) -> BackupList:
 
 def _applied(result: ApplyResult) -> Applied:
     return Applied(result.changed, result.resumed, _text(result.backup), result.project_id_bits)
-
-
-def _memory(memory: Memory) -> MemoryNow:
-    return MemoryNow(memory.unit, memory.size, memory.free_before, memory.free_after, memory.warning or None)
 
 
 def _text(path: object) -> str | None:

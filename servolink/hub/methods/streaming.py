@@ -7,18 +7,15 @@ from functools import reduce
 
 from msgspec.structs import replace
 
-from servolink.client.servo_stream import ServoStream
-from servolink.control.messages import StreamBegin, StreamBegun, StreamSend, StreamSent
-from servolink.control.roles import Role
-from servolink.control.tightening import limits_in
-from servolink.errors import MotionRefused
+from servolink.client import ServoStream, point_check, servos_of
+from servolink.control import Role, StreamBegun, StreamSent, Touches
+from servolink.errors import MotionRefused, RequestRefused
+from servolink.hub.method_messages import StreamBegin, StreamSend
 from servolink.hub.methods.methods import METHODS, Caller
-from servolink.motion.limits import MotionLimits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.set_points import SetPoints
+from servolink.motion import MotionLimits, MotionPlanner, SetPoints
 
 
-@METHODS.add("stream.begin", Role.MOVE)
+@METHODS.add("stream.begin", Role.MOVE, touches=Touches.SESSION | Touches.MOTION)
 def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     """Begin a stream of set-points for `stream.send`; an earlier one of this program ends.
 
@@ -26,20 +23,29 @@ def stream_begin(caller: Caller, params: StreamBegin) -> StreamBegun:
     then keep their last targets. A gap that is no longer than a period is refused.
     """
     control, board = caller.control, caller.control.hub.board
-    limits = reduce(MotionLimits.tightened, map(limits_in, params.limits), control.limits)
-    interval_unit = board.profile and board.profile.settings.interval_unit
-    points = SetPoints(limits, params.hz, interval_unit or INTERVAL_UNIT)
+    limits = reduce(MotionLimits.tightened, (limit.limits() for limit in params.limits), control.limits)
+    planner = MotionPlanner(limits, servos_of(board).planner.interval_unit)
+    points = SetPoints(limits, params.hz, planner.interval_unit)
     ticket = control.hub.stops.ticket(who=control.session)
 
     async def send_points(angles: Mapping[int, float], until: float) -> Mapping[int, int]:
         return await control.hub.stream(control.session, angles, points, replace(ticket, until=until))
 
-    control.stream = ServoStream(board, board.servo_ids, send_points, params.hz, params.gap)
+    check_points = point_check(servos_of(board), planner, any_angle=params.any_angle)
+
+    async def check(angles: Mapping[int, float]) -> None:
+        try:
+            await check_points(angles)
+        except RequestRefused:
+            if control.hub.stops.holds(ticket):  # after a stop, the refusal of the hub says so
+                raise
+
+    control.stream = ServoStream(board, check, send_points, params.hz, params.gap)
     control.streams += 1
     return StreamBegun(control.streams)
 
 
-@METHODS.add("stream.send", Role.MOVE, is_urgent=True)
+@METHODS.add("stream.send", Role.MOVE, touches=Touches.SESSION | Touches.MOTION, is_urgent=True)
 async def stream_send(caller: Caller, params: StreamSend) -> StreamSent:
     """Turn servos toward a set-point at once, and return the angles sent when they are sent.
 

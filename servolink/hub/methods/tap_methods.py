@@ -4,21 +4,12 @@ from __future__ import annotations
 
 import asyncio
 
-from servolink.control.messages import (
-    Done,
-    NoParams,
-    RecorderMark,
-    RecorderStart,
-    RecordingList,
-    RecordingNow,
-    Tapping,
-    TapStart,
-)
-from servolink.control.roles import Role
+from servolink.control import Done, NoParams, Role, Tapping, Touches
+from servolink.hub.method_messages import RecorderMark, RecorderStart, RecordingList, RecordingNow, TapStart
 from servolink.hub.methods.methods import METHODS, Caller
 
 
-@METHODS.add("tap.start", Role.WATCH)
+@METHODS.add("tap.start", Role.WATCH, touches=Touches.SESSION)
 def tap_start(caller: Caller, params: TapStart) -> Tapping:
     """Send the notification `tap` from now on, for everything that passes: bytes, requests, events and problems.
 
@@ -31,7 +22,7 @@ def tap_start(caller: Caller, params: TapStart) -> Tapping:
     return Tapping(caller.tap.now(), codec.byte_order, codec.caption_encoding, hub.state)
 
 
-@METHODS.add("tap.stop", Role.WATCH)
+@METHODS.add("tap.stop", Role.WATCH, touches=Touches.SESSION)
 def tap_stop(caller: Caller, params: NoParams) -> Done:
     """Send the remaining notifications `tap`, and end the tap."""
     caller.tap.stop()
@@ -41,7 +32,7 @@ def tap_stop(caller: Caller, params: NoParams) -> Done:
 # --- the hub's own recorder -------------------------------------------------------------------------------------------
 
 
-@METHODS.add("recorder.start", Role.RUN)
+@METHODS.add("recorder.start", Role.RUN, touches=Touches.HOST)
 async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
     """Record everything that passes to a new file in a folder of the hub's user.
 
@@ -52,27 +43,27 @@ async def recorder_start(caller: Caller, params: RecorderStart) -> RecordingNow:
     return caller.recorder.now()
 
 
-@METHODS.add("recorder.stop", Role.RUN)
+@METHODS.add("recorder.stop", Role.RUN, touches=Touches.HOST)
 async def recorder_stop(caller: Caller, params: NoParams) -> RecordingNow:
     """End the recording and return its final state. RecordingError if nothing is being recorded."""
     await caller.recorder.stop(caller.control.who)
     return caller.recorder.now()
 
 
-@METHODS.add("recorder.mark", Role.RUN)
+@METHODS.add("recorder.mark", Role.RUN, touches=Touches.HOST)
 def recorder_mark(caller: Caller, params: RecorderMark) -> Done:
     """Put a mark into the recording, to find the moment again. RecordingError if nothing is being recorded."""
     caller.recorder.mark(params.text, caller.control.who)
     return Done()
 
 
-@METHODS.add("recorder.status", Role.WATCH)
+@METHODS.add("recorder.status", Role.WATCH, touches=Touches.NOTHING)
 def recorder_status(caller: Caller, params: NoParams) -> RecordingNow:
     """Return the state of the present or latest recording."""
     return caller.recorder.now()
 
 
-@METHODS.add("recorder.list", Role.WATCH)
+@METHODS.add("recorder.list", Role.WATCH, touches=Touches.NOTHING)
 async def recorder_list(caller: Caller, params: NoParams) -> RecordingList:
     """Return the recordings in the folder."""
     recorder = caller.recorder

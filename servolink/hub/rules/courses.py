@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from servolink.motion.angles import AngleUnit
-from servolink.motion.set_points import ServoWay
-from servolink.protocol.editing import ExecuteMacroRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import (
+from servolink.motion import AngleUnit, ServoWay
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionExRequest,
     ExecuteActionRequest,
+    ExecuteMacroRequest,
+    Packet,
     SetServoParameterRequest,
 )
 

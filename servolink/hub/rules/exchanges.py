@@ -9,13 +9,10 @@ from typing import NamedTuple, Protocol
 
 from msgspec import Struct
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.errors import ServolinkError
-from servolink.motion.set_points import SetPoints
-from servolink.motion.ticket import Ticket
-from servolink.motion.units import ServoUnits
-from servolink.protocol.codec import Codec
-from servolink.protocol.packet import Packet, Query
+from servolink.motion import MotionPlan, MotionPlanner, Movement, ServoUnits, SetPoints, Ticket
+from servolink.protocol import Codec, Packet, Query
 
 _MOST_EQUAL = 16  # queries of a program that are answered together: a response can have 64 KiB
 _FARTHEST_EQUAL = 64  # requests of a program that are searched for equal queries at each sending
@@ -64,6 +61,16 @@ class RunEnd(NamedTuple):
     """Last target of each servo, by id."""
 
 
+class MoveOrder(Struct, frozen=True):
+    """Movement of a program, to be planned when it is sent."""
+
+    movement: Movement
+    planner: MotionPlanner
+    """Planner with the limits of board and program."""
+    start: bool = False
+    """Whether to start and hold servos first that are stopped or released."""
+
+
 class Exchange(Struct, eq=False):
     """Request of a program until the response, the sending (without a response) or the failure."""
 
@@ -79,6 +86,10 @@ class Exchange(Struct, eq=False):
     """End of the motion, if known in advance."""
     points: SetPoints | None = None
     """Limiter of a set-point of a stream, which is shortened and not refused; None for any other request."""
+    order: MoveOrder | None = None
+    """Movement to plan, in place of a packet that is sent as it is; None for any other request."""
+    plan: MotionPlan | None = None
+    """Plan of `order` that was sent."""
     is_unchecked: bool = True
     """Whether values that only a board sends are allowed, as in frames."""
     refused: str = ""
@@ -87,6 +98,8 @@ class Exchange(Struct, eq=False):
     """Error in place of a response: refused, or not answered."""
     frame: bytes | None = None
     """Frame of the response; None without one."""
+    is_unsent: bool = False
+    """Whether the board has certainly not got the request, as the hub had lost the board before."""
     has_begun: bool = False
     """Whether a soft start has begun, during which the units of the program are kept."""
     may_wait: bool = True

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from servolink.control.roles import Role, needed_role
-from servolink.errors import MotionRefused, Reason, RequestRefused
-from servolink.escaping import escape
+from servolink.control import Role
+from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError, escape
 from servolink.hub.rules.lease import MotionLease
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.protocol.codec import response_class
-from servolink.protocol.packet import Packet, Request, Response, Result, is_motion
-from servolink.protocol.servos import ALL_SERVOS, ServoState, SetServoParameterRequest, SetServoParameterResponse
+from servolink.motion import StopCounter, Ticket
+from servolink.protocol import (
+    ALL_SERVOS,
+    PACKETS,
+    Packet,
+    Request,
+    Response,
+    Result,
+    ServoState,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+)
 
 
 class LeaseRefused(MotionRefused):
@@ -28,9 +35,16 @@ class MotionOver(MotionRefused):
     remedy = "ask for it again, if it is still wanted"
 
 
+def nothing_moved(error: ServolinkError) -> ServolinkError:
+    """Return a refusal of the hub, worded for a program that waits for the result of a motion."""
+    if isinstance(error, LeaseRefused | MotionOver):
+        return type(error)(f"nothing was moved: {error}", reason=error.reason)
+    return error
+
+
 def refuse_role(packet: Packet, role: Role) -> RequestRefused | None:
     """Refuse a packet that a program with `role` may not send."""
-    needed = needed_role(packet)
+    needed = Role.needed_for(packet)
     if role >= needed:
         return None
     text = f"{type(packet).__name__} needs the role {needed}, and this program has the role {role}"
@@ -39,7 +53,7 @@ def refuse_role(packet: Packet, role: Role) -> RequestRefused | None:
 
 def refuse_ticket(packet: Packet, ticket: Ticket, stops: StopCounter, now: float) -> MotionOver | None:
     """Refuse a motion after a stop since the issue of `ticket`, and after the deadline."""
-    if not is_motion(packet):
+    if not packet.is_motion:
         return None
     if not stops.holds(ticket):
         return MotionOver(stops.reason, reason=Reason.STOP)
@@ -59,7 +73,7 @@ class LeaseGate:
 
     def refuse(self, packet: Packet, ticket: Ticket, now: float) -> LeaseRefused | None:
         """Refuse a motion of the program in `ticket`, unless the program holds the lease or could take the lease."""
-        if not is_motion(packet) or not (reason := self.reason(ticket.who, now)):
+        if not packet.is_motion or not (reason := self.reason(ticket.who, now)):
             return None
         return LeaseRefused(reason)
 
@@ -89,8 +103,9 @@ def refused_response(packet: Packet, states: Iterable[ServoState] = ()) -> Respo
     """
     if isinstance(packet, SetServoParameterRequest):
         return _flags_in_force(packet, states)
-    if isinstance(packet, Request) and issubclass(declared := response_class(packet), Result):
-        return declared(0)
+    if isinstance(packet, Request) and issubclass(PACKETS.response_of(packet), Result):
+        refused: Result = PACKETS.result_of(packet, done=False)
+        return refused
     return None
 
 

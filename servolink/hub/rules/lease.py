@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
-
-from servolink.control.status import LeaseEvent
+from typing import Literal, NamedTuple
 
 SECONDS_AFTER = 10.0
 """Seconds from the computed end of the holder's last motion to the end of a lease, by default."""
 LEAST_DEAD_MAN, MOST_DEAD_MAN = 0.05, 60.0  # limits of a dead-man time, seconds
+
+LeaseEvent = Literal["taken", "taken over", "asked for", "given back", "left", "over", "beats stopped"]
 
 
 class LeaseChange(NamedTuple):

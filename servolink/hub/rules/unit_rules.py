@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from servolink.motion.units import ServoUnits
-from servolink.protocol.servos import SetAngleUnitRequest
+from servolink.motion import ServoUnits
+from servolink.protocol import SetAngleUnitRequest
 
 
 class UnitReservation:

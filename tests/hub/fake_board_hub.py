@@ -7,14 +7,14 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from servolink.hub.hub import Hub, share
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Step
-from servolink.protocol.servos import (
+from servolink.protocol import (
     ALL_SERVOS,
     ExecuteActionRequest,
+    Packet,
     SetServoParameterRequest,
+    Step,
 )
-from tests.client.fake_board import FakeBoard, opened
+from tests.client.piped_board import PipedBoard, opened
 from tests.virtual_time import run
 
 STOP = SetServoParameterRequest(ALL_SERVOS, 0, 1)
@@ -23,17 +23,17 @@ MOVE = ExecuteActionRequest((Step(1, 30, 100),))
 
 
 @asynccontextmanager
-async def shared(fake: FakeBoard, **options: Any) -> AsyncIterator[Hub]:
+async def shared(fake: PipedBoard, **options: Any) -> AsyncIterator[Hub]:
     """Share a fake board."""
     async with opened(fake, angle_unit=None, **options) as board, share(board, name="rex") as hub:
         yield hub
 
 
-def on_hub(use: Callable[[Hub, FakeBoard], Awaitable[None]], **options: Any) -> None:
+def on_hub(use: Callable[[Hub, PipedBoard], Awaitable[None]], **options: Any) -> None:
     """Run `use` with a hub and its board."""
 
     async def main() -> None:
-        fake = FakeBoard()
+        fake = PipedBoard()
         async with shared(fake, **options) as hub:
             await use(hub, fake)
 

@@ -1,17 +1,16 @@
-"""LocalTransport: a program's session in the process of the hub."""
+"""LocalTransport: a program's session in the process of the hub, without a socket and in virtual time."""
 
 from __future__ import annotations
 
 import asyncio
 from functools import partial
 
-from servolink.control.roles import Role
+from servolink.control import Role
 from servolink.errors import OpenError
-from servolink.hub.engine.program import FrameProgram
-from servolink.hub.hub import Hub
-from servolink.motion.angles import AngleUnit
-from servolink.protocol.codec import Codec
-from servolink.transports.lifecycle import BaseTransport
+from servolink.hub import FrameProgram, Hub
+from servolink.motion import AngleUnit
+from servolink.protocol import Codec
+from servolink.transports import BaseTransport
 
 
 class LocalTransport(BaseTransport):
