@@ -6,8 +6,8 @@ from collections import Counter, deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from servolink.files import MIB
 from servolink.recorder.channels import TOPICS, Message, ProblemFound, ServosRead, Wire
+from servolink.support import MIB
 
 TELEMETRY_BYTES = 4 * MIB
 """Bound in bytes at which readings of servos are dropped: new readings follow anyway."""

@@ -13,19 +13,15 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, ClassVar, get_args, get_type_hints
 
 import msgspec
 from msgspec import Struct
 
 from servolink.errors import PacketError, RecordingError
-from servolink.files import MIB, open_file, read_file, reason
-from servolink.json_text import read_json
-from servolink.protocol.codec import PACKETS, PACKETS_BY_NAME, Codec
-from servolink.protocol.frame import HEADER, HEADER_SIZE, MAGIC, OVERHEAD, ByteOrder, checksum
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet
+from servolink.protocol import MAGIC, PACKETS, ByteOrder, Codec, FrameAt, Packet, layout
 from servolink.recorder.channels import (
     TOPICS,
     CommandDone,
@@ -43,20 +39,79 @@ from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.new_file import new_file
 from servolink.recorder.private_text import PrivateText
 from servolink.recorder.reading import Entry, Recording, Selection
+from servolink.support import MIB, open_file, read_file, read_json, reason
 
-FACTS, RECORDING, PROJECT = "report.json", "recording.mcap", "project.servolink.json"
-"""Names of the files in a report."""
 LAST_SECONDS = 300.0
 """Length of the recording in a report, in seconds up to the end."""
 _MOST_MESSAGES = 200_000
 _CHUNK = 256 * 1024
-_LARGEST = {FACTS: MIB, RECORDING: 64 * MIB, PROJECT: 16 * MIB}
 _LARGEST_ZIP = 80 * MIB
+_UNREADABLE = (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error)
 _DATE = (1980, 1, 1, 0, 0, 0)
 _BLANK = "x"
 _NOISE = b"?"
 _BYTE_FOR_BYTE = "latin-1"  # reads every caption, and writes the same number of bytes
 _DEEPEST = 6  # levels of fields within fields
+
+
+class BugReport:
+    """Files of a report, by name."""
+
+    FACTS: ClassVar[str] = "report.json"
+    RECORDING: ClassVar[str] = "recording.mcap"
+    PROJECT: ClassVar[str] = "project.servolink.json"
+    _LARGEST: ClassVar[dict[str, int]] = {FACTS: MIB, RECORDING: 64 * MIB, PROJECT: 16 * MIB}
+
+    def __init__(self, facts: Mapping[str, Any], files: Mapping[str, bytes]) -> None:
+        """Hold `facts`, and other files."""
+        self.facts = facts
+        self.files = {self.FACTS: json.dumps(facts, indent=1).encode(), **files}
+        """All files, the one with the facts first."""
+
+    @classmethod
+    def read(cls, path: Path) -> BugReport:
+        """Return the report in a file. Raise RecordingError if not a report, or too large."""
+        files: dict[str, bytes] = {}
+        try:
+            with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST_ZIP))) as archive:
+                for name, largest in cls._LARGEST.items():
+                    if name in archive.namelist():
+                        files[name] = _member(archive, name, largest)
+            facts = read_json(files[cls.FACTS])
+        except KeyError as error:
+            raise RecordingError(
+                f"{path} is not a report: {cls.FACTS} is missing; `servolink report` writes one"
+            ) from error
+        except _UNREADABLE as error:
+            raise RecordingError(f"{path} cannot be read as a report: {reason(error)}") from error
+        if not isinstance(facts, dict):
+            raise RecordingError(f"{path} is not a report: {cls.FACTS} holds no object")
+        return cls(facts, files)
+
+    @staticmethod
+    def is_in(path: Path) -> bool:
+        """Return whether a file begins as a zip; False for an unreadable file."""
+        try:
+            with open_file(path) as file:
+                return file.read(4) == b"PK\x03\x04"
+        except (OSError, ValueError):
+            return False
+
+    @cached_property
+    def packed(self) -> bytes:
+        """Zip of the files, without times and owners."""
+        packed = io.BytesIO()
+        with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, content in self.files.items():
+                info = zipfile.ZipInfo(name, _DATE)
+                info.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(info, content)
+        return packed.getvalue()
+
+    def write(self, path: Path, *, replace: bool) -> None:
+        """Write the report. Raise RecordingError if the file exists and `replace` is not set, or cannot be written."""
+        with new_file(path, replace=replace, private=True) as file:
+            file.write(self.packed)
 
 
 def blanked(
@@ -86,7 +141,7 @@ def blank_message(message: Message, private: PrivateText) -> Message:
     """Return a message other than bytes, blanked."""
     match message:
         case PacketSeen():
-            name = message.packet if message.packet in PACKETS_BY_NAME else ""
+            name = message.packet if message.packet in PACKETS.by_name else ""
             error = private.blank(message.error)
             data = _NOISE * len(message.data)
             return msgspec.structs.replace(message, packet=name, fields=_fields(message.fields), error=error, data=data)
@@ -96,7 +151,7 @@ def blank_message(message: Message, private: PrivateText) -> Message:
         case CommandDone():
             return msgspec.structs.replace(
                 message,
-                packet=message.packet if message.packet in PACKETS_BY_NAME else "",
+                packet=message.packet if message.packet in PACKETS.by_name else "",
                 fields=_fields(message.fields),
                 who=private.person(message.who),
                 session=private.session(message.session),
@@ -201,24 +256,17 @@ def blank_stream(data: bytes, byte_order: ByteOrder) -> bytes:
 
 def _frame(data: bytes, at: int, codec: Codec) -> bytes:
     """Return the blanked frame at `at`, or only the magic if the frame is not intact."""
-    head = data[at : at + HEADER_SIZE]
-    if len(head) < HEADER_SIZE:
-        return MAGIC[: len(head)]
-    _, packet_id, length = HEADER[codec.byte_order].unpack(head)
-    frame = data[at : at + length + OVERHEAD]
-    declared = PACKETS.get(packet_id)
-    if (
-        declared is None
-        or not layout(declared, codec.byte_order).rule.admits(length)
-        or len(frame) < length + OVERHEAD
-        or checksum(frame[:-1]) != frame[-1]
-    ):
+    frame = FrameAt.read(data, at, codec.byte_order)
+    if frame is None:
+        return MAGIC[: len(data) - at]
+    declared = PACKETS.get(frame.packet_id)
+    if declared is None or not layout(declared, codec.byte_order).rule.admits(frame.length) or not frame.is_intact:
         return MAGIC
     try:
-        blank = codec.encode(blank_packet(codec.decode(packet_id, frame[HEADER_SIZE:-1])), unchecked=True)
+        blank = codec.encode(blank_packet(codec.decode(frame.packet_id, frame.content)), unchecked=True)
     except PacketError:
         return MAGIC
-    return blank if len(blank) == len(frame) else MAGIC
+    return blank if len(blank) == frame.size else MAGIC
 
 
 def blank_recording(path: Path, private: PrivateText) -> bytes:
@@ -257,55 +305,6 @@ def _blank_about(about: Recorded | None, private: PrivateText) -> Recorded:
         hz=private.blank(about.hz),
         channels="all",
     )
-
-
-def pack(files: Mapping[str, bytes]) -> bytes:
-    """Return a zip of files, without times and owners."""
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in files.items():
-            info = zipfile.ZipInfo(name, _DATE)
-            info.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(info, content)
-    return packed.getvalue()
-
-
-def write_report(path: Path, packed: bytes, *, replace: bool) -> None:
-    """Write a report. Raise RecordingError if the file exists and `replace` is not set, or cannot be written."""
-    with new_file(path, replace=replace, private=True) as file:
-        file.write(packed)
-
-
-def facts_text(facts: Mapping[str, Any]) -> bytes:
-    """Return the content of the file with the facts."""
-    return json.dumps(facts, indent=1).encode()
-
-
-def is_zip(path: Path) -> bool:
-    """Return whether a file begins as a zip; False for an unreadable file."""
-    try:
-        with open_file(path) as file:
-            return file.read(4) == b"PK\x03\x04"
-    except (OSError, ValueError):
-        return False
-
-
-def read_report(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return the facts and the files of a report. Raise RecordingError if not a report, or too large."""
-    files: dict[str, bytes] = {}
-    try:
-        with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST_ZIP))) as archive:
-            for name, largest in _LARGEST.items():
-                if name in archive.namelist():
-                    files[name] = _member(archive, name, largest)
-        facts = read_json(files[FACTS])
-    except KeyError as error:
-        raise RecordingError(f"{path} is not a report: {FACTS} is missing; `servolink report` writes one") from error
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
-        raise RecordingError(f"{path} cannot be read as a report: {reason(error)}") from error
-    if not isinstance(facts, dict):
-        raise RecordingError(f"{path} is not a report: {FACTS} holds no object")
-    return facts, files
 
 
 def _member(archive: zipfile.ZipFile, name: str, largest: int) -> bytes:

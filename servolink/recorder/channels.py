@@ -14,8 +14,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias, get_type_hints
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.errors import DecodeError
-from servolink.escaping import escape
+from servolink.errors import DecodeError, escape
 
 MESSAGE_ENCODING: Final = "json"
 SCHEMA_ENCODING: Final = "jsonschema"

@@ -7,12 +7,18 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from servolink.errors import DecodeError, RecordingError
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import Frame, encode_frame
-from servolink.protocol.packet import Packet, Query, Request, Response
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import SetAngleUnitRequest
-from servolink.protocol.settings import TransmissionModeSettingRequest
+from servolink.protocol import (
+    Codec,
+    Frame,
+    FrameParser,
+    Packet,
+    Query,
+    Request,
+    Response,
+    SetAngleUnitRequest,
+    TransmissionModeSettingRequest,
+    encode_frame,
+)
 from servolink.recorder.channels import Message, Wire
 from servolink.recorder.reading import Entry, Recording, Selection
 
@@ -60,10 +66,14 @@ class Conversation:
     unasked: list[tuple[int, Said]] = field(default_factory=list)
     """Frames without a request, such as button events, each with the number of commands before."""
 
+    def commands(self) -> Iterator[Asked]:
+        """Yield all sent packets except queries."""
+        return (asked for asked in self.asked if not isinstance(asked.packet, Query))
+
 
 def read_conversation(recording: Recording) -> Conversation:
     """Return the conversation in a recording. Raise RecordingError for a recording without one."""
-    reader = _Reader(recording.codec)
+    reader = _ConversationReader(recording.codec)
     for entry in recording.entries(Selection(topics=frozenset({"/wire"}))):
         reader.take(entry)
     reader.finish()
@@ -72,7 +82,7 @@ def read_conversation(recording: Recording) -> Conversation:
     return reader.found
 
 
-class _Reader:
+class _ConversationReader:
     """Combines the two directions of a line."""
 
     def __init__(self, codec: Codec) -> None:
@@ -152,8 +162,3 @@ def decoded(codec: Codec, frame: Frame) -> Packet | None:
         return codec.decode(*frame)
     except DecodeError:
         return None
-
-
-def commands(conversation: Conversation) -> Iterator[Asked]:
-    """Yield all sent packets except queries."""
-    return (asked for asked in conversation.asked if not isinstance(asked.packet, Query))

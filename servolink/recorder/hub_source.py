@@ -11,16 +11,21 @@ from typing import Any
 import msgspec
 from msgspec import Raw
 
-from servolink.client.servo_state import Servo
-from servolink.control.channel import RpcChannel, open_channel
-from servolink.control.greeting import Greeting, Welcome
-from servolink.control.messages import Tapping
-from servolink.control.notifications import ServosFrame, TapFrame, TapItem
-from servolink.control.share_address import this_program
-from servolink.control.status import ServoNow
-from servolink.errors import DecodeError, RequestTimeout, ServolinkError
-from servolink.escaping import escape
-from servolink.motion.angles import in_unit
+from servolink.client import Servo
+from servolink.control import (
+    Greeting,
+    RpcChannel,
+    ServoNow,
+    ServosFrame,
+    TapFrame,
+    TapItem,
+    Tapping,
+    Welcome,
+    open_channel,
+    this_program,
+)
+from servolink.errors import DecodeError, RequestTimeout, ServolinkError, escape
+from servolink.motion import in_unit
 from servolink.recorder.channels import Event, ProblemFound, decode
 from servolink.recorder.readings import ReadingsFeed, Take
 
@@ -33,7 +38,7 @@ class _TappedItem(TapItem, frozen=True):
     message: Raw
 
 
-class _Frame(TapFrame, frozen=True):
+class _HubFrame(TapFrame, frozen=True):
     items: tuple[_TappedItem, ...]
 
 
@@ -85,7 +90,7 @@ class HubSource:
             return
         try:
             if name == "tap":
-                self._hear_tap(self._take, msgspec.json.decode(params, type=_Frame))
+                self._hear_tap(self._take, msgspec.json.decode(params, type=_HubFrame))
             elif name == "servos" and self._readings is not None:
                 frame = msgspec.json.decode(params, type=ServosFrame)
                 self._channel.tell("servos.ack", number=frame.number)
@@ -93,7 +98,7 @@ class HubSource:
         except (msgspec.MsgspecError, UnicodeDecodeError, DecodeError) as error:
             _logger.warning("a notification of the hub cannot be read: %s", escape(str(error)))
 
-    def _hear_tap(self, take: Take, frame: _Frame) -> None:
+    def _hear_tap(self, take: Take, frame: _HubFrame) -> None:
         for item in frame.items:
             take(item.seconds + self._shift, decode(item.channel, bytes(item.message)))
 

@@ -11,9 +11,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, cast
 
-from servolink.files import open_file
 from servolink.recorder.mcap_index import ChunkPlace, Entries, McapIndex, times_of
 from servolink.recorder.mcap_reader import LARGEST, MAGIC, MESSAGE, UnusableChunk, decompress
+from servolink.support import open_file
 
 _HEADER, _SCHEMA, _CHANNEL, _CHUNK, _METADATA, _DATA_END = 0x01, 0x03, 0x04, 0x06, 0x0C, 0x0F
 _HEAD = struct.Struct("<BQ")

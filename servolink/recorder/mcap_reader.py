@@ -18,9 +18,8 @@ from pathlib import Path
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
-from servolink.errors import RecordingError, install_extra
-from servolink.escaping import quote
-from servolink.files import MIB, open_file, reason
+from servolink.errors import RecordingError, install_extra, quote
+from servolink.support import MIB, open_file, reason
 
 MAGIC = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""

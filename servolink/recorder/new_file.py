@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from servolink.errors import RecordingError
-from servolink.files import atomic_file, reason
+from servolink.support import atomic_file, reason
 
 
 def check_free(path: Path, *, replace: bool) -> None:

@@ -6,12 +6,17 @@ import asyncio
 from typing import Any
 
 from servolink.errors import ConnectionLost, DecodeError, OutcomeUnknown, RequestTimeout
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import OVERHEAD, Frame
-from servolink.protocol.joystick import ButtonEventResponse
-from servolink.protocol.json_form import packet_to_json
-from servolink.protocol.packet import Packet, Query, Result
-from servolink.protocol.parser import PADDING, FrameParser
+from servolink.protocol import (
+    OVERHEAD,
+    ButtonEventResponse,
+    Codec,
+    Frame,
+    FrameParser,
+    Packet,
+    Query,
+    Result,
+    packet_to_json,
+)
 from servolink.recorder.channels import CommandDone, Direction, Event, Outcome, PacketSeen, Wire
 
 _SILENCE = 1.0
@@ -45,7 +50,7 @@ class PacketStream:
             frames += parser.abandon_frame()
         frames += parser.feed(wire.data)
         for _, data, reason in parser.take_skipped():
-            if reason != PADDING:
+            if reason != FrameParser.PADDING:
                 found.append(PacketSeen(direction, noise=len(data), data=bytes(data[:_MOST_NOISE]), error=reason))
         for frame in frames:
             self._decode(direction, frame, found)

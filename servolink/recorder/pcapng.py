@@ -11,9 +11,8 @@ from pathlib import Path
 from struct import Struct
 from typing import BinaryIO, Final, NamedTuple
 
-from servolink.escaping import escape
-from servolink.protocol.frame import ByteOrder, Frame, encode_frame
-from servolink.protocol.parser import FrameParser
+from servolink.errors import escape
+from servolink.protocol import ByteOrder, Frame, FrameParser, encode_frame
 from servolink.recorder.channels import Direction, Recorded, Wire
 from servolink.recorder.new_file import new_file
 

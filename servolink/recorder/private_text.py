@@ -12,8 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from servolink.platforms.process import login_name
 from servolink.recorder.channels import CHANNELS, CommandDone, Event, Message, PacketSeen, ServosRead
+from servolink.support import login_name
 
 _HIDDEN = "***"
 _QUOTED = re.compile(r"['\"`\u2018\u201c].*['\"`\u2019\u201d]", re.DOTALL)  # captions may hold quotes themselves

@@ -11,9 +11,8 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import msgspec
 
-from servolink.errors import DecodeError, RecordingError
-from servolink.escaping import quote
-from servolink.protocol.codec import Codec
+from servolink.errors import DecodeError, RecordingError, quote
+from servolink.protocol import Codec
 from servolink.recorder.channels import (
     CHANNELS,
     MESSAGE_ENCODING,

@@ -6,13 +6,15 @@ import asyncio
 from collections.abc import Callable, Iterable, Sequence
 from typing import TypeAlias, cast
 
-from servolink.client.alarms import Alarm, AlarmWatch
-from servolink.client.servo_state import Servo
-from servolink.motion.angles import Angle, AngleUnit
+from servolink.client import Alarm, AlarmWatch, Board, Servo
+from servolink.errors import ServolinkError
+from servolink.motion import Angle, AngleUnit
 from servolink.recorder.channels import Event, Message, ProblemFound, ServosRead, ServoState
 
 Take: TypeAlias = Callable[[float, Message], None]
 """Takes a message with its time: seconds on the clock of the event loop. Neither waits nor raises."""
+
+_PAUSE = 1.0  # seconds until a board without a reading is asked again
 
 
 class ReadingsFeed:
@@ -38,6 +40,21 @@ class ReadingsFeed:
             self._told = str(error)
             text = f"the servos cannot be read: {self._told}"[:500]
             self._take(asyncio.get_running_loop().time(), ProblemFound("servos", text))
+
+    async def follow(self, board: Board) -> None:
+        """Pass on the readings of a board; after a missing answer, ask the board again."""
+        while True:
+            try:
+                async with board.watch(self.hz) as watch:
+                    async for reading in watch:
+                        self.read(reading.seconds, reading.servos, reading.missed)
+            except ServolinkError as error:
+                if board.connection.ended is not None:
+                    return
+                self.failed(error)
+                await asyncio.sleep(_PAUSE)
+            else:
+                return
 
 
 def _state(servo: Servo) -> ServoState:

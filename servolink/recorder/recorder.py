@@ -13,25 +13,19 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import force_setattr
 
-from servolink.client.alarms import Alarm
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.client.servo_readings import MOST_HZ
-from servolink.discovery.hubs import hub_of
-from servolink.discovery.resolving import resolve_board
-from servolink.errors import RecordingError
-from servolink.escaping import quote
-from servolink.numeric import as_number, is_number
+from servolink.boards import hub_of, resolve_board
+from servolink.client import MOST_HZ, Alarm, Board, connect
+from servolink.errors import RecordingError, quote
 from servolink.recorder.backlog import Backlog
 from servolink.recorder.board_source import BoardTap, following
 from servolink.recorder.channels import WIRE_ONLY, Event, Message, ProblemFound, Recorded, Wire
-from servolink.recorder.child import ChildWriter
 from servolink.recorder.clock import Clock
 from servolink.recorder.hub_source import tapping
 from servolink.recorder.readings import ReadingsFeed, Take
 from servolink.recorder.ring import RingWriter, trigger
 from servolink.recorder.writer import RecorderStatus, RecordingWriter
-from servolink.transports.address import Address
+from servolink.support import as_number, is_number
+from servolink.transports import Address
 
 HZ = 20.0
 """Default number of servo readings per second."""
@@ -77,7 +71,7 @@ class Recorder:
         """Records a message, and never waits."""
         self.over = asyncio.Event()
         """Set when the hub has ended, so that no message can follow."""
-        self._writer: RecordingWriter | ChildWriter | RingWriter | None = None
+        self._writer: RecordingWriter | RingWriter | None = None
 
     def _take_wire(self, seconds: float, message: Message) -> None:
         """Record bytes and problems; any other message may only trigger the ring."""
@@ -90,15 +84,11 @@ class Recorder:
         """Record an event `mark` with this text, to find the moment again."""
         self.take(self.clock.now(), Event("mark", text[:_LONGEST_MARK], who=who))
 
-    def begin(self, about: Recorded, *, by_child: bool = False) -> None:
-        """Write to a new file from now on, collected messages first. Raise RecordingError.
-
-        The writer is a thread, or a process: the process takes 0.2 s to start, but no time from the program.
-        """
+    def begin(self, about: Recorded) -> None:
+        """Write to a new file from now on, on a thread, collected messages first. Raise RecordingError."""
         wanted = self.wanted
         if wanted.ring is None:
-            write_with = ChildWriter if by_child else RecordingWriter
-            self._writer = write_with(wanted.path, about, self.clock, backlog=self.backlog)
+            self._writer = RecordingWriter(wanted.path, about, self.clock, backlog=self.backlog)
         else:
             self._writer = RingWriter(wanted.path, about, self.clock, wanted.ring, backlog=self.backlog)
 
@@ -138,9 +128,9 @@ async def record(
 ) -> AsyncIterator[Recorder]:
     """Record everything that passes between programs and `board` to a new MCAP file, until the block ends.
 
-    At a hub, the commands of all programs are recorded. A separate process writes the file, and the program never
-    waits: messages too many for a slow disk are dropped, counted, and reported in the file. If the program crashes,
-    the file is complete up to the crash.
+    At a hub, the commands of all programs are recorded. A thread writes the file, and the program never waits for it:
+    messages too many for a slow disk are dropped, counted, and reported in the file. If the program crashes, the last
+    second is lost; `open_recording` reads the rest, and `servolink record --repair` mends the file for other programs.
 
     Args:
         path: File to create.
@@ -160,12 +150,12 @@ async def record(
     recorder = Recorder(Wanted(Path(path), hz, wire_only))
     url = board.url
     if url.startswith(_SHARED):
-        async with _recording_hub(Address.parse(url).host, recorder, by_child=True):
+        async with _recording_hub(Address.parse(url).host, recorder):
             yield recorder
         return
     end_tap = board.connection.taps.add(BoardTap(recorder.take))
     try:
-        async with _recording_board(board, recorder, by_child=True):
+        async with _recording_board(board, recorder):
             yield recorder
     finally:
         end_tap()
@@ -191,22 +181,22 @@ async def record_at(
     shared = address if hub is None else hub.url
     recorder = Recorder(wanted)
     if shared.startswith(_SHARED):
-        async with _recording_hub(Address.parse(shared).host, recorder, by_child=False):
+        async with _recording_hub(Address.parse(shared).host, recorder):
             yield recorder
         return
     connecting = connect(url, reconnect=True, angle_unit=None, **options)
     connecting.taps.add(BoardTap(recorder.take))
-    async with connecting as board, around(board), _recording_board(board, recorder, by_child=False):
+    async with connecting as board, around(board), _recording_board(board, recorder):
         yield recorder
 
 
 @asynccontextmanager
-async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
+async def _recording_board(board: Board, recorder: Recorder) -> AsyncIterator[None]:
     """Write the messages of a tap on `board` in this context."""
     name = board.profile.name if board.profile is not None else None
     wanted, codec = recorder.wanted, board.codec
     about = recorder.about(name or board.url, "board", codec.byte_order, codec.caption_encoding)
-    await asyncio.to_thread(recorder.begin, about, by_child=by_child)
+    await asyncio.to_thread(recorder.begin, about)
     try:
         async with following(board, recorder.take, ReadingsFeed(recorder.take, wanted.rate, wanted.alarms)):
             yield
@@ -215,13 +205,13 @@ async def _recording_board(board: Board, recorder: Recorder, *, by_child: bool) 
 
 
 @asynccontextmanager
-async def _recording_hub(name: str, recorder: Recorder, *, by_child: bool) -> AsyncIterator[None]:
+async def _recording_hub(name: str, recorder: Recorder) -> AsyncIterator[None]:
     """Write the messages of the hub `name` in this context."""
     wanted = recorder.wanted
     async with tapping(name, wire_only=wanted.wire_only) as source:
         tapped = source.tapped
         about = recorder.about(name, "hub", tapped.byte_order, tapped.caption_encoding)
-        await asyncio.to_thread(recorder.begin, about, by_child=by_child)
+        await asyncio.to_thread(recorder.begin, about)
         try:
             source.ended = recorder.over
             await source.begin(recorder.take, ReadingsFeed(recorder.take, wanted.rate, wanted.alarms))

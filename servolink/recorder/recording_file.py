@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Protocol
 
 from servolink.errors import RecordingError
-from servolink.files import open_file, reason
-from servolink.platforms.locks import lock
+from servolink.support import lock, open_file, reason
 
 
 class Disk(Protocol):

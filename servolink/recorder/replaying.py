@@ -13,30 +13,36 @@ from pathlib import Path
 from typing import NoReturn
 
 from servolink.errors import ConnectionLost, OpenError, RecordingError
-from servolink.files import open_file
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
-from servolink.protocol.frame import Frame
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest, QueryActiveJoystickTableResponse
-from servolink.protocol.json_form import packet_to_json
-from servolink.protocol.packet import Packet, Response
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.servos import SetAngleUnitRequest, SetAngleUnitResponse
-from servolink.protocol.settings import (
+from servolink.protocol import (
+    ExecuteActionRequest,
+    Frame,
+    FrameParser,
+    Packet,
+    QueryActiveJoystickTableRequest,
+    QueryActiveJoystickTableResponse,
     QueryMemorySizeRequest,
     QueryMemorySizeResponse,
+    QueryProjectIDRequest,
+    QueryProjectIDResponse,
     QueryRemainPowerRequest,
     QueryRemainPowerResponse,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
+    QueryServoResponse,
+    Response,
+    SetAngleUnitRequest,
+    SetAngleUnitResponse,
     TransmissionModeSettingRequest,
     TransmissionModeSettingResponse,
+    packet_to_json,
 )
 from servolink.recorder.conversation import Asked, Conversation, Said, decoded, read_conversation
 from servolink.recorder.mcap_reader import MAGIC
 from servolink.recorder.reading import Recording
 from servolink.recorder.story import asked as in_words
-from servolink.transports import line_recording as text_recording
-from servolink.transports.address import Address
-from servolink.transports.base import Transport
-from servolink.transports.lifecycle import BaseTransport
+from servolink.support import call_at, open_file
+from servolink.transports import Address, BaseTransport, ReplayTransport, Transport
 
 
 class RecordedBoardTransport(BaseTransport):
@@ -51,7 +57,7 @@ class RecordedBoardTransport(BaseTransport):
         self._speed = speed
         self._found: Conversation | None = None
         self._parser = FrameParser()
-        self._answers: dict[Frame, _Answers] = {}
+        self._answers: dict[Frame, _RecordedAnswers] = {}
         self._commands: list[Asked] = []
         self._done = 0  # number of commands sent again
         self._unasked: deque[tuple[int, Said]] = deque()
@@ -74,7 +80,7 @@ class RecordedBoardTransport(BaseTransport):
             if asked.is_command:
                 self._commands.append(asked)
             else:
-                self._answers.setdefault(asked.frame, _Answers()).add(asked)
+                self._answers.setdefault(asked.frame, _RecordedAnswers()).add(asked)
         self._unasked = deque(found.unasked)
         self._play_unasked(0.0)
 
@@ -105,10 +111,25 @@ class RecordedBoardTransport(BaseTransport):
             asked = known.next(after)
             if asked.answer is not None:
                 self._say(asked.answer.data, asked.answer.seconds - asked.seconds)
+        elif isinstance(packet, QueryServoListRequest):  # also of a recording by a program that did not ask for it
+            self._say(self._found.codec.encode(QueryServoListResponse(self._servo_ids())), 0.0)
         elif (response := _usual(packet)) is not None:
             self._say(self._found.codec.encode(response, unchecked=True), 0.0)
         else:
             self._differ(f"the recording has no response to {_words(packet)}")
+
+    def _servo_ids(self) -> tuple[int, ...]:
+        """Return the ids of the servos that are reported or moved in the recording."""
+        assert self._found is not None  # noqa: S101 - it is open
+        ids: set[int] = set()
+        for asked in self._found.asked:
+            if isinstance(asked.packet, ExecuteActionRequest):
+                ids |= {step.servo_id for step in asked.packet.steps}
+            elif isinstance(asked.packet, QueryServoRequest) and asked.answer is not None:
+                for frame in FrameParser(self._found.codec.byte_order).feed(asked.answer.data):
+                    if isinstance(found := decoded(self._found.codec, frame), QueryServoResponse):
+                        ids |= {state.servo_id for state in found.servos}
+        return tuple(sorted(ids))
 
     def _obey(self, frame: Frame, packet: Packet | None) -> None:
         """Take the next command, equal to the recorded command. Either program may have repeated the latest command."""
@@ -157,7 +178,7 @@ class RecordedBoardTransport(BaseTransport):
     def _arm(self) -> None:
         if self._timer is None and self._coming:
             loop, due, play = asyncio.get_running_loop(), self._coming[0][0], self._deliver_next
-            self._timer = loop.call_at(due, play) if due > loop.time() else loop.call_soon(play)
+            self._timer = call_at(loop, due, play) if due > loop.time() else loop.call_soon(play)
 
     def _deliver_next(self) -> None:
         self._timer = None
@@ -167,7 +188,7 @@ class RecordedBoardTransport(BaseTransport):
             self._arm()
 
 
-class _Answers:
+class _RecordedAnswers:
     """Responses to a query, in order."""
 
     def __init__(self) -> None:
@@ -224,7 +245,7 @@ def from_address(address: Address) -> Transport:
     except (OSError, ValueError):
         is_mcap = path.endswith(".mcap")  # opening the file raises the error
     if not is_mcap:
-        return text_recording.from_address(address)
+        return ReplayTransport.from_address(address)
     timing = address.flag("timing", default=True)
     speed = address.number("speed", 1.0, 0.0, 1000.0)
     address.refuse_unknown()

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 import msgspec
 
 from servolink.errors import RecordingError
-from servolink.files import MIB
 from servolink.recorder.backlog import Backlog, Timed
 from servolink.recorder.channels import TOPICS, CommandDone, Event, Message, Recorded, encode
 from servolink.recorder.clock import BILLION, Clock
 from servolink.recorder.recording_file import Disk, RecordingFile
 from servolink.recorder.writer import CHUNK_BYTES, CHUNK_SECONDS, LOOK_EVERY, MessageEncoder, RecorderStatus, Saved
+from servolink.support import MIB
 
 MOST_BYTES = 64 * MIB
 """Limit of compressed messages in bytes, for any duration."""

@@ -8,7 +8,7 @@ from math import exp, log
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from servolink.protocol.codec import PACKETS_BY_NAME
+from servolink.protocol import PACKETS
 from servolink.recorder.channels import PacketSeen
 
 _PATIENCE = 3.0  # seconds; a later response is matched with a later request
@@ -70,7 +70,7 @@ class RoundTrips:
 def response_name(packet: str) -> str | None:
     """Return the name of the response to a packet; None for a packet without a response, or an unknown packet."""
     name = f"{packet.removesuffix('Request')}Response"
-    return name if packet.endswith("Request") and name in PACKETS_BY_NAME else None
+    return name if packet.endswith("Request") and name in PACKETS.by_name else None
 
 
 def _unanswered(seconds: float, request: PacketSeen) -> RoundTrip:

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from servolink.escaping import escape
+from servolink.errors import escape
 from servolink.recorder.channels import CHANNELS, Message, columns, rows
 from servolink.recorder.new_file import naming, new_file
 from servolink.recorder.reading import Entry

@@ -9,7 +9,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from servolink.errors import RecordingError
-from servolink.protocol.codec import Codec
+from servolink.protocol import Codec
 from servolink.recorder.backlog import Backlog, Timed
 from servolink.recorder.channels import TOPICS, WIRE_ONLY, Message, ProblemFound, Recorded, Wire, decode, encode
 from servolink.recorder.clock import Clock

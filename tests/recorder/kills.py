@@ -12,7 +12,7 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 from servolink.recorder.reading import Recording
-from servolink.recorder.repair import repair
+from servolink.recorder.repairing import repair
 from tests import processes
 
 LONGEST_LOSS = 1.0

@@ -16,29 +16,24 @@ import msgspec
 import pytest
 
 from servolink.errors import RecordingError
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ActionEntry,
     AddActionRequest,
+    AddJoystickTableRequest,
+    Button,
+    ByteOrder,
+    Codec,
+    FrameParser,
+    Packet,
     QueryActionListResponse,
     QueryActionResponse,
     QueryServoParameterResponse,
+    SendDummyDataRequest,
+    ServoParameter,
+    Step,
 )
-from servolink.protocol.frame import ByteOrder
-from servolink.protocol.joystick import AddJoystickTableRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.records import ActionEntry, Button, ServoParameter, Step
-from servolink.protocol.settings import SendDummyDataRequest
-from servolink.recorder.bug_report import (
-    FACTS,
-    RECORDING,
-    blank_recording,
-    blank_stream,
-    facts_text,
-    is_zip,
-    pack,
-    read_report,
-)
+from servolink.recorder import BugReport
+from servolink.recorder.bug_report import blank_recording, blank_stream
 from servolink.recorder.channels import (
     TOPICS,
     CommandDone,
@@ -139,7 +134,7 @@ def in_it(packed: bytes, folder: Path) -> bytes:
     with zipfile.ZipFile(io.BytesIO(packed)) as archive:
         for name in archive.namelist():
             found += [name.encode(), archive.read(name)]
-        path = archive.extract(RECORDING, folder / "unpacked")
+        path = archive.extract(BugReport.RECORDING, folder / "unpacked")
     wires = {"sent": b"", "received": b""}
     recording = Recording(path)
     found.append(repr(recording.about).encode())
@@ -168,9 +163,8 @@ def test_nothing_private_is_in_a_report(secret: str, tmp_path: Path) -> None:
             about={name: text.replace(PRIVATE, secret) for name, text in ABOUT.items()},
         )
     private = PrivateText()
-    packed = pack(
-        {RECORDING: blank_recording(path, private), FACTS: facts_text({"text": private.blank(f"a {secret}")})}
-    )
+    files = {BugReport.RECORDING: blank_recording(path, private)}
+    packed = BugReport({"text": private.blank(f"a {secret}")}, files).packed
     found = in_it(packed, tmp_path).lower()
     for form in (
         secret,
@@ -260,39 +254,42 @@ def zipped(name: str, content: bytes, kind: int = zipfile.ZIP_DEFLATED) -> bytes
     [
         (b"PK\x03\x04nonsense", "cannot be read as a report"),
         (zipped("x.json", b"{}"), "is not a report: report.json is missing"),
-        (zipped(FACTS, b"[]"), "holds no object"),
-        (zipped(FACTS, b"{"), "cannot be read as a report"),
-        (zipped(FACTS, b"[" * 99_999), "cannot be read as a report"),
-        (zipped(FACTS, bytes(30_000_000)), "report.json is larger than 1 MiB"),
-        (zipped(FACTS, b"{}", zipfile.ZIP_LZMA), "compressed in a way not used in reports"),
-        (zipped(FACTS, b"{}").replace(FACTS.encode(), b"report.jsom", 1), "cannot be read as a report"),
+        (zipped(BugReport.FACTS, b"[]"), "holds no object"),
+        (zipped(BugReport.FACTS, b"{"), "cannot be read as a report"),
+        (zipped(BugReport.FACTS, b"[" * 99_999), "cannot be read as a report"),
+        (zipped(BugReport.FACTS, bytes(30_000_000)), "report.json is larger than 1 MiB"),
+        (zipped(BugReport.FACTS, b"{}", zipfile.ZIP_LZMA), "compressed in a way not used in reports"),
+        (
+            zipped(BugReport.FACTS, b"{}").replace(BugReport.FACTS.encode(), b"report.jsom", 1),
+            "cannot be read as a report",
+        ),
     ],
 )
 def test_other_zips_are_refused(content: bytes, message: str, tmp_path: Path) -> None:
     path = tmp_path / "x.zip"
     path.write_bytes(content)
-    assert is_zip(path)
+    assert BugReport.is_in(path)
     with pytest.raises(RecordingError, match=message):
-        read_report(path)
+        BugReport.read(path)
 
 
 def test_damage_in_a_report_is_an_error_or_changes_nothing(tmp_path: Path) -> None:
     """A date of the zip, for instance, is not looked at."""
-    path, whole = tmp_path / "x.zip", pack({FACTS: facts_text({"x": list(range(300))})})
+    path, whole = tmp_path / "x.zip", BugReport({"x": list(range(300))}, {}).packed
     path.write_bytes(whole)
-    content, errors = read_report(path), 0
+    content, errors = BugReport.read(path).files, 0
     for bit in range(0, 8 * len(whole), 7):  # each byte, and each bit of some
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
         path.write_bytes(damaged)
         try:
-            assert read_report(path) == content
+            assert BugReport.read(path).files == content
         except RecordingError:
             errors += 1
     assert errors > len(whole) / 2
 
 
 def test_missing_file_is_no_zip(tmp_path: Path) -> None:
-    assert not is_zip(tmp_path / "none")
+    assert not BugReport.is_in(tmp_path / "none")
     with pytest.raises(RecordingError, match="cannot be read as a report"):
-        read_report(tmp_path / "none")
+        BugReport.read(tmp_path / "none")

@@ -12,7 +12,7 @@ import pytest
 from servolink.recorder.channels import Event, Recorded, Wire
 from servolink.recorder.clock import Clock
 from servolink.recorder.reading import Recording
-from servolink.recorder.repair import repair
+from servolink.recorder.repairing import repair
 from servolink.recorder.writer import RecordingWriter
 from tests import processes
 from tests.recorder.kills import LONGEST_LOSS, losses

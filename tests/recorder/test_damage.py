@@ -16,9 +16,9 @@ from servolink.recorder.channels import Event, Message, encode
 from servolink.recorder.mcap_reader import LARGEST, MAGIC, McapReader, UnusableChunk, decompress, find_record
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.reading import Entry, Recording
-from servolink.recorder.repair import repair
+from servolink.recorder.repairing import repair
 from tests.recorder.test_reading import CHANNEL, MARK, chunk, record
-from tests.recorder.test_repair import ABOUT, blocks
+from tests.recorder.test_repairing import ABOUT, blocks
 from tests.sampling import every, some
 from tests.tables import over
 

@@ -52,7 +52,7 @@ def test_messages_are_shown_of_channels_that_exist() -> None:
 
 def test_the_robot_and_its_log_are_those_of_the_live_channels() -> None:
     panels = LAYOUT["configById"]
-    source = (Path(__file__).parents[2] / "servolink/gateways/live_channels.py").read_text()
+    source = (Path(__file__).parents[2] / "servolink/gateways/foxglove/live_channels.py").read_text()
     for topic in (*panels["3D!robot"]["topics"], panels["Log!log"]["topicToRender"]):
         assert f'"{topic}"' in source
     assert panels["3D!robot"]["followTf"] == "world"

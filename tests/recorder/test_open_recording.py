@@ -1,4 +1,4 @@
-"""`servolink.open_recording`: typed messages and tables of a recording."""
+"""`servolink.recorder.open_recording`: typed messages and tables of a recording."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, assert_type
 import pytest
 
 import servolink
-from servolink import Recording, RecordingError
+from servolink import RecordingError
 from servolink.recorder.channels import CHANNELS, CommandDone, Event, PacketSeen, ServosRead, ServoState, Wire, columns
-from servolink.recorder.reading import Selection
+from servolink.recorder.reading import Recording, Selection
 from servolink.testing import FakeBoard, run
 from tests import processes
 from tests.recorder.files import START, write
@@ -27,7 +27,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("recording") / "out.mcap"
 
     async def main() -> None:
-        async with FakeBoard(servos=3).connect() as board, servolink.record(file, board, hz=20) as recorder:
+        async with FakeBoard(servos=3).connect() as board, servolink.recorder.record(file, board, hz=20) as recorder:
             await board.move({1: 60, 2: -30}, duration=0.5, wait=True)
             recorder.mark("it stands")
             await board.add_action(servolink.Action.pose("wave", {2: 10}, seconds=1.0))
@@ -37,7 +37,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_messages_of_a_kind_have_its_type(path: Path) -> None:
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     entry = next(iter(recording.messages(CommandDone, packet="ExecuteAction")))
     assert_type(entry.message, CommandDone)
     assert entry.message.outcome == "sent"
@@ -48,12 +48,12 @@ def test_messages_of_a_kind_have_its_type(path: Path) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_messages_are_those_that_the_commands_read(path: Path, kind: type) -> None:
-    recording = servolink.open_recording(str(path))
+    recording = servolink.recorder.open_recording(str(path))
     assert list(recording.messages(kind)) == [each for each in recording.entries() if type(each.message) is kind]
 
 
 def test_messages_are_selected_by_time_and_problem(path: Path) -> None:
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     assert (
         {entry.seconds for entry in recording.messages(Wire, since=0.2, until=0.4)}
         == {entry.seconds for entry in recording.messages(Wire) if 0.2 <= entry.seconds <= 0.4}
@@ -63,7 +63,7 @@ def test_messages_are_selected_by_time_and_problem(path: Path) -> None:
 
 
 def test_readings_of_a_servo_have_its_state_only(path: Path) -> None:
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     all_angles = [entry.message.servos[1].angle for entry in recording.messages(ServosRead)]
     states = [entry.message.servos for entry in recording.messages(ServosRead, servo_id=2)]
     assert {tuple(state.servo_id for state in each) for each in states} == {(2,)}
@@ -74,28 +74,28 @@ def test_readings_of_a_servo_have_its_state_only(path: Path) -> None:
 
 
 def test_messages_are_read_again_in_each_loop_and_in_loops_within_loops(path: Path) -> None:
-    readings = servolink.open_recording(path).messages(ServosRead)
+    readings = servolink.recorder.open_recording(path).messages(ServosRead)
     assert len([(one.time, other.time) for one in readings for other in readings]) == len(list(readings)) ** 2 > 4
 
 
 def test_what_is_no_kind_of_message_is_refused(path: Path) -> None:
     with pytest.raises(TypeError, match=r"kind must be a class of messages \(Wire, .*\), not .*ServoState"):
-        servolink.open_recording(path).messages(ServoState)  # type: ignore[type-var]
+        servolink.recorder.open_recording(path).messages(ServoState)  # type: ignore[type-var]
 
 
 def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="cannot read the recording"):
-        servolink.open_recording(tmp_path / "none.mcap")
+        servolink.recorder.open_recording(tmp_path / "none.mcap")
     (tmp_path / "x").write_text("{}")
     with pytest.raises(RecordingError, match="is not an MCAP file"):
-        servolink.open_recording(str(tmp_path / "x"))
+        servolink.recorder.open_recording(str(tmp_path / "x"))
 
 
 def test_what_a_cut_file_lacks_is_reported(path: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:-3000])
-    recording = servolink.open_recording(cut)
-    whole = list(servolink.open_recording(path).entries())
+    recording = servolink.recorder.open_recording(cut)
+    whole = list(servolink.recorder.open_recording(path).entries())
     found = list(recording.entries())
     assert found == whole[: len(found)]
     assert len(found) > 0
@@ -108,7 +108,7 @@ def test_what_a_damaged_file_lacks_is_reported_by_each_reading(tmp_path: Path) -
     damaged = bytearray(path.read_bytes())
     damaged[len(damaged) // 3] ^= 0xFF
     path.write_bytes(damaged)
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     for _ in range(2):
         assert 0 < len(list(recording.messages(Event))) < 100
         assert any("left out" in remark for remark in recording.remarks)
@@ -116,7 +116,7 @@ def test_what_a_damaged_file_lacks_is_reported_by_each_reading(tmp_path: Path) -
 
 def test_a_structured_array_has_the_columns_and_rows_of_convert(path: Path, tmp_path: Path) -> None:
     numpy = pytest.importorskip("numpy")
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     table = recording.messages(ServosRead).to_numpy()
     assert servolink_convert(path, tmp_path)[0] == list(table.dtype.names) == list(columns(ServosRead))
     rows = servolink_convert(path, tmp_path)[1:]
@@ -143,7 +143,7 @@ def servolink_convert(path: Path, folder: Path) -> list[list[str]]:
 @pytest.mark.parametrize("kind", KINDS)
 def test_there_is_a_table_for_each_kind(path: Path, kind: type[Any]) -> None:
     pytest.importorskip("numpy")
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     messages = recording.messages(kind)
     table = messages.to_numpy()
     assert list(table.dtype.names) == list(columns(kind))
@@ -153,7 +153,7 @@ def test_there_is_a_table_for_each_kind(path: Path, kind: type[Any]) -> None:
 
 def test_pandas_has_numbers_texts_and_fields(path: Path) -> None:
     pytest.importorskip("pandas")
-    recording = servolink.open_recording(path)
+    recording = servolink.recorder.open_recording(path)
     angles = recording.messages(ServosRead).to_pandas().pivot_table("angle", "seconds", "servo_id")
     assert list(angles.columns) == [1, 2, 3]
     assert angles[1].max() == 60
@@ -166,9 +166,9 @@ def test_pandas_has_numbers_texts_and_fields(path: Path) -> None:
 def test_a_number_beyond_64_bits_is_an_error(tmp_path: Path) -> None:
     pytest.importorskip("numpy")
     path = write(tmp_path / "out.mcap", [(0.0, PacketSeen("sent", 2**64 - 1))])
-    assert len(list(servolink.open_recording(path).messages(PacketSeen))) == 1
+    assert len(list(servolink.recorder.open_recording(path).messages(PacketSeen))) == 1
     with pytest.raises(RecordingError, match=r"out\.mcap: a number is too large for a table"):
-        servolink.open_recording(path).messages(PacketSeen).to_numpy()
+        servolink.recorder.open_recording(path).messages(PacketSeen).to_numpy()
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
@@ -182,7 +182,7 @@ def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_recording_is_read_without_heavy_libraries_and_servolink_imported_without_the_recorder(path: Path) -> None:
     program = (
         "import sys, servolink; assert 'servolink.recorder' not in sys.modules\n"
-        f"print(len(list(servolink.open_recording({str(path)!r}).entries())))\n"
+        f"print(len(list(servolink.recorder.open_recording({str(path)!r}).entries())))\n"
         f"sys.exit(bool({{*{LIBRARIES!r}, 'mcap'}} & sys.modules.keys()))"
     )
     said = processes.run((sys.executable, "-c", program), check=True)

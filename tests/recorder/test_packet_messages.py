@@ -7,9 +7,13 @@ import asyncio
 import pytest
 
 from servolink.errors import ConnectionLost, DecodeError, EncodeError, OutcomeUnknown, RequestTimeout
-from servolink.protocol.editing import AddActionResponse, DeleteActionRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse
+from servolink.protocol import (
+    AddActionResponse,
+    DeleteActionRequest,
+    Packet,
+    QueryServoListRequest,
+    QueryServoListResponse,
+)
 from servolink.recorder.packet_messages import command_done
 
 QUERY, COMMAND = QueryServoListRequest(), DeleteActionRequest(1)

@@ -10,9 +10,14 @@ from typing import NamedTuple
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import ByteOrder, encode_frame
-from servolink.protocol.servos import QueryServoListRequest, QueryServoListResponse, QueryServoRequest
+from servolink.protocol import (
+    ByteOrder,
+    Codec,
+    QueryServoListRequest,
+    QueryServoListResponse,
+    QueryServoRequest,
+    encode_frame,
+)
 from servolink.recorder.channels import Direction, Recorded, Wire
 from servolink.recorder.pcapng import LINKTYPE_USER0, Captured, captured, write_pcapng
 from tests.protocol.declared import any_packet

@@ -15,8 +15,8 @@ from servolink.errors import RecordingError
 from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, ServosRead, Wire
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import record
-from tests.client.fake_board import FakeBoard, opened
-from tests.sleeping import HOUR, set_wall_clock
+from tests.client.piped_board import PipedBoard, opened
+from tests.support.sleeping import HOUR, set_wall_clock
 from tests.virtual_time import run
 
 
@@ -31,7 +31,7 @@ def test_everything_is_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
 
     async def main() -> tuple[int, int]:
-        async with opened(FakeBoard(), angle_unit=None) as board:
+        async with opened(PipedBoard(), angle_unit=None) as board:
             sent, received = board.stats.bytes_sent, board.stats.bytes_received
             async with record(path, board) as recorder:
                 recorder.mark("begin")
@@ -57,7 +57,7 @@ def test_a_clock_that_is_set_leaves_the_order_as_it_was(tmp_path: Path, monkeypa
     path = tmp_path / "out.mcap"
 
     async def main() -> None:
-        async with opened(FakeBoard(), angle_unit=None) as board, record(path, board) as recorder:
+        async with opened(PipedBoard(), angle_unit=None) as board, record(path, board) as recorder:
             for number, jump in enumerate((HOUR, -2 * HOUR, HOUR)):
                 set_wall_clock(monkeypatch, jump)
                 recorder.mark(f"{number}")
@@ -77,7 +77,7 @@ def test_the_library_of_others_reads_it_by_its_index(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
 
     async def main() -> None:
-        async with opened(FakeBoard(), angle_unit=None) as board, record(path, board, hz=100):
+        async with opened(PipedBoard(), angle_unit=None) as board, record(path, board, hz=100):
             await asyncio.sleep(3)
 
     run(main())
@@ -96,7 +96,7 @@ def test_the_library_of_others_reads_it_by_its_index(tmp_path: Path) -> None:
 
 
 async def test_without_hz_nothing_is_sent(tmp_path: Path) -> None:
-    async with opened(FakeBoard(), angle_unit=None) as board:
+    async with opened(PipedBoard(), angle_unit=None) as board:
         sent = board.stats.frames_sent
         async with record(tmp_path / "out.mcap", board, hz=0):
             pass
@@ -107,7 +107,7 @@ def test_only_bytes(tmp_path: Path) -> None:
     path = tmp_path / "out.mcap"
 
     async def main() -> None:
-        async with opened(FakeBoard(), angle_unit=None) as board, record(path, board, wire_only=True):
+        async with opened(PipedBoard(), angle_unit=None) as board, record(path, board, wire_only=True):
             await board.servos()
 
     run(main())
@@ -119,7 +119,7 @@ def test_a_file_that_exists_is_not_replaced(tmp_path: Path) -> None:
     path.write_text("mine")
 
     async def main() -> None:
-        async with opened(FakeBoard()) as board:
+        async with opened(PipedBoard()) as board:
             with pytest.raises(RecordingError, match="exists already"):
                 async with record(path, board):
                     pass

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from servolink.client.connect import connect
-from servolink.hub.hub import Hub
-from servolink.hub.methods.control_session import ControlInterface
+from servolink.client import connect
+from servolink.hub import ControlInterface, Hub
 from servolink.recorder.channels import CommandDone, Event, PacketSeen, ServosRead
 from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Wanted, record, record_at
-from servolink.virtual.board import VirtualBoard
+from servolink.virtual import VirtualBoard
 from tests.hub.door_hub import on_hub, sharing
 
 

@@ -8,17 +8,23 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import ConnectionLost, InvalidAddress, OpenError, OutcomeUnknown
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import WriteProjectIDRequest, WriteProjectIDResponse
-from servolink.protocol.packet import Packet
-from servolink.protocol.records import Action, Step
-from servolink.protocol.servos import ExecuteActionRequest, SetServoParameterRequest, SetServoParameterResponse
-from servolink.protocol.settings import QueryRemainPowerRequest, QueryRemainPowerResponse
+from servolink.protocol import (
+    Action,
+    Codec,
+    ExecuteActionRequest,
+    Packet,
+    QueryRemainPowerRequest,
+    QueryRemainPowerResponse,
+    SetServoParameterRequest,
+    SetServoParameterResponse,
+    Step,
+    WriteProjectIDRequest,
+    WriteProjectIDResponse,
+)
 from servolink.recorder.channels import Event, Message, Wire
-from servolink.transports.registry import create
+from servolink.transports import create
 from tests.recorder.files import write
 from tests.virtual_time import run
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import RecordingError
-from servolink.protocol.servos import SetServoParameterRequest
+from servolink.protocol import SetServoParameterRequest
 from servolink.recorder.backlog import Timed
 from servolink.recorder.board_source import BoardTap
 from servolink.recorder.channels import CommandDone, Event, Message, PacketSeen, Recorded, Wire
@@ -22,7 +22,7 @@ from servolink.recorder.reading import Recording
 from servolink.recorder.recorder import Recorder, Wanted
 from servolink.recorder.ring import AFTER, RingWriter, Segments, trigger
 from servolink.recorder.writer import CHUNK_BYTES, Saved
-from tests.client.fake_board import FakeBoard, opened
+from tests.client.piped_board import PipedBoard, opened
 from tests.virtual_time import run
 
 ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board")
@@ -113,7 +113,7 @@ def test_it_is_not_written_when_nothing_fails(tmp_path: Path) -> None:
 
 def test_a_recorder_writes_it_with_packets(tmp_path: Path) -> None:
     async def main() -> tuple[Saved, ...]:
-        board = FakeBoard()
+        board = PipedBoard()
         async with opened(board, angle_unit=None) as client:
             recorder = Recorder(Wanted(tmp_path / "out.mcap", ring=60))
             client.connection.taps.add(BoardTap(recorder.take))

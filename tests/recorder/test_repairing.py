@@ -22,7 +22,7 @@ from servolink.recorder.mcap_reader import MAGIC, McapReader
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.reading import Recording
 from servolink.recorder.recording_file import RecordingFile
-from servolink.recorder.repair import Mending, repair
+from servolink.recorder.repairing import Mending, repair
 from tests.cli.programs import call
 
 ABOUT = Recorded("0", "2026-11-22T16:00:00Z", "rex", "board", byte_order="big")

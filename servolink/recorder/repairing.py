@@ -12,13 +12,13 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import RecordingError
-from servolink.files import reason
 from servolink.recorder.channels import CHANNELS, MESSAGE_ENCODING, METADATA, Recorded
 from servolink.recorder.mcap_check import has_sound_index
 from servolink.recorder.mcap_reader import McapReader, Message, Metadata
 from servolink.recorder.mcap_stream import McapStream
 from servolink.recorder.recording_file import RecordingFile, is_being_written
 from servolink.recorder.writer import CHUNK_BYTES
+from servolink.support import reason
 
 _UNKNOWN = Recorded("", "", "", "board")
 _FOREIGN = "messages of foreign channels were left out"
