@@ -1,1 +1,47 @@
-"""Twin: the body of a robot with physics, made from the figure of a project."""
+"""Twin: body of a robot with physics, made from the figure of a project: forecasts, reach, pictures.
+
+figure = servolink.twin.load_figure("robot.servolink.json")
+"""
+
+from __future__ import annotations
+
+from servolink.twin.board import read_board
+from servolink.twin.body import Body, BodyPart, Solid
+from servolink.twin.forecasts import Forecast, Verdict, forecast
+from servolink.twin.jobs import FALLING, Frame, Judged, PhysicsProcess, Reached, frame_of
+from servolink.twin.mjcf import model_text
+from servolink.twin.placement import Placement, Vector, plus, times
+from servolink.twin.reach import load_figure
+from servolink.twin.simulation import Physics, is_installed
+from servolink.twin.softening import soften
+from servolink.twin.trial import Fall, RunningTrial
+
+__all__ = [
+    # figures and bodies
+    "Body",
+    "BodyPart",
+    "Placement",
+    "Solid",
+    "Vector",
+    "load_figure",
+    "model_text",
+    "plus",
+    "times",
+    # forecasts
+    "Fall",
+    "Forecast",
+    "RunningTrial",
+    "Verdict",
+    "forecast",
+    "read_board",
+    "soften",
+    # physics
+    "PhysicsProcess",
+    "FALLING",
+    "Frame",
+    "Judged",
+    "Physics",
+    "Reached",
+    "frame_of",
+    "is_installed",
+]

@@ -6,12 +6,10 @@ import math
 import os
 from typing import Final
 
-from servolink.protocol.codec import Codec
-from servolink.twin.body import Body, read_body
+from servolink.protocol import Codec
+from servolink.twin.body import Body
 from servolink.twin.simulation import Physics, Simulation
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import DEFAULT_KIND, BoardKind
-from servolink.virtual.simulated_servo import IDLE_CURRENT, MAX_CURRENT, SimulatedServo
+from servolink.virtual import BoardKind, SimulatedServo, VirtualBoard
 
 LATEST: Final = 0.1
 """Seconds by which the body may be late: on a machine that is too slow, or was asleep, the body loses time."""
@@ -23,7 +21,7 @@ def read_board(
     servos: int | None = None,
     seed: int = 0,
     codec: Codec | None = None,
-    kind: BoardKind = DEFAULT_KIND,
+    kind: BoardKind = BoardKind.DEFAULT,
 ) -> TwinBoard:
     """Return a board with the body of a project.
 
@@ -31,7 +29,7 @@ def read_board(
         ProjectError: The file cannot be read.
         TwinError: The figure has no possible body, or MuJoCo is missing.
     """
-    return TwinBoard(read_body(path)[1], servos, seed, codec, kind)
+    return TwinBoard(Body.read(path)[1], servos, seed, codec, kind)
 
 
 class TwinBoard(VirtualBoard):
@@ -47,7 +45,7 @@ class TwinBoard(VirtualBoard):
         servos: int | None = None,
         seed: int = 0,
         codec: Codec | None = None,
-        kind: BoardKind = DEFAULT_KIND,
+        kind: BoardKind = BoardKind.DEFAULT,
     ) -> None:
         """Put the body at rest. The number of servos is by default the highest servo id of the body.
 
@@ -108,7 +106,7 @@ class BodyServo(SimulatedServo):
     def current(self) -> float:
         """Present current of the servo, raw ADC: a motor draws current in proportion to its torque."""
         share = min(1.0, abs(float(self._physics.data.actuator_force[self._at])) / self._strongest)
-        return IDLE_CURRENT + (MAX_CURRENT - IDLE_CURRENT) * share
+        return self.IDLE_CURRENT + (self.MAX_CURRENT - self.IDLE_CURRENT) * share
 
     def turn_part(self) -> None:
         """Turn the part to the angle of the servo, up to the limits of the joint."""

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, TypeAlias
 
 from msgspec import UNSET
 
-from servolink.errors import TwinError
-from servolink.escaping import quote
-from servolink.project.figure import BodyFields, Feet, Figure, Joint, Shape
-from servolink.project.model import Project
-from servolink.project.project_file import read_project_file
+from servolink.errors import TwinError, quote
+from servolink.project import BodyFields, Feet, Figure, Joint, Project, ProjectFile, Shape
 from servolink.twin.placement import UNITS, Placement, Vector, plus, times
 
 DENSITY: Final = 600.0
@@ -138,19 +135,70 @@ class Body:
             part.servo: (part, part.drive) for part in self.parts if part.servo is not None and part.drive is not None
         }
 
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> tuple[Project, Body]:
+        """Return the project in a file, and the body of its figure.
 
-def read_body(path: str | os.PathLike[str]) -> tuple[Project, Body]:
-    """Return the project in a file, and the body of its figure.
+        Raises:
+            ProjectError: The file cannot be read.
+            TwinError: The file has no figure, or the figure has no possible body.
+        """
+        project, figure = read_figure(path)
+        try:
+            return project, cls.of(figure)
+        except TwinError as error:
+            raise TwinError(f"{os.fspath(path)}: {error}") from error
 
-    Raises:
-        ProjectError: The file cannot be read.
-        TwinError: The file has no figure, or the figure has no possible body.
-    """
-    project, figure = read_figure(path)
-    try:
-        return project, body_of(figure)
-    except TwinError as error:
-        raise TwinError(f"{os.fspath(path)}: {error}") from error
+    @classmethod
+    def of(cls, figure: Figure) -> Body:
+        """Return the body of a figure as by `Figure.checked`. Raise TwinError for a figure without a possible body."""
+        fields = figure.body or BodyFields()
+        bolted = not isinstance(figure.base, Feet) if fields.bolted is UNSET else fields.bolted
+        indexes = {joint.id: at for at, joint in enumerate(figure.joints)}
+        parts = [_part(joint, indexes) for joint in figure.joints]
+        if (count := sum(len(part.solids) for part in parts)) > MOST_SOLIDS:
+            raise TwinError(
+                f"figure.joints: the twin takes at most {MOST_SOLIDS} shapes, and the figure has {count:,}; "
+                "join small ones"
+            )
+        _add_masses(figure, fields, parts)
+        _refuse_weightless(parts, bolted=bolted)
+        places = _placements_at_rest(parts)
+        corners = list(_corners(parts, places))
+        lowest = min((corner[2] for corner in corners), default=0.0)
+        size = max((max(side) - min(side) for side in zip(*corners, strict=True)), default=0.0)
+        weight = sum(part.mass for part in parts)
+        weakest = GRAVITY * max(TORQUE_SHARE * size * weight, TORQUE_SPARE * _longest_lever(parts, places))
+        parts = [
+            replace(part, drive=None if joint.servo is UNSET else _drive(joint, fields, weakest))
+            for part, joint in zip(parts, figure.joints, strict=True)
+        ]
+        at = (0.0, 0.0, -lowest)
+        if bolted:
+            at = (0.0, 0.0, 0.0) if isinstance(figure.base, Feet) else metres(figure.base.at)
+        return cls(
+            name=figure.name,
+            parts=tuple(parts),
+            friction=fields.friction or FRICTION,
+            touching=fields.touching,
+            bolted=bolted,
+            base=at,
+            feet=figure.base.feet if isinstance(figure.base, Feet) else (),
+            has_floor=at[2] + lowest > -_MILLIMETRE,
+            assumptions=tuple(_assumptions(figure, fields, weight, weakest)),
+        )
+
+    def posed(self, angles: Mapping[int, float]) -> list[Placement]:
+        """Return the frame of each part with servos at `angles` (degrees by id), and all other servos at rest.
+
+        The base is where it is at rest. The lower foot of a robot with feet stays flat, in its place above the floor.
+        """
+        places, rest = _turned(self, angles), _turned(self, {})
+        feet = [at for at, part in enumerate(self.parts) if part.name in self.feet]
+        if feet:
+            lower = min(feet, key=lambda at: places[at].at[2])
+            places = [_seen_from(places[lower], rest[lower], one) for one in places]
+        return [one._replace(at=plus(one.at, self.base)) for one in places]
 
 
 def read_figure(path: str | os.PathLike[str]) -> tuple[Project, Figure]:
@@ -160,51 +208,13 @@ def read_figure(path: str | os.PathLike[str]) -> tuple[Project, Figure]:
         ProjectError: The file cannot be read.
         TwinError: The file has no figure.
     """
-    file = read_project_file(path, unchecked=True)
+    file = ProjectFile.read(path, unchecked=True)
     if file.figure is None:
         raise TwinError(
             f"{os.fspath(path)}: has no figure, and without one the robot has no body; open the file in "
             "`servolink studio`, fit a figure, and save the file"
         )
     return file.project, file.figure
-
-
-def body_of(figure: Figure) -> Body:
-    """Return the body of a figure as by `checked_figure`. Raise TwinError for a figure without a possible body."""
-    fields = figure.body or BodyFields()
-    bolted = not isinstance(figure.base, Feet) if fields.bolted is UNSET else fields.bolted
-    indexes = {joint.id: at for at, joint in enumerate(figure.joints)}
-    parts = [_part(joint, indexes) for joint in figure.joints]
-    if (count := sum(len(part.solids) for part in parts)) > MOST_SOLIDS:
-        raise TwinError(
-            f"figure.joints: the twin takes at most {MOST_SOLIDS} shapes, and the figure has {count:,}; join small ones"
-        )
-    _add_masses(figure, fields, parts)
-    _refuse_weightless(parts, bolted=bolted)
-    places = _placements_at_rest(parts)
-    corners = list(_corners(parts, places))
-    lowest = min((corner[2] for corner in corners), default=0.0)
-    size = max((max(side) - min(side) for side in zip(*corners, strict=True)), default=0.0)
-    weight = sum(part.mass for part in parts)
-    weakest = GRAVITY * max(TORQUE_SHARE * size * weight, TORQUE_SPARE * _longest_lever(parts, places))
-    parts = [
-        replace(part, drive=None if joint.servo is UNSET else _drive(joint, fields, weakest))
-        for part, joint in zip(parts, figure.joints, strict=True)
-    ]
-    at = (0.0, 0.0, -lowest)
-    if bolted:
-        at = (0.0, 0.0, 0.0) if isinstance(figure.base, Feet) else metres(figure.base.at)
-    return Body(
-        name=figure.name,
-        parts=tuple(parts),
-        friction=fields.friction or FRICTION,
-        touching=fields.touching,
-        bolted=bolted,
-        base=at,
-        feet=figure.base.feet if isinstance(figure.base, Feet) else (),
-        has_floor=at[2] + lowest > -_MILLIMETRE,
-        assumptions=tuple(_assumptions(figure, fields, weight, weakest)),
-    )
 
 
 def _assumptions(figure: Figure, fields: BodyFields, weight: float, weakest: float) -> Iterator[str]:
@@ -348,3 +358,25 @@ def _drive(joint: Joint, fields: BodyFields, weakest: float) -> Drive:
     torque = joint.torque or fields.torque or weakest
     stiffness = joint.stiffness or fields.stiffness or torque / FULL_LAG
     return Drive(torque, math.radians(joint.speed or fields.speed or SPEED), stiffness * 180 / math.pi)
+
+
+def _turned(body: Body, angles: Mapping[int, float]) -> list[Placement]:
+    """Return the frame of each part, with the base at the origin."""
+    places: list[Placement] = []
+    for part in body.parts:
+        above = Placement() if part.parent is None else places[part.parent]
+        degrees = None if part.servo is None else angles.get(part.servo)
+        angle = part.rest if degrees is None else math.radians(degrees)
+        places.append(above.child(part.at, part.axis, part.offset + angle))
+    return places
+
+
+def _seen_from(foot: Placement, flat: Placement, one: Placement) -> Placement:
+    """Return a frame after a turn of the whole robot that brings the frame `foot` to `flat`."""
+
+    def stood(vector: Vector) -> Vector:
+        x, y, z = (sum(a * b for a, b in zip(axis, vector, strict=True)) for axis in (foot.x, foot.y, foot.z))
+        return flat.direction((x, y, z))
+
+    at = plus(flat.at, stood(plus(one.at, times(-1, foot.at))))
+    return Placement(stood(one.x), stood(one.y), stood(one.z), at)

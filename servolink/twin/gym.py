@@ -10,7 +10,7 @@ import os
 from typing import Any, Final
 
 from servolink.errors import TwinError, install_extra
-from servolink.twin.body import read_body
+from servolink.twin.body import Body
 from servolink.twin.mjcf import BASE
 from servolink.twin.simulation import STEP, Physics
 
@@ -52,7 +52,7 @@ class TwinEnvironment(gymnasium.Env[Any, Any]):  # type: ignore[misc,unused-igno
             ProjectError: The file cannot be read.
             TwinError: The figure has no possible body or no servo, or MuJoCo is missing.
         """
-        self.physics = Physics(read_body(project)[1])
+        self.physics = Physics(Body.read(project)[1])
         self.servo_ids = self.physics.servo_ids
         """Servo of each value of an action."""
         self.render_mode = render_mode

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import AsyncGenerator, Iterator
 from functools import lru_cache
 from time import monotonic
-from typing import Annotated, Final
+from typing import Annotated, ClassVar, Final
 
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.project.figure import Figure, figure_from_json
-from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro
-from servolink.twin.body import body_of, metres
-from servolink.twin.forecast import VARIATIONS, Verdict
+from servolink.project import Figure, Project
+from servolink.protocol import Action, Macro
+from servolink.twin.body import Body, metres
+from servolink.twin.forecasts import VARIATIONS, Verdict
 from servolink.twin.mjcf import BASE
 from servolink.twin.placement import Vector, plus
 from servolink.twin.reach import PosableFigure
 from servolink.twin.simulation import Physics
 from servolink.twin.trial import Fall, RunningTrial, run_seconds
+from servolink.twin.worker import Worker
 
-FRAME: Final = 0.02
-"""Simulated seconds from one frame to the next."""
 FALLING: Final = 1.5
 """Seconds for which a run is shown after the fall."""
 
@@ -32,6 +30,9 @@ _SECONDS = 0.1  # after which a piece ends with the present frame: jobs of other
 
 class Frame(Struct, frozen=True):
     """Robot at a moment of a run, in the frame of its figure: y points up, x to the robot's left."""
+
+    SECONDS: ClassVar[float] = 0.02
+    """Simulated seconds from one frame to the next."""
 
     at: Annotated[tuple[float, float, float], Meta(description="move of the base from rest, in millimetres")]
     turn: Annotated[tuple[float, float, float, float], Meta(description="turn of the base: w, x, y, z of a quaternion")]
@@ -65,13 +66,13 @@ def play(figure: bytes, project: Project, record: Action | Macro) -> Iterator[Pi
         TwinError: The figure has no possible body, or MuJoCo is missing.
     """
     shown = _figure(figure)
-    trial = RunningTrial(Physics(body_of(shown)), project, record)
+    trial = RunningTrial(Physics(Body.of(shown)), project, record)
     is_over = False
     while not is_over:
         frames, end = list[Frame](), monotonic() + _SECONDS
         while len(frames) < _PIECE and not is_over and (monotonic() < end or not frames):
             frames.append(frame_of(shown, trial.physics))
-            trial.advance(FRAME)
+            trial.advance(Frame.SECONDS)
             is_over = trial.is_over if trial.fall is None else trial.now > trial.fall.seconds + FALLING
         yield Piece(tuple(frames), trial.fall)
 
@@ -138,13 +139,13 @@ def _posable(figure: bytes) -> PosableFigure:
 
 @lru_cache(4)
 def _figure(text: bytes) -> Figure:
-    return figure_from_json(msgspec.json.decode(text))
+    return Figure.from_json(msgspec.json.decode(text))
 
 
 @lru_cache(4)
 def _physics(figure: bytes) -> Physics:
     """Return the physics of a figure for verdicts, which are made one after the other."""
-    return Physics(body_of(_figure(figure)))
+    return Physics(Body.of(_figure(figure)))
 
 
 def frame_of(figure: Figure, physics: Physics) -> Frame:
@@ -163,3 +164,20 @@ def frame_of(figure: Figure, physics: Physics) -> Frame:
 
 def _tenth(value: float) -> float:
     return round(value, 1) + 0.0  # and no negative zero
+
+
+class PhysicsProcess(Worker):
+    """Process of low priority that carries out these jobs. Any TwinError of the process is raised as well."""
+
+    def play(self, figure: bytes, project: Project, record: Action | Macro) -> AsyncGenerator[Piece, None]:
+        """Yield a run of a record (see `play`)."""
+        return self.run(play, figure, project, record)
+
+    def judge(self, figure: bytes, project: Project, record: Action | Macro) -> AsyncGenerator[Judged | bool, None]:
+        """Yield True after each part of the work, and at last the verdict; nobody waits for it (see `judge`)."""
+        return self.run(judge, figure, project, record, is_background=True)
+
+    async def pull(self, figure: bytes, joint: str, move: Vector, start: dict[int, float]) -> Reached:
+        """Return the pose after the tip of a joint was pulled (see `pull`)."""
+        (reached,) = [each async for each in self.run(pull, figure, joint, move, start)]
+        return reached

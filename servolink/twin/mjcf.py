@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from xml.etree import ElementTree as ET
 
-from servolink.escaping import escape
+from servolink.errors import escape
 from servolink.twin.body import GRAVITY, Body, BodyPart, Drive, Solid
 from servolink.twin.placement import UNITS
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from servolink.project.model import Project
-from servolink.project.record_lookup import dependency_order, name_of
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType
+from servolink.project import Project, dependency_order, name_of
+from servolink.protocol import ACTION, MACRO, Action, Macro, MacroCommand, MacroCommandType
 
 AFTER = "after the end"
 """Moment after the last command."""
@@ -24,7 +22,7 @@ class Moment(NamedTuple):
 
 def duration(project: Project, record: Action | Macro) -> float:
     """Return the seconds of a run. Every record needed must be present, and no macro may run itself."""
-    return record.seconds if isinstance(record, Action) else _Run(project).seconds(record.macro_id)
+    return record.seconds if isinstance(record, Action) else _MomentRun(project).seconds(record.macro_id)
 
 
 def moment(project: Project, record: Action | Macro, seconds: float) -> Moment:
@@ -34,10 +32,10 @@ def moment(project: Project, record: Action | Macro, seconds: float) -> Moment:
     """
     if isinstance(record, Action):
         return Moment(None, name_of(record) if seconds <= record.seconds else AFTER)
-    return _Run(project).in_macro(record.macro_id, seconds, 1.0)
+    return _MomentRun(project).in_macro(record.macro_id, seconds, 1.0)
 
 
-class _Run:
+class _MomentRun:
     """Records of a project, with the seconds of each command: played through, nested loops would take for ever."""
 
     def __init__(self, project: Project) -> None:

@@ -9,10 +9,9 @@ import zlib
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, Final
 
-from servolink.errors import TwinError
-from servolink.escaping import escape
-from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro
+from servolink.errors import TwinError, escape
+from servolink.project import Project
+from servolink.protocol import Action, Macro
 from servolink.twin.body import Body
 from servolink.twin.simulation import Physics, mujoco
 from servolink.twin.trial import Variation, start

@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
-from servolink.errors import TwinError
-from servolink.escaping import quote
-from servolink.project.figure import Feet, Figure, Joint
-from servolink.twin.body import body_of, metres, read_figure
+from servolink.errors import TwinError, quote
+from servolink.project import Feet, Figure, Joint
+from servolink.twin.body import Body, metres, read_figure
 from servolink.twin.mjcf import part_names
 from servolink.twin.placement import Vector
 from servolink.twin.simulation import Physics, mujoco
@@ -73,7 +72,7 @@ class PosableFigure:
     def __init__(self, figure: Figure) -> None:
         """Give the figure a body. Raise TwinError for a figure without a possible body, or without MuJoCo."""
         self._figure = figure
-        self._physics = Physics(body_of(figure))
+        self._physics = Physics(Body.of(figure))
         self._mujoco = mujoco()
         import numpy as np  # late: MuJoCo brings it
 

@@ -9,11 +9,10 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, Final
 
-from servolink.errors import TwinError, install_extra
-from servolink.escaping import escape, quote
+from servolink.errors import TwinError, escape, install_extra, quote
 from servolink.twin.body import Body
 from servolink.twin.mjcf import FLOOR, model_text, part_names, servo_joint
-from servolink.virtual.hardware import Hardware
+from servolink.virtual import Hardware
 
 TICK: Final = 0.01
 """Seconds between two looks of the servos at their board."""

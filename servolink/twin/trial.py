@@ -10,13 +10,12 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import ProjectError
-from servolink.project.model import Project
-from servolink.project.record_lookup import name_of
-from servolink.protocol.records import Action, Macro
+from servolink.project import Project, name_of
+from servolink.protocol import Action, Macro
 from servolink.twin.mjcf import BASE, FLOOR, part_names
 from servolink.twin.moment import duration, moment
 from servolink.twin.simulation import Physics, Simulation
-from servolink.virtual.dry_run import DryRun
+from servolink.virtual import DryRun
 
 LONGEST: Final = 60.0
 """Longest trial in simulated seconds; a longer run is cut off."""

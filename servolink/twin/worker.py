@@ -34,7 +34,7 @@ class _Pipe(Protocol):
     def close(self) -> None: ...
 
 
-class _Order(NamedTuple):
+class _WorkerOrder(NamedTuple):
     """Order for the process: begin a job, continue it if there is no function, or end it."""
 
     number: int
@@ -74,7 +74,7 @@ class Worker:
             ServolinkError: Error of the job.
         """
         number = next(self._numbers)
-        order = _Order(number, job, arguments)
+        order = _WorkerOrder(number, job, arguments)
         self._note_urgent(0 if is_background else 1)
         try:
             while True:
@@ -83,7 +83,7 @@ class Worker:
                 piece = await self._exchange(order)
                 if piece is None:
                     return
-                order = _Order(number)
+                order = _WorkerOrder(number)
                 yield piece
         finally:
             self._note_urgent(0 if is_background else -1)
@@ -108,7 +108,7 @@ class Worker:
         else:
             self._calm.set()
 
-    async def _exchange(self, order: _Order) -> Any:
+    async def _exchange(self, order: _WorkerOrder) -> Any:
         answer = await asyncio.get_running_loop().run_in_executor(self._thread, self._send, order)
         if isinstance(answer, Exception):
             raise answer
@@ -116,9 +116,9 @@ class Worker:
 
     def _end(self, number: int) -> None:
         if self._pipe is not None:
-            self._send(_Order(number, ends=True))
+            self._send(_WorkerOrder(number, ends=True))
 
-    def _send(self, order: _Order) -> Any:
+    def _send(self, order: _WorkerOrder) -> Any:
         """Return the answer to an order; an error is an answer, too."""
         try:
             if self._pipe is None:
@@ -154,7 +154,7 @@ def _serve(pipe: _Pipe) -> None:
             pipe.send(_answer(jobs, pipe.recv()))
 
 
-def _answer(jobs: dict[int, Iterator[Any]], order: _Order) -> Any:
+def _answer(jobs: dict[int, Iterator[Any]], order: _WorkerOrder) -> Any:
     """Return the next piece of a job, None at its end."""
     if order.ends:
         jobs.pop(order.number, None)

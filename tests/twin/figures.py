@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import servolink
-from servolink.project.figure import Figure, figure_from_json
-from servolink.twin.body import Body, body_of
+from servolink.project import Figure
+from servolink.twin.body import Body
 
 STUDIO = Path(servolink.__file__).parent / "studio"
 DEMO = STUDIO / "demo.servolink.json"
@@ -18,17 +18,17 @@ LIMB = {"box": [20, 200, 20], "at": [0, -100, 0]}
 
 def template(name: str) -> Figure:
     """Return a figure that the studio brings."""
-    return figure_from_json(json.loads((STUDIO / f"web/figures/{name}.figure.json").read_bytes()))
+    return Figure.from_json(json.loads((STUDIO / f"web/figures/{name}.figure.json").read_bytes()))
 
 
 def figure(*joints: dict[str, Any], **more: Any) -> Figure:
     """Return a figure of joints in the form of project files."""
-    return figure_from_json({"figure": 1, "name": "Test", "view": {}, "joints": list(joints), **more})
+    return Figure.from_json({"figure": 1, "name": "Test", "view": {}, "joints": list(joints), **more})
 
 
 def body(*joints: dict[str, Any], **more: Any) -> Body:
     """Return the body of a figure."""
-    return body_of(figure(*joints, **more))
+    return Body.of(figure(*joints, **more))
 
 
 def arm(degrees: float = 0, **more: Any) -> Body:

@@ -12,11 +12,11 @@ from time import process_time
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import TransportUnavailable
-from servolink.transports.registry import create
+from servolink.transports import create
 from servolink.twin.board import LATEST, BodyServo, TwinBoard, read_board
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual import VirtualTransport
 from tests.cli.programs import call
 from tests.twin.figures import DEMO, arm
 

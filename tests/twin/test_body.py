@@ -12,10 +12,8 @@ from typing import Any
 import pytest
 
 from servolink.errors import EncodeError, TwinError
-from servolink.project.figure import Figure, figure_from_json, figure_to_json
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
-from servolink.twin.body import DENSITY, FULL_LAG, GRAVITY, TORQUE_SHARE, TORQUE_SPARE, body_of, read_body
+from servolink.project import Figure, Project, save_project
+from servolink.twin.body import DENSITY, FULL_LAG, GRAVITY, TORQUE_SHARE, TORQUE_SPARE, Body
 from servolink.twin.placement import Placement
 from tests.twin.figures import DEMO, LIMB, arm, body, box, figure, template
 
@@ -67,7 +65,7 @@ def test_values_of_a_joint_count_before_those_of_the_body() -> None:
 
 
 def test_free_bodies_stand_on_the_floor_and_bolted_ones_where_they_are_drawn() -> None:
-    assert body_of(template("humanoid-16")).base == pytest.approx((0, 0, 0.192))
+    assert Body.of(template("humanoid-16")).base == pytest.approx((0, 0, 0.192))
     assert box().base == pytest.approx((0, 0, 0.05))
     assert arm().base == pytest.approx((0, 0, 0.5))
     assert arm().has_floor
@@ -83,7 +81,7 @@ def test_every_field_survives_the_file() -> None:
     fields = {"mass": 2, "torque": 1.5, "speed": 200, "stiffness": 0.2, "friction": 0.6, "bolted": False}
     joint = {"id": "arm", "shapes": [LIMB], "mass": 0.1, "torque": 1, "speed": 100, "stiffness": 0.1}
     form = {"figure": 1, "name": "Test", "view": {}, "joints": [joint], "body": fields | {"touching": [["arm", "arm"]]}}
-    assert figure_to_json(figure_from_json(form)) == form
+    assert Figure.from_json(form).to_json() == form
 
 
 @pytest.mark.parametrize(
@@ -116,7 +114,7 @@ def test_wrong_values_are_refused_with_their_place(fields: dict[str, Any], place
 )
 def test_a_figure_without_possible_body_is_refused(made: Figure, reason: str) -> None:
     with pytest.raises(TwinError, match=reason):
-        body_of(made)
+        Body.of(made)
 
 
 def test_a_part_may_carry_the_mass_of_the_parts_fixed_to_it() -> None:
@@ -126,10 +124,10 @@ def test_a_part_may_carry_the_mass_of_the_parts_fixed_to_it() -> None:
 def test_a_project_needs_a_figure(tmp_path: Path) -> None:
     save_project(tmp_path / "robot.json", Project())
     with pytest.raises(TwinError, match=r"robot\.json: has no figure.*servolink studio"):
-        read_body(tmp_path / "robot.json")
-    project, made = read_body(DEMO)
+        Body.read(tmp_path / "robot.json")
+    project, made = Body.read(DEMO)
     assert (len(project.macros), len(made.drives)) == (7, 16)
 
 
 def test_the_demo_project_has_the_figure_of_the_studio() -> None:
-    assert read_body(DEMO)[1] == body_of(template("humanoid-16"))
+    assert Body.read(DEMO)[1] == Body.of(template("humanoid-16"))

@@ -1,6 +1,6 @@
 """Forecasts: verdicts over variations of the body, on the command line too, and the demo project, which stands.
 
-Module: servolink.twin.forecast, servolink.twin.picture, servolink.cli.projects.twin.
+Module: servolink.twin.forecasts, servolink.twin.picture, servolink.cli.projects.twin.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ import pytest
 from msgspec.structs import replace
 
 from servolink.errors import TwinError
-from servolink.project.figure import BodyFields
-from servolink.project.model import Project
-from servolink.project.project_file import read_project_file, save_project
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.twin import forecast as module
+from servolink.project import BodyFields, Project, ProjectFile, save_project
+from servolink.protocol import Action, Macro, MacroCommand, Step
+from servolink.twin import forecasts as module
 from servolink.twin import picture
-from servolink.twin.body import Body, body_of
-from servolink.twin.forecast import VARIATIONS, Verdict, forecast
+from servolink.twin.body import Body
+from servolink.twin.forecasts import VARIATIONS, Verdict, forecast
 from servolink.twin.moment import AFTER
 from servolink.twin.picture import png
 from servolink.twin.simulation import Physics
@@ -31,7 +29,7 @@ from tests.cli.programs import call
 from tests.twin.figures import DEMO, template
 
 FIGURE = template("humanoid-16")
-HUMANOID = body_of(FIGURE)
+HUMANOID = Body.of(FIGURE)
 STAND = Action(1, "Stand", (Step(8, 0, 20), Step(13, 0, 20)))
 
 
@@ -46,10 +44,10 @@ def verdicts(degrees: int, step: float = 0.005) -> Verdict:
 
 def demo(mass: float) -> tuple[Project, Body]:
     """Return the demo project, and its body with servos that do not grow with the mass."""
-    file = read_project_file(DEMO)
+    file = ProjectFile.read(DEMO)
     assert file.figure is not None
     fields = replace(file.figure.body or BodyFields(), mass=mass, torque=1.9)
-    return file.project, body_of(replace(file.figure, body=fields))
+    return file.project, Body.of(replace(file.figure, body=fields))
 
 
 def test_a_bow_stands_or_falls_or_is_uncertain_by_its_depth() -> None:

@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 
 from servolink.errors import TwinError
-from servolink.project.figure import Figure
-from servolink.project.model import Project
-from servolink.project.project_file import save_project
+from servolink.project import Figure, Project, save_project
 from tests.twin.figures import DEMO, LIMB, figure
 
 MAKE = "servolink.twin.gym:servolink/Twin-v0"

@@ -11,7 +11,7 @@ import pytest
 
 from servolink.errors import TwinError
 from servolink.twin import simulation
-from servolink.twin.body import body_of
+from servolink.twin.body import Body
 from servolink.twin.mjcf import model_text
 from servolink.twin.simulation import Physics, mujoco
 from tests.cli.programs import call
@@ -28,7 +28,7 @@ from tests.twin.figures import DEMO, LIMB, arm, body, template
     ],
 )
 def test_every_template_has_a_body_that_rests(name: str, servos: int, floor: set[str] | None) -> None:
-    physics = Physics(body_of(template(name)))
+    physics = Physics(Body.of(template(name)))
     assert physics.model.nu == servos
     assert float(physics.model.body_mass.sum()) == pytest.approx(physics.body.mass)
     before = physics.data.qpos.copy()

@@ -11,17 +11,16 @@ from typing import Any
 
 import pytest
 
-from servolink import load_figure
 from servolink.errors import TwinError
-from servolink.twin.body import body_of
+from servolink.twin.body import Body
 from servolink.twin.placement import Vector
-from servolink.twin.reach import REACHED, PosableFigure
+from servolink.twin.reach import REACHED, PosableFigure, load_figure
 from servolink.twin.simulation import Physics, Simulation
-from servolink.virtual.hardware import Hardware
+from servolink.virtual import Hardware
 from tests.twin.figures import DEMO, LIMB, figure, template
 
 HUMANOID = PosableFigure(template("humanoid-16"))
-LIMITS = {servo: part.limits for servo, (part, _) in body_of(template("humanoid-16")).drives.items()}
+LIMITS = {servo: part.limits for servo, (part, _) in Body.of(template("humanoid-16")).drives.items()}
 PENDULUM = {"id": "arm", "servo": 1, "shapes": [LIMB], "tip": [0, -200, 0], "limits": [-60, 100]}
 BASE = {"base": {"mode": "fixed", "at": [0, 500, 0]}}
 
@@ -96,7 +95,7 @@ def test_a_part_beyond_its_limb_bends_the_legs_and_the_robot_stands(part: str, p
     pose = HUMANOID.reach({part: place})
     assert pose.angles.keys() >= set(range(7, 17)), "the servos of the legs"
     assert pose.is_reached == (part == "head")
-    simulation = Simulation(Physics(body_of(template("humanoid-16"))), Hardware(16))
+    simulation = Simulation(Physics(Body.of(template("humanoid-16"))), Hardware(16))
     for servo, degrees in pose.degrees.items():
         simulation.hardware.servos[servo].move(degrees, 2.0, 0.0)
     simulation.advance(4.0)

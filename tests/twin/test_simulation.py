@@ -10,14 +10,14 @@ import math
 import numpy as np
 import pytest
 
-from servolink.twin.body import GRAVITY, body_of
+from servolink.twin.body import GRAVITY, Body
 from servolink.twin.simulation import Physics, Simulation, mujoco
-from servolink.virtual.hardware import Hardware
+from servolink.virtual import Hardware
 from tests.twin.figures import LIMB, arm, body, box, template
 
 FREE = {"torque": 0.001, "speed": 10_000}
 """Servo without noticeable friction."""
-HUMANOID = body_of(template("humanoid-16"))
+HUMANOID = Body.of(template("humanoid-16"))
 
 
 def lean(physics: Physics, part: str) -> float:

@@ -1,6 +1,6 @@
 """Softer macros: the least slowing or the largest angles with which a robot stands, and what is left alone.
 
-Module: servolink.twin.soften, servolink.cli.projects.twin.
+Module: servolink.twin.softening, servolink.cli.projects.twin.
 """
 
 from __future__ import annotations
@@ -11,19 +11,15 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from servolink.project.figure import Figure
-from servolink.project.fix import fix_project
-from servolink.project.model import Project
-from servolink.project.project_file import load_project, read_project_file, save_project
-from servolink.project.validate import validate_project
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.twin.body import body_of
-from servolink.twin.forecast import Verdict, forecast
-from servolink.twin.soften import soften
+from servolink.project import Figure, Project, ProjectFile, fix_project, load_project, save_project, validate_project
+from servolink.protocol import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.twin.body import Body
+from servolink.twin.forecasts import Verdict, forecast
+from servolink.twin.softening import soften
 from tests.cli.programs import call
 from tests.twin.figures import lamp
 
-LAMP = body_of(lamp())
+LAMP = Body.of(lamp())
 UP = Action(1, "Up", (Step(1, 0, 60), Step(2, 0, 60)))
 FAR = Action(2, "Far", (Step(1, 60, 50), Step(2, 40, 50)))
 QUICK = Action(3, "Quick", (Step(1, 30, 8),))
@@ -66,7 +62,7 @@ def test_only_the_macros_asked_for_change() -> None:
 
 def test_a_macro_that_nothing_helps_is_unsolved() -> None:
     wait = Macro(1, "Wait", (MacroCommand(1000, MacroCommandType.DELAY),))
-    found = soften(Project(macros=(wait,)), body_of(falling()), [wait])
+    found = soften(Project(macros=(wait,)), Body.of(falling()), [wait])
     assert found == (Project(macros=(wait,)), (), (wait,))
 
 
@@ -88,7 +84,7 @@ def test_the_command_proposes_writes_and_says_what_is_left(tmp_path: Path, capsy
     said = call(capsys, "twin", "soften", source, "--macro", "Jerk", "-o", str(out))
     assert (said.code, said.out.splitlines()[-1]) == (0, f"{out}: written")
     assert load_project(out) == soften(PROJECT, LAMP, [JERK]).project
-    assert read_project_file(out).figure == read_project_file(source).figure
+    assert ProjectFile.read(out).figure == ProjectFile.read(source).figure
     said = call(capsys, "twin", "soften", str(out), "--macro", "Nod")
     assert (said.code, said.out) == (0, "the robot stands in all macros: nothing to change\n")
     save_project(source, PROJECT, figure=falling())

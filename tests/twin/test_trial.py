@@ -11,15 +11,15 @@ import pytest
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
-from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.twin.body import GRAVITY, body_of
+from servolink.project import Project
+from servolink.protocol import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.twin.body import GRAVITY, Body
 from servolink.twin.moment import AFTER, moment
 from servolink.twin.simulation import Physics
 from servolink.twin.trial import Variation, run_seconds, run_trial
 from tests.twin.figures import LIMB, arm, body, template
 
-HUMANOID = Physics(body_of(template("humanoid-16")))
+HUMANOID = Physics(Body.of(template("humanoid-16")))
 RAISE = Action(1, "Raise", (Step(1, 90, 50),))
 STAND = Action(1, "Stand", (Step(8, 0, 50), Step(13, 0, 50)))
 BOW = Action(2, "Bow", (Step(8, 80, 70), Step(13, -80, 70)))

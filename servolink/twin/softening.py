@@ -7,13 +7,10 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from servolink.project.fix import fix_project
-from servolink.project.model import Project
-from servolink.project.record_lookup import dependency_order, name_of, with_dependencies
-from servolink.protocol.record_types import MACRO
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType
+from servolink.project import Project, dependency_order, fix_project, name_of
+from servolink.protocol import MACRO, Action, Macro, MacroCommand, MacroCommandType
 from servolink.twin.body import Body
-from servolink.twin.forecast import VARIATIONS
+from servolink.twin.forecasts import VARIATIONS
 from servolink.twin.simulation import Physics
 from servolink.twin.trial import Variation, run_seconds, run_trial
 
@@ -31,6 +28,11 @@ class Softened(NamedTuple):
     """Texts for people, one for each change."""
     unsolved: tuple[Macro, ...]
     """Macros in which the robot falls at each speed and with all angles that were tried."""
+
+    @property
+    def tried(self) -> str:
+        """Text for people about what was tried for these macros."""
+        return f"no speed down to {SPEEDS[-1]} % and no angles down to {AMPLITUDES[-1]} %"
 
 
 def soften(project: Project, body: Body, macros: Iterable[Macro]) -> Softened:
@@ -81,7 +83,7 @@ def _softer(project: Project, macro: Macro) -> Iterator[tuple[Project, str]]:
         slower = replace(macro, commands=tuple(_slower(command, speed) for command in macro.commands))
         macros = tuple(slower if one.macro_id == macro.macro_id else one for one in project.macros)
         yield replace(project, macros=macros), f"{name_of(macro)}: speed of its commands multiplied by {speed / 100:g}"
-    used = [record for record in with_dependencies(project, [macro]) if isinstance(record, Action)]
+    used = [record for record in project.with_dependencies([macro]) if isinstance(record, Action)]
     names = ", ".join(map(name_of, used))
     for amplitude in AMPLITUDES:
         actions = tuple(_smaller(one, amplitude) if one in used else one for one in project.actions)

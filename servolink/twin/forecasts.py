@@ -15,10 +15,10 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import TwinError
-from servolink.project.model import Project
-from servolink.protocol.record_types import type_of
-from servolink.protocol.records import Action, Macro
+from servolink.project import Project
+from servolink.protocol import Action, Macro, RecordType
 from servolink.twin.body import Body
+from servolink.twin.picture import draw
 from servolink.twin.simulation import STEP, Physics
 from servolink.twin.trial import AS_WRITTEN, LONGEST, Collision, Fall, TrialResult, Variation, run_seconds, run_trial
 
@@ -66,6 +66,10 @@ class Forecast(Struct, frozen=True):
         falls = [trial.fall for trial in self.trials if trial.fall is not None]
         return self.trials[0].fall or min(falls, key=lambda fall: fall.seconds, default=None)
 
+    def picture(self, project: Project, body: Body) -> bytes:
+        """Return a PNG picture of the robot at `moment`. Raise TwinError if nothing can be drawn."""
+        return draw(project, body, self.record, *self.moment)
+
     @property
     def worst_tilt(self) -> float:
         """Largest lean of the body as written, in degrees."""
@@ -99,7 +103,7 @@ class Forecast(Struct, frozen=True):
 
     def as_dict(self) -> dict[str, Any]:
         """Return the forecast for JSON, with the type, id and caption of the record."""
-        kind = type_of(self.record)
+        kind = RecordType.of(self.record)
         return {
             "type": kind.label,
             "id": kind.id_of(self.record),
