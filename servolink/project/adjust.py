@@ -6,13 +6,11 @@ from collections.abc import Collection
 
 from msgspec.structs import replace
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape, quote
-from servolink.numeric import as_number, is_number
-from servolink.project.model import Project
-from servolink.project.record_lookup import MAX_INTERVAL, by_servo, by_type, name_of, with_caption, with_records
-from servolink.protocol.record_types import Record, type_of
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter, Step
+from servolink.errors import ProjectError, escape, quote
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import MAX_INTERVAL, with_caption, with_records
+from servolink.protocol import Action, Macro, MacroCommand, MacroCommandType, Record, RecordType, ServoParameter, Step
+from servolink.support import as_number, is_number
 
 _MAX_STEP = 0x7FFF
 _MAX_FACTOR = 1e9  # already too long for any duration but 0
@@ -87,8 +85,8 @@ def rename_record(project: Project, record: Record, caption: str) -> tuple[Proje
 
     Raise ProjectError if `project` has no record with the type and id of `record`, or a duplicate id.
     """
-    kind = type_of(record)
-    records = by_type(project)
+    kind = RecordType.of(record)
+    records = project.by_type()
     shelf, record_id = records[kind.field], kind.id_of(record)
     if (before := shelf.get(record_id)) is None:
         raise ProjectError(f"there is no {kind} {record_id}")
@@ -100,7 +98,7 @@ def rename_record(project: Project, record: Record, caption: str) -> tuple[Proje
 
 def rename_servo(project: Project, servo_id: int, caption: str) -> tuple[Project, list[str]]:
     """Return `project` with a new caption for a servo, with or without a caption before, and the list of changes."""
-    parameters = by_servo(project)
+    parameters = project.by_servo()
     before = parameters.get(servo_id, ServoParameter(servo_id))
     if before.servo_caption == caption:
         return project, []

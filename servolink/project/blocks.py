@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
+from servolink.errors import EncodeError, quote
 
 MOST_BLOCKS = 1000
 MOST_LEVELS = 40
@@ -130,37 +129,35 @@ class Blocks(Struct, frozen=True, forbid_unknown_fields=True):
     stacks: Annotated[tuple[Stack, ...], Meta(max_length=MOST_BLOCKS)] = ()
     made: Annotated[tuple[Made, ...], Meta(max_length=4 * MOST_BLOCKS)] = ()
 
+    def checked(self) -> Blocks:
+        """Return these blocks. Raise EncodeError for too many, too deep or duplicate ones, and impossible stacks."""
+        ids: set[str] = set()
+        waiting: list[tuple[str, int, AnyBlock]] = []
+        for at, stack in enumerate(self.stacks):
+            if not stack.blocks:
+                raise EncodeError("has no blocks", f"stacks[{at}].blocks")
+            places = [(f"stacks[{at}].blocks[{number}]", 1, block) for number, block in enumerate(stack.blocks)]
+            for path, _, block in places[1:]:
+                if _family(block) != _family(stack.blocks[0]) or isinstance(block, MacroBlock | ButtonBlock):
+                    raise EncodeError(f"cannot follow the block {quote(stack.blocks[0].id)}", path)
+            waiting += places
+        while waiting:
+            path, level, block = waiting.pop()
+            if block.id in ids:
+                raise EncodeError(f"{quote(block.id)} is also the id of another block", f"{path}.id")
+            if level > MOST_LEVELS:
+                raise EncodeError(f"is more than {MOST_LEVELS} blocks deep", path)
+            ids.add(block.id)
+            inner: tuple[AnyBlock, ...] = getattr(block, "blocks", ())
+            waiting += [(f"{path}.blocks[{number}]", level + 1, one) for number, one in enumerate(inner)]
+            if len(ids) + len(waiting) > MOST_BLOCKS:
+                raise EncodeError(f"has more than {MOST_BLOCKS} blocks", "stacks")
+        return self
 
-def checked_blocks(blocks: Blocks) -> Blocks:
-    """Return `blocks`. Raise EncodeError for too many, too deep or duplicate blocks, and for impossible stacks."""
-    ids: set[str] = set()
-    waiting: list[tuple[str, int, AnyBlock]] = []
-    for at, stack in enumerate(blocks.stacks):
-        if not stack.blocks:
-            raise EncodeError("has no blocks", f"stacks[{at}].blocks")
-        places = [(f"stacks[{at}].blocks[{number}]", 1, block) for number, block in enumerate(stack.blocks)]
-        for path, _, block in places[1:]:
-            if _family(block) != _family(stack.blocks[0]) or isinstance(block, MacroBlock | ButtonBlock):
-                raise EncodeError(f"cannot follow the block {quote(stack.blocks[0].id)}", path)
-        waiting += places
-    while waiting:
-        path, level, block = waiting.pop()
-        if block.id in ids:
-            raise EncodeError(f"{quote(block.id)} is also the id of another block", f"{path}.id")
-        if level > MOST_LEVELS:
-            raise EncodeError(f"is more than {MOST_LEVELS} blocks deep", path)
-        ids.add(block.id)
-        inner: tuple[AnyBlock, ...] = getattr(block, "blocks", ())
-        waiting += [(f"{path}.blocks[{number}]", level + 1, one) for number, one in enumerate(inner)]
-        if len(ids) + len(waiting) > MOST_BLOCKS:
-            raise EncodeError(f"has more than {MOST_BLOCKS} blocks", "stacks")
-    return blocks
-
-
-def blocks_to_json(blocks: Blocks) -> dict[str, Any]:
-    """Return the object for `blocks`, ready for `json.dumps`."""
-    form: dict[str, Any] = msgspec.to_builtins(blocks)
-    return form
+    def to_json(self) -> dict[str, Any]:
+        """Return the object for these blocks, ready for `json.dumps`."""
+        form: dict[str, Any] = msgspec.to_builtins(self)
+        return form
 
 
 def _family(block: AnyBlock) -> type[Struct]:

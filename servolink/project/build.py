@@ -8,12 +8,11 @@ from typing import Any, TypeAlias
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
-from servolink.numeric import as_number
-from servolink.project.model import Project
-from servolink.project.record_lookup import by_servo, by_type, durations, free_id, name_of, with_id, with_records
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import durations, free_id, with_id, with_records
 from servolink.project.validate import validate_project
-from servolink.protocol.record_types import RecordType, type_of
-from servolink.protocol.records import Action, JoystickTable, Macro, RecordRef, ServoParameter
+from servolink.protocol import Action, JoystickTable, Macro, RecordRef, RecordType, ServoParameter
+from servolink.support import as_number
 
 Part: TypeAlias = Action | Macro | JoystickTable | ServoParameter
 
@@ -48,7 +47,7 @@ def extend_project(
     `caption_encoding` is the caption encoding of the board.
     """
     records: list[Any] = [] if active is None else [active]
-    parameters = by_servo(project)
+    parameters = project.by_servo()
     for part in parts:
         if isinstance(part, ServoParameter):
             parameters[part.servo_id] = part
@@ -85,7 +84,7 @@ class _Building:
 
     def __init__(self, project: Project) -> None:
         self._before = project
-        self._records = by_type(project)
+        self._records = project.by_type()
         self._used_ids = {field: set(records) for field, records in self._records.items()}
         self._plain_ids = {  # record without an id, with and without durations, to id
             field: {
@@ -104,7 +103,7 @@ class _Building:
         """Reserve the ids of `record` and of the records referred to, so that no other record gets them."""
         if id(record) in self._ids:
             return
-        kind = type_of(record)
+        kind = RecordType.of(record)
         if depth > _MAX_DEPTH:
             raise ProjectError(f"{name_of(record)}: macros nest deeper than {_MAX_DEPTH}")
         self._ids[id(record)] = 0
@@ -117,7 +116,7 @@ class _Building:
         """Add `record` to the project, after all records referred to, and return the record id."""
         if done := self._ids[id(record)]:
             return done
-        kind = type_of(record)
+        kind = RecordType.of(record)
         plain = kind.with_references(record, self._plain_id)
         anonymous = with_id(plain, 0)
         ids, used_ids = self._plain_ids[kind.field], self._used_ids[kind.field]

@@ -15,9 +15,8 @@ import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec.structs import replace
 
-from servolink.errors import EncodeError
-from servolink.escaping import quote
-from servolink.protocol.json_errors import convert
+from servolink.errors import EncodeError, quote
+from servolink.protocol import convert
 
 VERSION = 1
 """Version of the format, raised when an older servolink cannot read files of a newer servolink."""
@@ -143,17 +142,26 @@ class Figure(_Part, frozen=True):
     ] = msgspec.field(default_factory=dict)
     body: Annotated[BodyFields | UnsetType, _about("masses and servos, for the twin")] = UNSET
 
+    @classmethod
+    def from_json(cls, value: Any) -> Figure:
+        """Return the figure described by `value`, as by `checked`. Raise EncodeError naming place and reason."""
+        refuse_newer(value)
+        figure: Figure = convert(value, cls)
+        return figure.checked()
 
-def figure_from_json(value: Any) -> Figure:
-    """Return the figure described by `value`, as by `checked_figure`. Raise EncodeError naming place and reason."""
-    refuse_newer(value)
-    return checked_figure(convert(value, Figure))
+    def to_json(self) -> dict[str, Any]:
+        """Return the object for the figure, ready for `json.dumps`."""
+        form: dict[str, Any] = _form(self)
+        return form
 
-
-def figure_to_json(figure: Figure) -> dict[str, Any]:
-    """Return the object for `figure`, ready for `json.dumps`."""
-    form: dict[str, Any] = _form(figure)
-    return form
+    def checked(self) -> Figure:
+        """Return the figure with each joint after the parent. Raise EncodeError if impossible to draw."""
+        _refuse_wrong_groups(self)
+        _refuse_wrong_names(self)
+        _refuse_wrong_servos(self)
+        for at, joint in enumerate(self.joints):
+            _refuse_wrong_shape(f"joints[{at}]", joint)
+        return replace(self, joints=tuple(_parents_first(self.joints)))
 
 
 def refuse_newer(value: Any, name: str = "figure") -> None:
@@ -161,16 +169,6 @@ def refuse_newer(value: Any, name: str = "figure") -> None:
     version = value.get(name) if isinstance(value, dict) else None
     if type(version) is int and version > VERSION:
         raise EncodeError(f"{version} is newer than {VERSION}, the newest this servolink reads; update servolink", name)
-
-
-def checked_figure(figure: Figure) -> Figure:
-    """Return `figure` with each joint after the parent. Raise EncodeError if impossible to draw."""
-    _refuse_wrong_groups(figure)
-    _refuse_wrong_names(figure)
-    _refuse_wrong_servos(figure)
-    for at, joint in enumerate(figure.joints):
-        _refuse_wrong_shape(f"joints[{at}]", joint)
-    return replace(figure, joints=tuple(_parents_first(figure.joints)))
 
 
 def _refuse_wrong_groups(figure: Figure) -> None:

@@ -9,11 +9,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from servolink.project.model import Project
-from servolink.project.record_lookup import name_of, wrong_durations
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import wrong_durations
 from servolink.project.validate import duplicates, number_of
-from servolink.protocol.record_types import ACTION, STORED_TYPES, TABLE
-from servolink.protocol.records import ServoParameter
+from servolink.protocol import ACTION, STORED_TYPES, TABLE, ServoParameter
 
 
 def fix_project(project: Project) -> tuple[Project, list[str]]:

@@ -6,12 +6,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape
-from servolink.project.model import Project, without_neutral
-from servolink.project.record_lookup import by_servo, by_type, free_id, name_of, with_id, with_records
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType, type_of
-from servolink.protocol.records import ServoParameter
+from servolink.errors import ProjectError, escape
+from servolink.project.model import Project, name_of, without_neutral
+from servolink.project.record_lookup import free_id, with_id, with_records
+from servolink.protocol import RECORD_TYPES, TABLE, RecordType, ServoParameter
 
 
 def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
@@ -48,10 +46,10 @@ def merge_projects(one: Project, other: Project) -> tuple[Project, list[str]]:
 
 
 def _refuse_dangling_references(project: Project) -> None:
-    shelves = by_type(project)
+    shelves = project.by_type()
     for shelf in shelves.values():
         for record in shelf.values():
-            for kind, number in type_of(record).references(record):
+            for kind, number in RecordType.of(record).references(record):
                 if number and number not in shelves[kind.field]:
                     raise ProjectError(
                         f"{name_of(record)} refers to {kind} {number}, which is missing; correct the reference first"
@@ -63,13 +61,13 @@ class _Merging:
 
     def __init__(self, one: Project, other: Project) -> None:
         self.changes: list[str] = []
-        self.records = by_type(one)
+        self.records = one.by_type()
         # Record without an id, to id; of several identical records the lowest id, as in an earlier merge.
         self._ids_of_records = {
             field: {with_id(records[record_id], 0): record_id for record_id in sorted(records, reverse=True)}
             for field, records in self.records.items()
         }
-        self._others = by_type(other)
+        self._others = other.by_type()
         self._used_ids = {field: {*self.records[field], *others} for field, others in self._others.items()}
         self._new_ids: dict[tuple[str, int], int] = {}
 
@@ -120,8 +118,8 @@ class _Merging:
 
 
 def _parameters(one: Project, other: Project, changes: list[str]) -> tuple[ServoParameter, ...]:
-    parameters = by_servo(one)
-    for added in without_neutral(by_servo(other).values()):
+    parameters = one.by_servo()
+    for added in without_neutral(other.by_servo().values()):
         existing = parameters.get(added.servo_id)
         if existing is None or not without_neutral([existing]):
             parameters[added.servo_id] = added

@@ -11,20 +11,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from servolink.errors import ProjectError
-from servolink.project.model import Project
-from servolink.project.record_lookup import (
-    by_type,
-    dependency_order,
-    free_id,
-    name_of,
-    servos_used,
-    with_caption,
-    with_dependencies,
-    with_id,
-    with_records,
-)
-from servolink.protocol.record_types import MACRO, Record, RecordType, type_of
-from servolink.protocol.records import Action, Macro, ServoParameter, Step
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import dependency_order, free_id, with_caption, with_id, with_records
+from servolink.protocol import MACRO, Action, Macro, Record, RecordType, ServoParameter, Step
 
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l", "左": "右", "右": "左"}
 
@@ -104,7 +93,7 @@ class Mirror:
 
 def mirror_by_captions(project: Project, records: Iterable[Record], same_sign: Collection[int] = ()) -> Mirror:
     """Return the mirror for `records` by the captions of their servos. Raise ProjectError if no mirror fits."""
-    servo_ids = {servo_id for record in records for servo_id in servos_used(project, record)}
+    servo_ids = {servo_id for record in records for servo_id in project.servos_used(record)}
     partners = partners_by_caption(project.servo_parameters, sorted(servo_ids))
     if not partners:
         raise ProjectError(
@@ -124,7 +113,7 @@ def mirror_project(project: Project, records: Iterable[Record], mirror: Mirror) 
     for macro_id in _macros_to_image(project, records):
         imaging.image(MACRO, macro_id)  # inner macros first: macros may nest deeper than Python calls
     for record in records:
-        kind = type_of(record)
+        kind = RecordType.of(record)
         if imaging.image(kind, kind.id_of(record)) == kind.id_of(record):
             imaging.changes.append(f"{name_of(record)} looks the same in the mirror: nothing added")
     return imaging.project(), imaging.changes
@@ -134,7 +123,7 @@ def _macros_to_image(project: Project, records: Iterable[Record]) -> list[int]:
     """Return the ids of the macros among `records` and of all macros run by `records`, inner macros first."""
     macros = MACRO.by_id(project)
     stored = [macros.get(one.macro_id, one) if isinstance(one, Macro) else one for one in records]
-    found = {one.macro_id for one in with_dependencies(project, stored) if isinstance(one, Macro)} & macros.keys()
+    found = {one.macro_id for one in project.with_dependencies(stored) if isinstance(one, Macro)} & macros.keys()
     order = dependency_order(macros)
     if endless := sorted(found.difference(order)):
         raise ProjectError(f"{name_of(macros[endless[0]])} never ends: the macro runs itself or an endless macro")
@@ -148,7 +137,7 @@ class _Imaging:
         self.changes: list[str] = []
         self._before = project
         self._mirror = mirror
-        self._records = by_type(project)
+        self._records = project.by_type()
         self._images: dict[tuple[str, int], int] = {}
 
     def project(self) -> Project:
@@ -186,4 +175,6 @@ class _Imaging:
         if isinstance(record, Action):
             steps = tuple(map(self._mirror.step, record.steps))
             return record if set(steps) == set(record.steps) else replace(record, steps=steps)
-        return type_of(record).with_references(record, lambda kind, called: self.image(kind, called) if called else 0)
+        return RecordType.of(record).with_references(
+            record, lambda kind, called: self.image(kind, called) if called else 0
+        )

@@ -10,15 +10,12 @@ from typing import Annotated, Any, Literal, NamedTuple
 import msgspec
 from msgspec import NODEFAULT, UNSET, Meta, UnsetType
 
-from servolink.errors import EncodeError, ProjectError
-from servolink.escaping import quote
-from servolink.files import read_file, reason, write_atomically
-from servolink.json_text import MAX_SIZE, read_json, write_json
-from servolink.project.blocks import Blocks, blocks_to_json, checked_blocks
-from servolink.project.figure import Figure, checked_figure, figure_to_json, refuse_newer
+from servolink.errors import EncodeError, ProjectError, quote
+from servolink.project.blocks import Blocks
+from servolink.project.figure import Figure, refuse_newer
 from servolink.project.model import Project
-from servolink.protocol.json_errors import convert, quote_json
-from servolink.protocol.json_form import json_type, record_to_json, struct_from_json
+from servolink.protocol import convert, json_type, quote_json, record_from_json, record_to_json
+from servolink.support import MAX_SIZE, read_file, read_json, reason, write_atomically, write_json
 
 SCHEMA = 1
 """Version of the format, raised when an older servolink cannot read files of a newer servolink."""
@@ -47,20 +44,90 @@ _HEAD = (
 )
 """Fields of a file beyond the fields of the project."""
 
-SHIPPED = Path(__file__).with_name("servolink-project.schema.json")
-"""JSON Schema included in the package, equal to `schema_text()`."""
-
 
 class ProjectFile(NamedTuple):
     """Content of a project file."""
 
     project: Project
-    unchecked: bool
+    unchecked: bool = False
     """Whether the file was exported from a board with values outside the ranges written by servolink."""
     figure: Figure | None = None
     """Shape of the robot, stored on no board."""
     blocks: Blocks | None = None
     """Programs made of blocks, stored on no board."""
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], *, unchecked: bool = False) -> ProjectFile:
+        """Return the content of the file `path`, as by `load_project`."""
+        file = _checked_path(path, "load_project(path)")
+        try:
+            content = read_file(file, MAX_SIZE)
+        except (OSError, ValueError) as error:  # ValueError: NUL in the name
+            raise ProjectError(f"{file}: cannot be read: {reason(error)}") from error
+        try:
+            return cls.parse(content, unchecked=unchecked)
+        except ProjectError as error:
+            raise ProjectError(f"{file}: {error}") from error
+
+    @classmethod
+    def parse(cls, text: str | bytes, *, unchecked: bool = False) -> ProjectFile:
+        """Return the content of the text of a file, with records in the order of the text, as by `load_project`."""
+        try:
+            value = read_json(text)
+            _check_version(value)
+            unchecked = unchecked or value.get("values") == "unchecked"
+            return cls.of_form(convert(value, cls.form_type(unchecked=unchecked)))
+        except ValueError as error:  # EncodeError is a ValueError
+            raise ProjectError(str(error)) from error
+
+    @classmethod
+    def of_form(cls, given: Any) -> ProjectFile:
+        """Return the content of a file converted to `form_type`. Raise EncodeError for a wrong figure or blocks."""
+        field = "figure"
+        try:
+            figure = None if given.figure is UNSET else given.figure.checked()
+            field = "blocks"
+            blocks = None if given.blocks is UNSET else given.blocks.checked()
+        except EncodeError as error:
+            raise EncodeError(error.text, f"{field}.{error.path}") from None
+        return cls(record_from_json(Project, given), given.values == "unchecked", figure, blocks)
+
+    @staticmethod
+    def form_type(*, unchecked: bool) -> Any:
+        """Return the msgspec type of a file: the type of a project, with fields that no board stores."""
+        return json_type(Project, unchecked=unchecked, head=_HEAD)
+
+    @classmethod
+    def schema_text(cls) -> str:
+        """Return the JSON Schema of project files, for completion and checks in editors."""
+        described = msgspec.json.schema(cls.form_type(unchecked=False))
+        head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
+        return json.dumps(head | described, indent=2) + "\n"
+
+    def form(self) -> dict[str, Any]:
+        """Return the object of the file, with the records in order of ids, ready for `json.dumps`."""
+        head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if self.unchecked else {})
+        drawn = {} if self.figure is None else {"figure": self.figure.to_json()}
+        made = {} if self.blocks is None else {"blocks": self.blocks.to_json()}
+        return {**head, **record_to_json(self.project.sorted()), **drawn, **made}
+
+    def text(self) -> str:
+        """Return the text of the file: equal for equal projects, even with meaningless values."""
+        return write_json(self.form())
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the file `path` as by `save_project`, even with errors that `load_project` refuses."""
+        file = Path(path)
+        _write(file, self.content_for(file))
+
+    def content_for(self, file: Path) -> bytes:
+        """Return the text for `file`. Figure and blocks that are not given are those of a replaced project file."""
+        before = _replaced(file)
+        content = self._replace(figure=self.figure or before.figure, blocks=self.blocks or before.blocks)
+        text = content.text().encode()
+        if len(text) > MAX_SIZE:
+            raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the limit for reading")
+        return text
 
 
 def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Project:
@@ -69,58 +136,7 @@ def load_project(path: str | os.PathLike[str], *, unchecked: bool = False) -> Pr
     `unchecked` accepts all values that a board can have sent: numbers in the range of the wire but outside the
     document's, and captions with control characters.
     """
-    return read_project_file(path, unchecked=unchecked).project
-
-
-def read_project_file(path: str | os.PathLike[str], *, unchecked: bool = False) -> ProjectFile:
-    """Return the content of the file `path`, as by `load_project`."""
-    file = _checked_path(path, "load_project(path)")
-    try:
-        content = read_file(file, MAX_SIZE)
-    except (OSError, ValueError) as error:  # ValueError: NUL in the name
-        raise ProjectError(f"{file}: cannot be read: {reason(error)}") from error
-    try:
-        return parse_project_file(content, unchecked=unchecked)
-    except ProjectError as error:
-        raise ProjectError(f"{file}: {error}") from error
-
-
-def parse_project(text: str | bytes, *, unchecked: bool = False) -> Project:
-    """Return the project of the text of a file, with records in the order of the text, as by `load_project`."""
-    return parse_project_file(text, unchecked=unchecked).project
-
-
-def parse_project_file(text: str | bytes, *, unchecked: bool = False) -> ProjectFile:
-    """Return the content of the text of a file, as by `load_project`."""
-    try:
-        value = read_json(text)
-        _check_version(value)
-        unchecked = unchecked or value.get("values") == "unchecked"
-        return project_from_form(convert(value, file_type(unchecked=unchecked)))
-    except ValueError as error:  # EncodeError is a ValueError
-        raise ProjectError(str(error)) from error
-
-
-def project_from_form(given: Any) -> ProjectFile:
-    """Return the content of a file converted to `file_type`. Raise EncodeError for a wrong figure or blocks."""
-    field = "figure"
-    try:
-        figure = None if given.figure is UNSET else checked_figure(given.figure)
-        field = "blocks"
-        blocks = None if given.blocks is UNSET else checked_blocks(given.blocks)
-    except EncodeError as error:
-        raise EncodeError(error.text, f"{field}.{error.path}") from None
-    return ProjectFile(struct_from_json(Project, given), given.values == "unchecked", figure, blocks)
-
-
-def project_to_form(
-    project: Project, *, unchecked: bool = False, figure: Figure | None = None, blocks: Blocks | None = None
-) -> dict[str, Any]:
-    """Return the object of a file for `project.sorted()`, ready for `json.dumps`."""
-    head: dict[str, Any] = {"schema": SCHEMA} | ({"values": "unchecked"} if unchecked else {})
-    drawn = {} if figure is None else {"figure": figure_to_json(figure)}
-    made = {} if blocks is None else {"blocks": blocks_to_json(blocks)}
-    return {**head, **record_to_json(project.sorted()), **drawn, **made}
+    return ProjectFile.read(path, unchecked=unchecked).project
 
 
 def save_project(
@@ -149,30 +165,12 @@ def save_project(
     file = _checked_path(path, "save_project(path, project)")
     if not isinstance(project, Project):
         raise TypeError(f"save_project(path, project): the project must be a Project, not {quote(project)}")
-    content = _content(file, project, unchecked=unchecked, figure=figure, blocks=blocks)
+    content = ProjectFile(project, unchecked, figure, blocks).content_for(file)
     try:
-        parse_project_file(content)
+        ProjectFile.parse(content)
     except ProjectError as error:
         raise ProjectError(f"{file}: was not written, because loading the text again would fail: {error}") from error
     _write(file, content)
-
-
-def save_repaired(path: str | os.PathLike[str], project: Project, *, unchecked: bool = False) -> None:
-    """Write the file `path` as by `save_project`, even with errors that were already present before."""
-    file = Path(path)
-    _write(file, _content(file, project, unchecked=unchecked))
-
-
-def _content(
-    file: Path, project: Project, *, unchecked: bool, figure: Figure | None = None, blocks: Blocks | None = None
-) -> bytes:
-    before = _replaced(file)
-    content = format_project(
-        project, unchecked=unchecked, figure=figure or before.figure, blocks=blocks or before.blocks
-    ).encode()
-    if len(content) > MAX_SIZE:
-        raise ProjectError(f"{file}: would be larger than {MAX_SIZE >> 20} MiB, the limit for reading")
-    return content
 
 
 def _write(file: Path, content: bytes) -> None:
@@ -185,28 +183,9 @@ def _write(file: Path, content: bytes) -> None:
 def _replaced(file: Path) -> ProjectFile:
     """Return the content of a file that may be missing, or anything else."""
     try:
-        return read_project_file(file, unchecked=True)
+        return ProjectFile.read(file, unchecked=True)
     except ProjectError:
-        return ProjectFile(Project(), unchecked=False)
-
-
-def format_project(
-    project: Project, *, unchecked: bool = False, figure: Figure | None = None, blocks: Blocks | None = None
-) -> str:
-    """Return the text of a file for `project.sorted()`: equal for equal projects, even with meaningless values."""
-    return write_json(project_to_form(project, unchecked=unchecked, figure=figure, blocks=blocks))
-
-
-def schema_text() -> str:
-    """Return the JSON Schema of project files, for completion and checks in editors."""
-    described = msgspec.json.schema(file_type(unchecked=False))
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "servolink project"}
-    return json.dumps(head | described, indent=2) + "\n"
-
-
-def file_type(*, unchecked: bool) -> Any:
-    """Return the msgspec type of a file: the type of a project, with fields that no board stores."""
-    return json_type(Project, unchecked=unchecked, head=_HEAD)
+        return ProjectFile(Project())
 
 
 def _checked_path(path: object, call: str) -> Path:

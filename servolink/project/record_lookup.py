@@ -1,51 +1,27 @@
-"""Lookup of project records, and computation of sizes and durations."""
+"""Computations on records of projects: free ids, order, and durations."""
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
-from itertools import chain, count
+from itertools import count
 from typing import Any
 
 from msgspec.structs import replace
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape
-from servolink.project.model import Project, without_neutral
-from servolink.project.naming import Named, captioned, closest, id_or_caption, listed
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, Record, RecordType, stored_size, type_of
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, ServoParameter
+from servolink.project.model import Project
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    Action,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+)
 
 MAX_INTERVAL = 0x7FFF_FFFF
 """Maximum of `total_interval` in milliseconds, nearly 25 days."""
-
-
-def name_of(record: Any) -> str:
-    """Return the name of a record in texts, such as `action 3 'Wave'`, safe to show."""
-    kind = type_of(record)
-    return f"{kind.label} {kind.id_of(record)} '{escape(kind.caption_of(record))}'"
-
-
-def by_type(project: Project) -> dict[str, dict[int, Any]]:
-    """Return the records of a project by field and id. Raise ProjectError for a duplicate id."""
-    for kind in RECORD_TYPES:
-        _refuse_duplicates(kind.label, [kind.id_of(record) for record in getattr(project, kind.field)])
-    return {kind.field: kind.by_id(project) for kind in RECORD_TYPES}
-
-
-def by_servo(project: Project) -> dict[int, ServoParameter]:
-    """Return the parameters by servo id. Raise ProjectError for a servo with duplicate parameters."""
-    _refuse_duplicates("servo parameter", [one.servo_id for one in project.servo_parameters])
-    return {one.servo_id: one for one in project.servo_parameters}
-
-
-def _refuse_duplicates(label: str, ids: list[int]) -> None:
-    """Raise ProjectError for a duplicate id: an edit by id would lose one of both objects."""
-    if duplicates := [number for number, times in Counter(ids).items() if times > 1]:
-        raise ProjectError(f"{label} {duplicates[0]} exists twice; remove a copy, or change an id")
 
 
 def with_records(project: Project, records: Mapping[str, Mapping[int, Any]]) -> Project:
@@ -66,41 +42,6 @@ def with_id(record: Any, record_id: int) -> Any:
 def with_caption(record: Any, caption: str) -> Any:
     """Return `record` with another caption."""
     return replace(record, **{record.__struct_fields__[1]: caption})
-
-
-def with_dependencies(project: Project, records: Iterable[Record]) -> list[Record]:
-    """Return `records` and all records run by them, directly or not, each once, without missing records.
-
-    Raise ProjectError for a duplicate id in `project`.
-    """
-    shelves = by_type(project)
-    waiting, found = list(records), dict[tuple[str, int], Record]()
-    while waiting:
-        record = waiting.pop()
-        kind = type_of(record)
-        if (key := (kind.field, kind.id_of(record))) in found:
-            continue
-        found[key] = record
-        waiting += [
-            shelves[target.field][number]
-            for target, number in kind.references(record)
-            if number in shelves[target.field]
-        ]
-    return list(found.values())
-
-
-def servos_used(project: Project, record: Record) -> set[int]:
-    """Return the ids of the servos moved by `record`, directly or through other records."""
-    actions = (one for one in with_dependencies(project, [record]) if isinstance(one, Action))
-    return {step.servo_id for action in actions for step in action.steps}
-
-
-def total_size(project: Project) -> int:
-    """Return the bytes of all records and servo parameters of `project` on a board."""
-    stored: Iterable[Record | ServoParameter] = chain(
-        without_neutral(project.servo_parameters), project.actions, project.macros, project.joystick_tables
-    )
-    return sum(map(stored_size, stored))
 
 
 def dependency_levels(macros: Mapping[int, Macro]) -> list[set[int]]:
@@ -188,52 +129,3 @@ def _duration_once(
             return macros.get(command.command_id)
         case _:
             return None
-
-
-_NUMBERED = re.compile(r"(action|macro|table):([0-9]{1,10})", re.ASCII)
-
-
-def find(project: Project, name: str, kinds: Iterable[RecordType[Any]]) -> Any:
-    """Return the record with this name: a caption, an id, a type and id as in `action:3`, or a caption as in `name:3`.
-
-    Captions are compared as by `servolink.project.naming`. Raise ProjectError if no record matches, or several do.
-    """
-    kinds = tuple(kinds)
-    records = [(kind, record) for kind in kinds for record in getattr(project, kind.field)]
-    numbered = _NUMBERED.fullmatch(name)
-    meant = int(numbered[2]) if numbered else id_or_caption(name)
-    if isinstance(meant, int):
-        word = numbered and numbered[1]
-        found = [one for kind, one in records if kind.id_of(one) == meant and word in (None, _short_label(kind))]
-    else:
-        named = (Named(kind.label, at, kind.caption_of(one)) for at, (kind, one) in enumerate(records))
-        found = [records[one.record_id][1] for one in captioned(named, meant)]
-    if len(found) == 1:
-        return found[0]
-    labels = " or ".join(kind.label for kind in kinds)
-    if found:
-        ids = " or ".join(f"{_short_label(type_of(one))}:{type_of(one).id_of(one)}" for one in found)
-        raise ProjectError(f"'{name}' may be {' or '.join(map(name_of, found))}; write {ids}")
-    existing = [Named(kind.label, kind.id_of(record), kind.caption_of(record)) for kind, record in records]
-    raise ProjectError(
-        f"there is no {labels} '{name}'; {closest(existing, str(meant), 's or '.join(kind.label for kind in kinds))}"
-    )
-
-
-def find_servo(project: Project, servo: int | str) -> int:
-    """Return the id of a servo, given by id or caption. Raise ProjectError unless exactly one servo matches."""
-    meant = id_or_caption(servo) if isinstance(servo, str) else servo
-    if isinstance(meant, int):
-        return meant
-    named = [Named("servo", one.servo_id, one.servo_caption) for one in project.servo_parameters]
-    found = captioned(named, meant)
-    if len(found) == 1:
-        return found[0].record_id
-    if found:
-        raise ProjectError(f"'{servo}' may be {listed(found, 'or')}; give the id")
-    raise ProjectError(f"there is no servo '{servo}'; {closest(named, meant, 'servo')}")
-
-
-def _short_label(kind: RecordType[Any]) -> str:
-    """Return the type word for names with a colon: `action`, `macro` or `table`."""
-    return kind.label.split()[-1]

@@ -7,14 +7,12 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape
+from servolink.errors import ProjectError, escape
 from servolink.project.build import extend_project, refuse_new_errors
 from servolink.project.merge import merge_projects
-from servolink.project.model import Project
-from servolink.project.record_lookup import by_type, name_of, with_dependencies, with_id, with_records, wrong_durations
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, Record, RecordType, type_of
-from servolink.protocol.records import Macro
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import with_id, with_records, wrong_durations
+from servolink.protocol import RECORD_TYPES, TABLE, Macro, Record, RecordType
 
 
 def add_record(project: Project, record: Record, *, caption_encoding: str = "utf-8") -> Project:
@@ -23,7 +21,7 @@ def add_record(project: Project, record: Record, *, caption_encoding: str = "utf
     A macro gets missing durations of commands filled in. Raise ProjectError for an id in use, for references to
     missing records, and for a record impossible to store on any board.
     """
-    kind = type_of(record)
+    kind = RecordType.of(record)
     if (before := kind.by_id(project).get(kind.id_of(record))) is not None:
         raise ProjectError(f"{name_of(before)} exists; use `set` to change the record, or leave out the id")
     _refuse_missing(project, record)
@@ -45,8 +43,8 @@ def add_from(project: Project, source: Project, record: Record, *, caption_encod
 def project_of(source: Project, record: Record) -> Project:
     """Return the project of `record` and all records run by `record`, directly or not."""
     records: dict[str, dict[int, Any]] = {kind.field: {} for kind in RECORD_TYPES}
-    for one in with_dependencies(source, [record]):
-        kind = type_of(one)
+    for one in source.with_dependencies([record]):
+        kind = RecordType.of(one)
         records[kind.field][kind.id_of(one)] = one
     return with_records(Project(), records)
 
@@ -57,8 +55,8 @@ def replace_record(project: Project, record: Record, *, caption_encoding: str = 
     Durations of macros made wrong by the change are corrected; durations wrong before stay unchanged. Raise
     ProjectError for a new reference to a missing record, and for a record impossible to store on any board.
     """
-    kind = type_of(record)
-    records = by_type(project)
+    kind = RecordType.of(record)
+    records = project.by_type()
     _refuse_missing(project, record, records[kind.field].get(kind.id_of(record)))
     records[kind.field][kind.id_of(record)] = record
     after = _with_right_durations(project, with_records(project, records), record)
@@ -73,8 +71,8 @@ def replace_from(
 
     Works like `replace_record`. Raise ProjectError too if `record` runs a record that differs between both projects.
     """
-    for one in with_dependencies(source, [record]):
-        kind = type_of(one)
+    for one in source.with_dependencies([record]):
+        kind = RecordType.of(one)
         if one is not record and kind.by_id(project).get(kind.id_of(one)) != one:
             raise ProjectError(
                 f"{name_of(record)} of the file runs {name_of(one)}, missing or different on the board; "
@@ -85,12 +83,12 @@ def replace_from(
 
 def remove_records(project: Project, kind: RecordType[Any], record_ids: set[int]) -> Project:
     """Return `project` without these records. Raise ProjectError if another record refers to a removed record."""
-    records = by_type(project)
+    records = project.by_type()
     removed = {record_id: records[kind.field].pop(record_id) for record_id in record_ids}
     for one in (one for shelf in records.values() for one in shelf.values()):
-        for target, number in type_of(one).references(one):
+        for target, number in RecordType.of(one).references(one):
             if target is kind and number in removed:
-                runner = f"{type_of(one)} {type_of(one).id_of(one)}"
+                runner = f"{RecordType.of(one)} {RecordType.of(one).id_of(one)}"
                 raise ProjectError(f"{name_of(one)} runs {name_of(removed[number])}; change or delete {runner} first")
     active = project.active_joystick_table
     if kind is TABLE and active in removed:
@@ -100,7 +98,7 @@ def remove_records(project: Project, kind: RecordType[Any], record_ids: set[int]
 
 def _refuse_missing(project: Project, record: Record, old: Record | None = None) -> None:
     """Raise ProjectError for a reference of `record`, absent in `old`, to a missing record."""
-    kind = type_of(record)
+    kind = RecordType.of(record)
     had = set(kind.references(old)) if old is not None else set()
     for target, number in kind.references(record):
         if number and number not in target.by_id(project) and (target, number) not in had:

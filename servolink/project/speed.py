@@ -9,12 +9,10 @@ from dataclasses import dataclass, field
 from msgspec import Struct
 from msgspec.structs import replace
 
-from servolink.motion.limits import degrees_per_second
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.project.model import Project
-from servolink.project.record_lookup import dependency_order, name_of
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.motion import INTERVAL_UNIT, degrees_per_second
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import dependency_order
+from servolink.protocol import ACTION, MACRO, Action, Macro, MacroCommand, MacroCommandType, Step
 
 
 class ServoMove(Struct, frozen=True):
@@ -59,8 +57,8 @@ class ServoMove(Struct, frozen=True):
 
 
 @dataclass(slots=True)
-class _Effect:
-    """Effect of an action or a macro on the pose before."""
+class _Poses:
+    """Poses that an action or a macro begins and ends with."""
 
     first: dict[int, tuple[Action, int, float]] = field(default_factory=dict)
     """First step of each servo, by servo id: the action, the index of the step, and the duration in seconds."""
@@ -84,9 +82,9 @@ def servo_moves(
             if servo_id in before:
                 yield ServoMove(f"actions[{at}].steps[{step}]", action, step, before[servo_id], seconds)
     places = {macro.macro_id: f"macros[{at}]" for at, macro in enumerate(project.macros)}
-    macro_effects: dict[int, _Effect] = {}
+    macro_effects: dict[int, _Poses] = {}
     for macro_id in dependency_order(macros):
-        macro_effects[macro_id] = _Effect()
+        macro_effects[macro_id] = _Poses()
         called = [_called(command, effects, macro_effects) for command in macros[macro_id].commands]
         place = f"{places[macro_id]}.commands[{{}}]".format
         yield from _moves_of_macro(place, macros[macro_id], called, before, macro_effects[macro_id])
@@ -106,7 +104,7 @@ class RecordRun:
         self._macros = MACRO.by_id(stored)
         self._order = dependency_order(self._macros)
         self._actions = {one.action_id: _effect_of(one, interval_unit) for one in stored.actions}
-        self._effects: dict[int, _Effect] = {}
+        self._effects: dict[int, _Poses] = {}
         self._turns: dict[int, list[ServoMove]] = {}  # within each macro, from an unknown pose
         for macro_id in self._order:
             self._turns[macro_id], self._effects[macro_id] = self._play(macro_id, {})
@@ -160,9 +158,9 @@ class RecordRun:
             if macro_id != self.record.macro_id:
                 yield from (replace(move, seconds=move.seconds / speed) for move in self._turns[macro_id])
 
-    def _play(self, macro_id: int, start: Mapping[int, int]) -> tuple[list[ServoMove], _Effect]:
+    def _play(self, macro_id: int, start: Mapping[int, int]) -> tuple[list[ServoMove], _Poses]:
         """Return the turns of a macro at full speed, without the turns inside inner macros, and the effect."""
-        macro, effect = self._macros[macro_id], _Effect()
+        macro, effect = self._macros[macro_id], _Poses()
         called = [_called(command, self._actions, self._effects) for command in macro.commands]
         name = name_of(macro)
         turns = _moves_of_macro(lambda at: f"{name}, command {at + 1}", macro, called, start, effect)
@@ -196,9 +194,9 @@ class RecordRun:
         return speeds
 
 
-def _effect_of(action: Action, interval_unit: float) -> _Effect:
+def _effect_of(action: Action, interval_unit: float) -> _Poses:
     """Return the effect of an action. Of several steps for a servo, the last counts."""
-    return _Effect(
+    return _Poses(
         {
             step.servo_id: (action, at, max(round(step.interval * interval_unit, 9), 0))
             for at, step in enumerate(action.steps)
@@ -207,11 +205,11 @@ def _effect_of(action: Action, interval_unit: float) -> _Effect:
     )
 
 
-def _called(command: MacroCommand, actions: Mapping[int, _Effect], macros: Mapping[int, _Effect]) -> _Effect:
+def _called(command: MacroCommand, actions: Mapping[int, _Poses], macros: Mapping[int, _Poses]) -> _Poses:
     """Return the effect of the record run by a command, an empty effect for a delay or a missing record."""
-    effects: dict[int, Mapping[int, _Effect]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
+    effects: dict[int, Mapping[int, _Poses]] = {MacroCommandType.ACTION: actions, MacroCommandType.MACRO: macros}
     called = effects.get(command.type, {})
-    return called.get(command.command_id, _Effect()) if command.ratio > 0 else _Effect()
+    return called.get(command.command_id, _Poses()) if command.ratio > 0 else _Poses()
 
 
 def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros: Mapping[int, float]) -> float:
@@ -230,7 +228,7 @@ def _command_seconds(command: MacroCommand, actions: Mapping[int, float], macros
 
 
 def _moves_of_macro(
-    place: Callable[[int], str], macro: Macro, called: list[_Effect], before: Mapping[int, int], whole: _Effect
+    place: Callable[[int], str], macro: Macro, called: list[_Poses], before: Mapping[int, int], whole: _Poses
 ) -> Iterator[ServoMove]:
     """Yield the turns where the commands of a macro meet, and store the effect of all commands in `whole`.
 

@@ -7,23 +7,38 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.escaping import html_table
-from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, STORED_TYPES, TABLE, type_of
-from servolink.protocol.records import Action, JoystickTable, Macro, ServoParameter
+from servolink.errors import html_table
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    SERVO_PARAMETER,
+    STORED_TYPES,
+    TABLE,
+    Action,
+    JoystickTable,
+    Macro,
+    RecordType,
+    ServoParameter,
+)
 
 _PART_WORDS = {ACTION: "step", MACRO: "command", TABLE: "button"}
 
 
 def caption_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
     """Return the caption of a record, or the caption stored for a servo."""
-    return (SERVO_PARAMETER if isinstance(stored, ServoParameter) else type_of(stored)).caption_of(stored)
+    return (SERVO_PARAMETER if isinstance(stored, ServoParameter) else RecordType.of(stored)).caption_of(stored)
+
+
+def described(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
+    """Return caption and content of a record, such as `'Wave': 2 steps, 0.5 s`, or those stored for a servo."""
+    return f"'{caption_of(stored)}': {summary_of(stored)}"
 
 
 def summary_of(stored: Action | Macro | JoystickTable | ServoParameter) -> str:
     """Return the content of a record, such as `2 steps, 0.5 s`, or the correction of a servo."""
     if isinstance(stored, ServoParameter):
         return f"corrected by {stored.adjusted_degree}°"
-    kind = type_of(stored)
+    kind = RecordType.of(stored)
     count = len(kind.parts_of(stored))
     seconds = f", {stored.seconds:g} s" if isinstance(stored, Action) else ""
     return f"{count} {_PART_WORDS[kind]}{'' if count == 1 else 's'}{seconds}"
@@ -64,4 +79,4 @@ def _state(value: Any) -> str:
     """Return a side of a change: a record, an id, or nothing."""
     if value is None:
         return "-"
-    return str(value) if isinstance(value, int) else f"'{caption_of(value)}': {summary_of(value)}"
+    return str(value) if isinstance(value, int) else described(value)

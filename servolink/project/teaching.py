@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 from msgspec import Struct
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO
-from servolink.protocol.records import Action, Macro
-
-SHORTEST, LONGEST = 0.1, 327.67
-"""Seconds for a pose: the least that looks like a movement, and the maximum of the protocol."""
+from servolink.protocol import ACTION, MACRO, Action, Macro
 
 
 class Pose(Struct, frozen=True):
@@ -26,6 +23,11 @@ class Pose(Struct, frozen=True):
 
 class PoseRecorder:
     """Recorder of poses, each with the time from the previous pose."""
+
+    SHORTEST: ClassVar[float] = 0.1
+    """Seconds for a pose at least, so that it looks like a movement."""
+    LONGEST: ClassVar[float] = 327.67
+    """Seconds for a pose at most, by the protocol."""
 
     def __init__(
         self, caption: str, start: Mapping[int, int], now: float, *, speed_cap: float, seconds: float | None = None
@@ -47,9 +49,9 @@ class PoseRecorder:
         before = self.poses[-1].degrees if self.poses else self._start
         distance = max((abs(angle - before[servo_id]) for servo_id, angle in degrees.items()), default=0)
         duration = now - self._times[-1] if self._seconds is None else self._seconds
-        seconds = min(max(duration, distance / self._speed_cap, SHORTEST), LONGEST)
+        seconds = min(max(duration, distance / self._speed_cap, self.SHORTEST), self.LONGEST)
         # Rounded up to the resolution of the protocol; rounded first, so that 0.07 s does not become 0.08 s.
-        pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, LONGEST))
+        pose = Pose(dict(degrees), min(math.ceil(round(seconds * 100, 6)) / 100, self.LONGEST))
         self.poses.append(pose)
         self._times.append(now)
         return pose
@@ -71,11 +73,11 @@ class PoseRecorder:
     def _action(caption: str, pose: Pose) -> Action:
         return Action.pose(caption, pose.degrees, seconds=pose.seconds)
 
-
-def refuse_duplicate(project: Project, caption: str) -> None:
-    """Raise ProjectError if an action or a macro has this caption, or an action the caption of a pose of the macro."""
-    for kind in (ACTION, MACRO):
-        for existing in (kind.caption_of(record) for record in kind.by_id(project).values()):
-            name, _, number = existing.rpartition(" ")
-            if existing == caption or (kind is ACTION and name == caption and number.isdecimal()):
-                raise ProjectError(f"there is already {kind} '{existing}'; choose another name")
+    @staticmethod
+    def refuse_duplicate(project: Project, caption: str) -> None:
+        """Raise ProjectError if an action or a macro has this caption, or an action that of a pose of the macro."""
+        for kind in (ACTION, MACRO):
+            for existing in (kind.caption_of(record) for record in kind.by_id(project).values()):
+                name, _, number = existing.rpartition(" ")
+                if existing == caption or (kind is ACTION and name == caption and number.isdecimal()):
+                    raise ProjectError(f"there is already {kind} '{existing}'; choose another name")

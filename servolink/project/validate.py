@@ -10,19 +10,28 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
-from servolink.motion.limits import MotionLimits, SpeedCap, motion_limits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.project.model import Project, is_unfinished
-from servolink.project.record_lookup import dependency_levels, dependency_order, name_of, total_size, wrong_durations
+from servolink.motion import INTERVAL_UNIT, MotionLimits, SpeedCap, motion_limits
+from servolink.project.model import UNFINISHED, Project, name_of
+from servolink.project.record_lookup import dependency_levels, dependency_order, wrong_durations
 from servolink.project.speed import servo_moves
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.json_errors import convert
-from servolink.protocol.json_form import json_type, record_to_json
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import MACRO, RECORD_TYPES, SERVO_PARAMETER, TABLE
-from servolink.protocol.records import MAX_NESTING, Button, Macro, MacroCommandType, ServoParameter, Step
-from servolink.protocol.servos import ALL_SERVOS
+from servolink.protocol import (
+    ALL_SERVOS,
+    MACRO,
+    RECORD_TYPES,
+    SERVO_PARAMETER,
+    TABLE,
+    AddServoParameterRequest,
+    Button,
+    Macro,
+    MacroCommandType,
+    Packet,
+    ServoParameter,
+    Step,
+    convert,
+    json_type,
+    layout,
+    record_to_json,
+)
 
 Severity: TypeAlias = Literal["error", "warning"]
 """`error`: impossible to store on a board, or never finished by a board. `warning`: an effect that was hardly meant."""
@@ -108,7 +117,7 @@ def _unstorable(project: Project, caption_encoding: str, memory: int | None) -> 
     for kind in RECORD_TYPES:
         records = getattr(project, kind.field)
         yield from _unstorable_records(kind.field, records, kind.list_limit, kind.add, caption_encoding)
-    size = total_size(project)
+    size = project.total_size()
     if memory is not None and size > memory:
         yield Diagnostic("", f"the project takes {size:,} bytes; the board has {memory:,}", "error")
 
@@ -118,7 +127,7 @@ def _servo_parameter_request(parameter: ServoParameter) -> Packet:
 
 
 def _wrong_project_fields(project: Project) -> Iterator[Diagnostic]:
-    if is_unfinished(project.project_id):
+    if project.project_id in UNFINISHED:
         text = f"{project.project_id} means that an import is under way; choose another id, such as 1"
         yield Diagnostic("project_id", text, "error")
     yield from schema_errors("", replace(project, servo_parameters=(), actions=(), macros=(), joystick_tables=()))
@@ -248,11 +257,11 @@ def _endless(project: Project) -> Iterator[Diagnostic]:
 
 def _nested_too_deep(project: Project) -> Iterator[Diagnostic]:
     """Find the macros just beyond the limit of virtual boards; macros with deeper nesting contain such a macro."""
-    beyond = next(iter(dependency_levels(MACRO.by_id(project))[MAX_NESTING:]), ())
+    beyond = next(iter(dependency_levels(MACRO.by_id(project))[Macro.MAX_NESTING :]), ())
     for at, macro in enumerate(project.macros):
         if macro.macro_id in beyond:
-            nests = f"{name_of(macro)} nests macros {MAX_NESTING + 1} levels deep"
-            text = f"{nests}; a virtual board plays {MAX_NESTING}, other boards may differ"
+            nests = f"{name_of(macro)} nests macros {Macro.MAX_NESTING + 1} levels deep"
+            text = f"{nests}; a virtual board plays {Macro.MAX_NESTING}, other boards may differ"
             yield Diagnostic(f"macros[{at}]", text, "warning")
 
 

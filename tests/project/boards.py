@@ -11,14 +11,11 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.project.model import UNFINISHED
 from servolink.project.transfer.results import Progress, ProgressCallback
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import Contents
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, opened
+from servolink.virtual import Contents, VirtualBoard, VirtualTransport
+from tests.client.piped_board import PipedBoard, opened
 from tests.project.pulled import NEW, OLD, OLD_CONTENTS, Make, contents_of
 from tests.virtual_time import run
 
@@ -85,10 +82,10 @@ def on_board(work: Any, contents: Contents = OLD_CONTENTS, make: Make | None = N
     return run(main())
 
 
-def on_fake(work: Any, **options: Any) -> FakeBoard:
+def on_fake(work: Any, **options: Any) -> PipedBoard:
     """Let `work` use a connected fake board, which has OLD stored."""
-    fake = FakeBoard(servos=3)
-    fake.virtual.storage.contents = OLD_CONTENTS
+    fake = PipedBoard(servos=3)
+    fake.storage.contents = OLD_CONTENTS
 
     async def main() -> None:
         async with opened(fake, **options) as board:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from servolink.errors import ConnectionLost
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.transports import WrappedTransport
+from servolink.virtual import VirtualBoard, VirtualTransport
 
 URL = "virtual://bench"
 

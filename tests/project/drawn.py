@@ -9,12 +9,17 @@ from msgspec import inspect
 from msgspec.structs import replace
 
 from servolink.project.model import Project
-from servolink.protocol.editing import QueryActionResponse, QueryMacroResponse, QueryServoParameterResponse
-from servolink.protocol.joystick import QueryJoystickTableResponse
-from servolink.protocol.layout import layout
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.protocol.servos import ALL_SERVOS
+from servolink.protocol import (
+    ALL_SERVOS,
+    RECORD_TYPES,
+    Packet,
+    QueryActionResponse,
+    QueryJoystickTableResponse,
+    QueryMacroResponse,
+    QueryServoParameterResponse,
+    RecordType,
+    layout,
+)
 from tests.protocol.declared import plain_captions, values_of
 
 ENCODINGS = ("utf-8", "big5", "utf-16-le", "cp437")

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from tests.project.pulled import NEW
 
 _STEPS = {"open", "os.mkdir", "os.rename", "os.remove"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servolink.project.model import Project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 
 RAISE = Action(1, "Raise left arm", (Step(1, 60, 50), Step(3, -30, 40), Step(5, 10, 20)))
 NOD = Action(2, "Nod", (Step(5, 20, 30),))

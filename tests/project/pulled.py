@@ -12,8 +12,7 @@ from unittest.mock import patch
 
 import msgspec
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import ProjectError, ServolinkError
 from servolink.project.model import Project
 from servolink.project.project_file import load_project
@@ -21,15 +20,22 @@ from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.pinned import ProjectIDBits
 from servolink.project.transfer.read import Content
 from servolink.project.transfer.writing import writes
-from servolink.protocol.caption import CAPTION_SIZE
-from servolink.protocol.codec import Codec
-from servolink.protocol.record_types import SERVO_PARAMETER, STORED_TYPES, TABLE
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports.base import Transport
-from servolink.transports.line_faults import Faults, FaultyTransport
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind, Clear, OnDuplicate, UnknownIds
-from servolink.virtual.storage import AnyType, Contents
+from servolink.protocol import (
+    CAPTION_SIZE,
+    SERVO_PARAMETER,
+    STORED_TYPES,
+    TABLE,
+    Action,
+    Button,
+    Codec,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+    Step,
+)
+from servolink.transports import Faults, FaultyTransport, Transport
+from servolink.virtual import AnyType, BoardKind, Clear, Contents, OnDuplicate, UnknownIds, VirtualBoard
 from tests.project.cable import Cable
 
 OLD = Project(

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
-from servolink.protocol.records import Action, Step
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import Action, Step
+from servolink.virtual import VirtualBoard, VirtualTransport
 from tests.project.boards import on_board, stopped, stopped_import, writing
 from tests.project.pulled import NEW
 

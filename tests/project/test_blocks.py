@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from servolink.errors import ProjectError
+from servolink.project import ProjectFile
 from servolink.project.blocks import MOST_BLOCKS, MOST_LEVELS
 from servolink.project.model import Project
-from servolink.project.project_file import format_project, parse_project_file, read_project_file, save_project
+from servolink.project.project_file import save_project
 from tests.cli.programs import call
 
 WAIT = {"type": "wait", "id": "w", "delay_ms": 2**40}
@@ -44,15 +45,15 @@ WAVE = program(
 
 
 def test_blocks_are_read_and_written_unchanged() -> None:
-    file = parse_project_file(text(WAVE))
-    assert json.loads(format_project(file.project, blocks=file.blocks))["blocks"] == WAVE
+    file = ProjectFile.parse(text(WAVE))
+    assert json.loads(ProjectFile(file.project, blocks=file.blocks).text())["blocks"] == WAVE
 
 
 def test_a_replaced_file_keeps_its_blocks(tmp_path: Path) -> None:
-    blocks = parse_project_file(text(WAVE)).blocks
+    blocks = ProjectFile.parse(text(WAVE)).blocks
     save_project(tmp_path / "robot", Project(1), blocks=blocks)
     save_project(tmp_path / "robot", Project(2))
-    assert read_project_file(tmp_path / "robot") == (Project(2), False, None, blocks)
+    assert ProjectFile.read(tmp_path / "robot") == (Project(2), False, None, blocks)
 
 
 def test_commands_keep_the_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -60,7 +61,7 @@ def test_commands_keep_the_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[
     path.write_text(text(WAVE), encoding="utf-8")
     assert call(capsys, "project", "adjust", str(path), "-o", str(out)).code in {0, 2}
     assert call(capsys, "export", str(path), "--yes", "--url", "virtual://?servos=2").code == 0
-    assert read_project_file(path).blocks == parse_project_file(text(WAVE)).blocks
+    assert ProjectFile.read(path).blocks == ProjectFile.parse(text(WAVE)).blocks
 
 
 @pytest.mark.parametrize(
@@ -81,11 +82,11 @@ def test_commands_keep_the_blocks(tmp_path: Path, capsys: pytest.CaptureFixture[
 )
 def test_anything_else_is_refused_with_the_place(blocks: Any, reason: str) -> None:
     with pytest.raises(ProjectError) as caught:
-        parse_project_file(text(blocks))
+        ProjectFile.parse(text(blocks))
     assert reason in str(caught.value)
 
 
 def test_blocks_nested_beyond_reason_are_refused() -> None:
     inner = '{"type":"repeat","id":"a","loop":1,"blocks":['
     with pytest.raises(ProjectError, match="nested too deeply"):
-        parse_project_file(f'{{"schema":1,"blocks":{{"blocks":1,"stacks":[{inner * 5000}{"]}" * 5000}]}}}}')
+        ProjectFile.parse(f'{{"schema":1,"blocks":{{"blocks":1,"stacks":[{inner * 5000}{"]}" * 5000}]}}}}')

@@ -10,9 +10,17 @@ import pytest
 from servolink.errors import EncodeError, ProjectError
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddMacroRequest
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import (
+    Action,
+    AddMacroRequest,
+    Button,
+    Codec,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+    Step,
+)
 
 UP = Action.pose("Up", {1: 60, 2: -30}, seconds=0.5)
 DOWN = Action.pose("Down", {1: 20, 2: 0}, seconds=0.25)

@@ -12,14 +12,22 @@ from hypothesis import given
 from msgspec.structs import replace
 
 from servolink.errors import EncodeError
+from servolink.project import ProjectFile
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.project_file import format_project, parse_project
 from servolink.project.validate import Diagnostic, validate_project
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.packet import Packet
-from servolink.protocol.record_types import RECORD_TYPES
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import (
+    RECORD_TYPES,
+    Action,
+    AddServoParameterRequest,
+    Button,
+    Codec,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    Packet,
+    ServoParameter,
+    Step,
+)
 from tests.project.drawn import projects, said_projects, storable_projects
 
 STEP = Step(1, 30, 50)
@@ -310,7 +318,7 @@ def test_what_can_be_stored_has_no_errors_but_macros_that_never_end(project: Pro
 @given(projects)
 def test_without_an_error_the_encoder_and_the_file_take_everything(project: Project) -> None:
     if not any(problem.severity == "error" for problem in validate_project(project)):
-        assert parse_project(format_project(project)) == project.sorted()
+        assert ProjectFile.parse(ProjectFile(project).text()).project == project.sorted()
         assert unencodable(project) == ""
 
 

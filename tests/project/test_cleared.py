@@ -8,11 +8,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual import VirtualBoard, VirtualTransport
 from tests.project.boards import (
     HERE,
     OTHER,

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from servolink.client import connect as connecting
 from servolink.errors import ConnectionLost
 from servolink.project.transfer.pinned import PinnedConnection
-from servolink.protocol.servos import QueryServoListRequest
+from servolink.protocol import QueryServoListRequest
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
+from tests.plugged import plugged
 from tests.project.boards import OTHER_CONTENTS
 from tests.project.pulled import NEW, OLD_CONTENTS, Make
 from tests.virtual_time import run
@@ -28,10 +28,10 @@ def test_a_board_that_is_plugged_in_while_files_are_written_is_left_alone(
     mine.storage.project_id = other.storage.project_id = 5
     before = other.storage.contents
     socket = Socket(mine)
-    monkeypatch.setattr(connecting, "create", socket.transport)
+    url = plugged(monkeypatch, socket.transport)
 
     async def main() -> None:
-        async with connected() as board:
+        async with connected(url) as board:
 
             async def swapped(function: Any, *args: Any) -> Any:
                 if function.__name__ == at and socket.board is mine:
@@ -52,10 +52,10 @@ def test_a_board_that_is_plugged_in_while_files_are_written_is_left_alone(
 
 def test_whatever_is_asked_after_a_loss_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     socket = Socket(Make().board(OLD_CONTENTS, 1))
-    monkeypatch.setattr(connecting, "create", socket.transport)
+    url = plugged(monkeypatch, socket.transport)
 
     async def main() -> None:
-        async with connected() as board:
+        async with connected(url) as board:
             one, there = PinnedConnection(board), socket.board
             assert (await one.request(QueryServoListRequest())).servo_id_list
             assert (one.url, one.codec) == (board.url, board.codec)

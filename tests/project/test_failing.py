@@ -8,14 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ProjectError, TransportError
 from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.transports.base import Transport
-from servolink.transports.lifecycle import WrappedTransport
-from servolink.virtual.storage import Contents
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.transports import Transport, WrappedTransport
+from servolink.virtual import Contents, VirtualTransport
 from tests.project.disk import Disk
 from tests.project.pulled import Make, attempt, contents_of, same, undo
 from tests.sampling import every, some

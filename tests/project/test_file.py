@@ -1,6 +1,6 @@
 """The project file: what it looks like, that nothing is lost in it, and what is said of a wrong one.
 
-Modules: servolink.json_text, servolink.project.project_file, servolink.project.single_record.
+Modules: servolink.support.json_text, servolink.project.project_file, servolink.project.single_record.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape
-from servolink.json_text import MAX_SIZE
-from servolink.project import project_file
+from servolink.errors import ProjectError, escape
+from servolink.project import ProjectFile, project_file
 from servolink.project.model import Project
-from servolink.project.project_file import format_project, load_project, parse_project, read_project_file, save_project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
-from tests.fuzz.amounts import MANY
+from servolink.project.project_file import load_project, save_project
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.support import MAX_SIZE
 from tests.project.drawn import projects, said_projects
+from tests.proofs.fuzz.amounts import MANY
 
 ROBOT = Project(
     7,
@@ -99,68 +98,70 @@ TEXT = """\
 def refusal(text: str, *, unchecked: bool = False) -> str:
     """Return what is said of a file, empty if it is taken."""
     try:
-        parse_project(text, unchecked=unchecked)
+        ProjectFile.parse(text, unchecked=unchecked)
     except ProjectError as error:
         return str(error)
     return ""
 
 
 def test_a_file_is_in_order_and_has_a_step_a_line() -> None:
-    assert format_project(ROBOT) == TEXT
-    assert parse_project(TEXT) == ROBOT.sorted()
+    assert ProjectFile(ROBOT).text() == TEXT
+    assert ProjectFile.parse(TEXT).project == ROBOT.sorted()
 
 
 def test_what_is_left_out_is_as_in_a_new_project() -> None:
-    assert parse_project('{"schema": 1}') == Project()
+    assert ProjectFile.parse('{"schema": 1}').project == Project()
     written = (
         '{"$schema": "x.json", "schema": 1, "actions": [{"action_id": 3}], "macros": [{"macro_id": 4, "commands": '
     )
     written += '[{"type": "delay", "delay_ms": 5}]}]}'
-    assert parse_project(written) == Project(actions=(Action(3),), macros=(Macro(4, "", (MacroCommand(5, 1),)),))
+    assert ProjectFile.parse(written).project == Project(
+        actions=(Action(3),), macros=(Macro(4, "", (MacroCommand(5, 1),)),)
+    )
 
 
 def test_reading_keeps_the_order_of_the_file() -> None:
     written = '{"schema": 1, "actions": [{"action_id": 2}, {"action_id": 1}, {"action_id": 2}]}'
-    assert [action.action_id for action in parse_project(written).actions] == [2, 1, 2]
+    assert [action.action_id for action in ProjectFile.parse(written).project.actions] == [2, 1, 2]
 
 
 @given(projects)
 def test_every_project_comes_back(project: Project) -> None:
-    assert parse_project(format_project(project)) == project.sorted()
+    assert ProjectFile.parse(ProjectFile(project).text()).project == project.sorted()
 
 
 @given(said_projects())
 @settings(max_examples=20 * MANY)
 def test_whatever_a_board_says_comes_back_from_text_that_can_be_shown(project: Project) -> None:
-    text = format_project(project)
-    assert parse_project(text, unchecked=True) == project.sorted()
+    text = ProjectFile(project).text()
+    assert ProjectFile.parse(text, unchecked=True).project == project.sorted()
     assert all(escape(line) == line for line in text.split("\n"))
-    assert parse_project(text.encode(), unchecked=True) == project.sorted()
+    assert ProjectFile.parse(text.encode(), unchecked=True).project == project.sorted()
 
 
 @given(said_projects())
 def test_what_this_library_would_not_say_is_refused_with_its_place(project: Project) -> None:
-    said = refusal(format_project(project))
+    said = refusal(ProjectFile(project).text())
     assert said == "" or said.startswith(("servo_parameters[", "actions[", "macros[", "joystick_tables["))
 
 
 def test_characters_that_hide_or_turn_text_are_escaped() -> None:
-    written = format_project(Project(actions=(Action(1, "a\x1b[2J\u202eb\udcff\U000e0041\x7f\u200d"),)))
+    written = ProjectFile(Project(actions=(Action(1, "a\x1b[2J\u202eb\udcff\U000e0041\x7f\u200d"),))).text()
     assert r'"a\u001b[2J\u202eb\udcff\udb40\udc41\u007f' + '\u200d"' in written
 
 
 def test_a_type_of_command_that_nobody_knows_is_kept_as_a_number_for_backups_only() -> None:
     project = Project(macros=(Macro(1, "", (MacroCommand(-5, 7, 0, -1, -2),)),))
-    text = format_project(project)
+    text = ProjectFile(project).text()
     line = (
         '{"type": "other", "type_number": 7, "command_id": -5, "ratio_percent": 0, "loop": -1, "total_interval_ms": -2}'
     )
     assert line in text
-    assert parse_project(text, unchecked=True) == project
+    assert ProjectFile.parse(text, unchecked=True).project == project
     with pytest.raises(
         ProjectError, match=r"^macros\[0\].commands\[0\].type: must be one of action, delay, macro, not 'other'$"
     ):
-        parse_project(text)
+        ProjectFile.parse(text)
 
 
 ACTIONS = '"actions": [{{"action_id": 1}}, {{"action_id": 2, "steps": [{}]}}]'
@@ -247,7 +248,7 @@ def replaced(old: str, new: str) -> str:
 )
 def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str, said: str) -> None:
     with pytest.raises(ProjectError) as caught:
-        parse_project(f'{{"schema": 1, {fields}}}')
+        ProjectFile.parse(f'{{"schema": 1, {fields}}}')
     if said.endswith("..."):
         assert str(caught.value).startswith(said[:-3])
     else:
@@ -278,7 +279,7 @@ def test_what_is_wrong_is_said_with_its_place_and_what_it_should_be(fields: str,
 )
 def test_what_is_no_project_file_is_told_from_one(text: str | bytes, said: str) -> None:
     with pytest.raises(ProjectError) as caught:
-        parse_project(text)
+        ProjectFile.parse(text)
     assert str(caught.value) == said
 
 
@@ -287,7 +288,7 @@ def test_a_path_takes_memory_for_one_place_only() -> None:
     tracemalloc.start()
     try:
         with pytest.raises(ProjectError, match="is a duplicate key"):
-            parse_project(text)
+            ProjectFile.parse(text)
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -418,7 +419,7 @@ def test_swapped_arguments_are_refused_with_the_right_order(tmp_path: Path) -> N
 def test_an_export_with_values_that_are_not_written_unasked_can_be_loaded(tmp_path: Path) -> None:
     odd = Project(actions=(Action(1, "\x1b[2J"),), macros=(Macro(2, "", (MacroCommand(1, 9, ratio=0),)),))
     save_project(tmp_path / "x", odd, unchecked=True)
-    assert read_project_file(tmp_path / "x") == (odd, True, None, None)
+    assert ProjectFile.read(tmp_path / "x") == (odd, True, None, None)
     (tmp_path / "x").write_text('{"schema": 1, "values": "odd"}', encoding="utf-8")
     with pytest.raises(ProjectError, match="values: must be one of unchecked, not 'odd'"):
         load_project(tmp_path / "x")

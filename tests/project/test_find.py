@@ -8,9 +8,7 @@ import pytest
 
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.project.record_lookup import find
-from servolink.protocol.record_types import ACTION, MACRO, RECORD_TYPES, TABLE, RecordType
-from servolink.protocol.records import Action, Macro
+from servolink.protocol import ACTION, MACRO, RECORD_TYPES, TABLE, Action, Macro, RecordType
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
 
@@ -29,7 +27,7 @@ from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
     ],
 )
 def test_what_is_meant(name: str, record: object) -> None:
-    assert find(HUMANOID, name, RECORD_TYPES) is record
+    assert HUMANOID.find(name, RECORD_TYPES) is record
 
 
 TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "Wave"), Macro(5, "4")))
@@ -57,20 +55,20 @@ TWO = Project(actions=(Action(3, "Wave"), Action(4, "wave")), macros=(Macro(3, "
 )
 def test_what_is_not_clear(name: str, text: str) -> None:
     with pytest.raises(ProjectError, match=text):
-        find(TWO, name, (ACTION, MACRO))
+        TWO.find(name, (ACTION, MACRO))
 
 
 def test_exactly_that_caption_comes_first() -> None:
-    assert find(TWO, "wave", (ACTION, MACRO)).action_id == 4
-    assert find(TWO, "action:3", (ACTION, MACRO)).action_id == 3
-    assert find(TWO, "4", (ACTION, MACRO)).action_id == 4
-    assert find(TWO, "name:4", (ACTION, MACRO)).macro_id == 5
+    assert TWO.find("wave", (ACTION, MACRO)).action_id == 4
+    assert TWO.find("action:3", (ACTION, MACRO)).action_id == 3
+    assert TWO.find("4", (ACTION, MACRO)).action_id == 4
+    assert TWO.find("name:4", (ACTION, MACRO)).macro_id == 5
 
 
 @pytest.mark.parametrize("kind", [ACTION, MACRO, TABLE], ids=str)
 def test_of_nothing_nothing_is_found(kind: RecordType[Any]) -> None:
     with pytest.raises(ProjectError, match="there are no "):
-        find(Project(), "1", (kind,))
+        Project().find("1", (kind,))
     many = Project(actions=tuple(Action(number) for number in range(1, 40)))
     with pytest.raises(ProjectError, match=r"there is action 1, action 2, action 3, action 4, action 5 and 34 more$"):
-        find(many, "none", (ACTION,))
+        many.find("none", (ACTION,))

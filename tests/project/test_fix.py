@@ -10,7 +10,7 @@ from hypothesis import given
 from servolink.project.fix import fix_project
 from servolink.project.model import Project
 from servolink.project.validate import validate_project
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
 from tests.project.drawn import projects, said_projects
 
 STEP, OTHER = Step(1, 30, 100), Step(1, 0, 100)

@@ -13,23 +13,26 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.client.projects import ignore_progress
+from servolink.client import Board, connect, ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.import_plan import plan_project
 from servolink.project.transfer.pinned import PinnedConnection
 from servolink.project.transfer.results import Memory, Progress
-from servolink.protocol.editing import AddActionRequest, WriteProjectIDRequest
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action, Step
-from servolink.protocol.servos import ALL_SERVOS, SetServoParameterRequest
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from servolink.virtual.storage import Contents
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import SWALLOWED, FakeBoard
+from servolink.protocol import (
+    ACTION,
+    ALL_SERVOS,
+    Action,
+    AddActionRequest,
+    ClearAllDataRequest,
+    QueryMemorySizeRequest,
+    SetServoParameterRequest,
+    Step,
+    WriteProjectIDRequest,
+)
+from servolink.virtual import Contents, VirtualTransport
+from tests.client.piped_board import SWALLOWED, PipedBoard
 from tests.project.boards import on_board, on_fake
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, contents_of, same
 from tests.virtual_time import run
@@ -57,7 +60,7 @@ def test_an_import_tells_how_far_it_is_and_what_it_did(tmp_path: Path, *, whole:
 
 
 def test_what_is_there_already_is_not_written_again(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         assert not (await board.apply_project(OLD, replace=True, folder=tmp_path)).changed
 
     fake = on_fake(work)
@@ -73,7 +76,7 @@ def test_only_what_differs_is_written(tmp_path: Path) -> None:
     bow = Action(1, "Bow", (Step(1, 60, 50), Step(2, -61, 50)))
     changed = msgspec.structs.replace(OLD, actions=(bow, *OLD.actions[1:]))
 
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         await board.apply_project(changed, folder=tmp_path)
 
     fake = on_fake(work)
@@ -136,18 +139,18 @@ def test_memory_is_counted_in_the_unit_of_the_board() -> None:
 
 
 def test_a_board_that_does_not_say_how_much_memory_it_has_is_imported_to(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.usual_of[QueryMemorySizeRequest] = SWALLOWED
         assert (await board.plan_project(NEW)).memory is None
         await board.apply_project(NEW, folder=tmp_path)
 
-    assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
+    assert same(on_fake(work).storage.contents, NEW_CONTENTS)
 
 
 def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: Path) -> None:
     wrong = msgspec.structs.replace(OLD, project_id=UNFINISHED.start)
 
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         with pytest.raises(ProjectError, match="project_id"):
             await board.apply_project(wrong, folder=tmp_path)
 
@@ -155,17 +158,17 @@ def test_a_project_with_an_error_is_refused_before_anything_is_asked(tmp_path: P
 
 
 def test_an_answer_that_never_comes_is_no_reason_to_write_twice(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(AddActionRequest, SWALLOWED)
         await board.apply_project(NEW, folder=tmp_path)
 
     fake = on_fake(work)
     assert len(fake.sent_of(AddActionRequest)) == 2
-    assert same(fake.virtual.storage.contents, NEW_CONTENTS)
+    assert same(fake.storage.contents, NEW_CONTENTS)
 
 
 def test_stop_gets_through_in_the_middle_of_an_import(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         task = asyncio.ensure_future(board.apply_project(NEW, folder=tmp_path))
         while not fake.sent_of(AddActionRequest):
             await asyncio.sleep(0.001)
@@ -176,12 +179,12 @@ def test_stop_gets_through_in_the_middle_of_an_import(tmp_path: Path) -> None:
         ) or (fake.sent[sent][1] == SetServoParameterRequest(ALL_SERVOS, 0, 1))
         await task
 
-    assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
+    assert same(on_fake(work).storage.contents, NEW_CONTENTS)
 
 
 @pytest.mark.parametrize("depth", [1, 4])
 def test_clearing_overlaps_nothing(tmp_path: Path, *, depth: int) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         async def ask(ask: Callable[[], Awaitable[object]]) -> None:
             while not done.is_set():
                 await ask()
@@ -194,7 +197,7 @@ def test_clearing_overlaps_nothing(tmp_path: Path, *, depth: int) -> None:
         await asyncio.gather(*asking)
 
     fake = on_fake(work, depth=depth)
-    assert same(fake.virtual.storage.contents, NEW_CONTENTS)
+    assert same(fake.storage.contents, NEW_CONTENTS)
     (cleared,) = fake.sent_of(ClearAllDataRequest)
     at = [when for when, _ in fake.sent].index(cleared)
     answers = [when for when in fake.answered_at if when <= cleared]

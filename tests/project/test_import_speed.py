@@ -8,15 +8,13 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from benchmarks import import_speed
-from benchmarks.import_speed import CDC, FEW, FTDI, GOALS, SERIAL, BoardLine, Case
 from benchmarks.wire import Line
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.project.transfer.import_plan import Cost, estimated_seconds
-from servolink.protocol.codec import Codec
-from servolink.protocol.record_types import ACTION
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.kind import BoardKind
+from servolink.protocol import ACTION, Codec
+from servolink.virtual import BoardKind, VirtualBoard
+from tests.proofs import import_speed
+from tests.proofs.import_speed import CDC, FEW, FTDI, GOALS, SERIAL, BoardLine, Case
 
 
 @pytest.mark.parametrize(

@@ -10,18 +10,16 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import ConnectionLost, ProjectError, RequestTimeout
 from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal
 from servolink.project.transfer.results import Progress
-from servolink.protocol.editing import AddActionRequest
-from servolink.protocol.record_types import ACTION
-from servolink.protocol.records import Action
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import SWALLOWED, FakeBoard
+from servolink.protocol import ACTION, Action, AddActionRequest
+from servolink.virtual import VirtualTransport
+from tests.client.piped_board import SWALLOWED, PipedBoard
+from tests.plugged import plugged
 from tests.project.boards import (
     HERE,
     OTHER,
@@ -164,9 +162,9 @@ def test_a_board_that_comes_back_by_itself_is_the_one_with_the_marker(
         for sent in range(900, size, 400):
             virtual.storage.contents = OLD_CONTENTS
             cables = iter((Cable(virtual, sent=sent), Cable(virtual)))
-            monkeypatch.setattr("servolink.client.connect.create", lambda _: next(cables))  # noqa: B023 - used at once
+            url = plugged(monkeypatch, lambda _: next(cables))  # noqa: B023 - used at once
             folder = tmp_path / str(sent)
-            async with connect("virtual://", reconnect=True) as board:
+            async with connect(url, reconnect=True) as board:
                 with pytest.raises(ConnectionLost):
                     await board.apply_project(NEW, replace=whole, folder=folder)
                 async for state in board.states():
@@ -184,8 +182,8 @@ async def test_connecting_to_a_board_that_comes_back_by_itself_tells_of_an_unfin
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     virtual = Make().board(unfinished(), 1)
-    monkeypatch.setattr("servolink.client.connect.create", lambda url: VirtualTransport(virtual, url))
-    async with connect("virtual://", reconnect=True):
+    url = plugged(monkeypatch, lambda url: VirtualTransport(virtual, url))
+    async with connect(url, reconnect=True):
         assert [record.levelname for record in caplog.records] == ["WARNING"]
 
 
@@ -236,7 +234,7 @@ def test_a_journal_that_cannot_be_read_stands_in_the_way_of_its_own_board_alone(
 
 
 def test_a_board_that_falls_silent_leaves_an_import_to_go_on_with(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(AddActionRequest, SWALLOWED)
         usual = fake.usual
         task = asyncio.ensure_future(board.apply_project(NEW, folder=tmp_path))
@@ -248,8 +246,8 @@ def test_a_board_that_falls_silent_leaves_an_import_to_go_on_with(tmp_path: Path
         fake.usual = usual
 
     fake = on_fake(work)
-    assert fake.virtual.storage.project_id in UNFINISHED
-    left = on_board(lambda board: board.apply_project(NEW, folder=tmp_path), fake.virtual.storage.contents)
+    assert fake.storage.project_id in UNFINISHED
+    left = on_board(lambda board: board.apply_project(NEW, folder=tmp_path), fake.storage.contents)
     assert same(left, NEW_CONTENTS)
 
 

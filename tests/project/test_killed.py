@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.connect import connect
-from servolink.virtual.serve import serve
-from servolink.virtual.transport import VirtualTransport
+from servolink.client import connect
+from servolink.virtual import VirtualTransport, serve
 from tests import processes
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, has_backup, same, undo
 from tests.sampling import every, some

@@ -10,8 +10,8 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.build import build_project, extend_project
 from servolink.project.model import Project
-from servolink.project.teaching import LONGEST, SHORTEST, PoseRecorder, refuse_duplicate
-from servolink.protocol.records import Action, Macro, Step
+from servolink.project.teaching import PoseRecorder
+from servolink.protocol import Action, Macro, Step
 
 
 def lesson(seconds: float | None = None) -> PoseRecorder:
@@ -43,8 +43,8 @@ def test_several_poses_are_a_macro_with_the_times_between_them() -> None:
 def test_a_pose_is_never_faster_than_the_cap() -> None:
     hasty = lesson()
     assert hasty.take({1: 90, 2: -180}, 100.01).seconds == 2.0
-    assert hasty.take({1: 90, 2: -180}, 100.02).seconds == SHORTEST
-    assert hasty.take({1: 89, 2: -180}, 9999.0).seconds == LONGEST
+    assert hasty.take({1: 90, 2: -180}, 100.02).seconds == PoseRecorder.SHORTEST
+    assert hasty.take({1: 89, 2: -180}, 9999.0).seconds == PoseRecorder.LONGEST
 
 
 def test_times_can_be_set() -> None:
@@ -73,7 +73,7 @@ def test_what_is_undone_leaves_no_trace() -> None:
 )
 def test_a_name_is_not_taken_twice(project: Project) -> None:
     with pytest.raises(ProjectError, match=r"there is already (action|macro) 'Wave.*'; choose another name"):
-        refuse_duplicate(project, "Wave")
+        PoseRecorder.refuse_duplicate(project, "Wave")
 
 
 def test_a_name_that_is_no_caption_is_refused() -> None:

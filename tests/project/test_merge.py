@@ -12,8 +12,18 @@ from hypothesis import strategies as st
 from servolink.errors import ProjectError
 from servolink.project.merge import merge_projects
 from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO, TABLE
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import (
+    ACTION,
+    MACRO,
+    TABLE,
+    Action,
+    Button,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+    Step,
+)
 from tests.project.projects import HUMANOID, NOD, PAD, RAISE, SHOW, WAVE
 
 

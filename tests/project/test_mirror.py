@@ -11,7 +11,7 @@ from servolink.errors import ProjectError
 from servolink.project.build import extend_project
 from servolink.project.mirror import Mirror, mirror_by_captions, mirror_project, other_side
 from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
+from servolink.protocol import Action, Macro, MacroCommand, ServoParameter, Step
 from tests.project.projects import HUMANOID, NOD, RAISE, SHOW, WAVE
 
 ARMS = Mirror({1: 2, 2: 1, 3: 4, 4: 3})

@@ -9,15 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servolink.motion.limits import MotionLimits
+from servolink.motion import MotionLimits
 from servolink.project.model import Project
-from servolink.project.preflight import preflight_run, uncheckable
+from servolink.project.preflight_checks import preflight_run, uncheckable
 from servolink.project.speed import RecordRun
-from servolink.protocol.codec import Codec
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.player import Player
-from servolink.virtual.storage import Storage
+from servolink.protocol import Action, Codec, Macro, MacroCommand, Step
+from servolink.virtual import BoardKind, Player, Storage
 from tests.project.pulled import contents_of
 
 SERVOS = (1, 2, 3)

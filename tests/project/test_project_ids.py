@@ -12,20 +12,17 @@ from random import Random
 import msgspec
 import pytest
 
-from servolink.client import connect as connecting
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.client.projects import ignore_progress
+from servolink.client import Board, connect, ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.import_plan import plan_project
 from servolink.project.transfer.journal import digests_of, strangers
 from servolink.project.transfer.marker import is_cut, is_same_id
 from servolink.project.transfer.pinned import PinnedConnection, ProjectIDBits
-from servolink.virtual.storage import Storage
-from servolink.virtual.transport import VirtualTransport
+from servolink.virtual import Storage, VirtualTransport
 from tests.client.reconnections import connected, until
 from tests.client.sockets import Socket
+from tests.plugged import plugged
 from tests.project.boards import (
     HERE,
     OTHER,
@@ -239,8 +236,7 @@ async def test_a_board_that_keeps_less_of_its_id_is_recognised_when_it_comes_bac
     bits: ProjectIDBits, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     socket = Socket(Make(project_id_bits=bits).board(OLD_CONTENTS, 1))
-    monkeypatch.setattr(connecting, "create", socket.transport)
-    async with connected() as board:
+    async with connected(plugged(monkeypatch, socket.transport)) as board:
         await board.write_project_id(0x12345)
         there = socket.board
         assert there is not None

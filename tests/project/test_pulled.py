@@ -8,7 +8,7 @@ from random import Random
 import pytest
 
 from servolink.project.model import UNFINISHED
-from servolink.transports.line_faults import Faults
+from servolink.transports import Faults
 from tests.project.cable import Cable
 from tests.project.pulled import (
     DEEP_MAKES,

@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.projects import ignore_progress
+from servolink.client import Board, ignore_progress
 from servolink.errors import ProjectError
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
@@ -25,23 +24,27 @@ from servolink.project.transfer.pinned import PinnedConnection
 from servolink.project.transfer.read import Content, Listed
 from servolink.project.transfer.results import Change, Progress
 from servolink.project.transfer.writing import writes
-from servolink.protocol.editing import (
+from servolink.protocol import (
+    ACTION,
+    RECORD_TYPES,
+    Action,
+    FrameParser,
     QueryActionRequest,
     QueryActionResponse,
     QueryProjectIDRequest,
     QueryProjectIDResponse,
     QueryServoParameterRequest,
     QueryServoParameterResponse,
+    ServoParameter,
+    Step,
+    encode_frame,
 )
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.record_types import ACTION, RECORD_TYPES
-from servolink.protocol.records import Action, ServoParameter, Step
-from tests.client.fake_board import FakeBoard, Fate, lie
-from tests.fuzz.amounts import MANY
+from servolink.testing import Fate
+from tests.client.piped_board import PipedBoard, lie
 from tests.project.boards import on_board, on_fake
 from tests.project.drawn import storable_projects
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS
+from tests.proofs.fuzz.amounts import MANY
 
 
 def test_an_export_is_everything_on_the_board() -> None:
@@ -52,7 +55,7 @@ def test_an_export_is_everything_on_the_board() -> None:
 
 
 def test_an_export_is_not_fooled_by_one_damaged_answer() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryActionRequest, lie(QueryActionResponse(1, "Bow", (Step(1, 61, 50), Step(2, -60, 50)))))
         assert await board.export_project() == OLD
 
@@ -60,7 +63,7 @@ def test_an_export_is_not_fooled_by_one_damaged_answer() -> None:
 
 
 def test_an_export_gives_up_when_no_two_readings_agree() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryProjectIDRequest, *(lie(QueryProjectIDResponse(at)) for at in range(100)))
         with pytest.raises(ProjectError, match="9 readings of the project id all differed"):
             await board.export_project()
@@ -69,7 +72,7 @@ def test_an_export_gives_up_when_no_two_readings_agree() -> None:
 
 
 def test_what_is_listed_and_not_given_is_an_error_that_says_so() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
         with pytest.raises(ProjectError, match="action 1: the board lists the record, but returns nothing"):
             await board.export_project()
@@ -128,11 +131,11 @@ def test_a_plan_knows_the_cost_of_the_import(tmp_path: Path, *, whole: bool) -> 
 def test_a_reading_begins_anew_when_something_was_stored_meanwhile() -> None:
     told: list[Progress] = []
 
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         def tell(progress: Progress) -> None:
             told.append(progress)
             if len(told) == 3:
-                fake.virtual.storage.contents = NEW_CONTENTS
+                fake.storage.contents = NEW_CONTENTS
 
         assert await board.export_project(on_progress=tell) == NEW
 
@@ -141,9 +144,9 @@ def test_a_reading_begins_anew_when_something_was_stored_meanwhile() -> None:
 
 
 def test_an_export_gives_up_when_another_program_goes_on_writing() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         def tell(progress: Progress) -> None:
-            fake.virtual.storage.project_id += 1
+            fake.storage.project_id += 1
 
         with pytest.raises(ProjectError, match="the content kept changing during the reading"):
             await board.export_project(on_progress=tell)
@@ -152,14 +155,14 @@ def test_an_export_gives_up_when_another_program_goes_on_writing() -> None:
 
 
 def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         undecodable = encode_frame(QueryActionResponse.packet_id, bytes(36) + b"\x05\0", "little")
 
         def mangle(frame: bytes) -> bytes:
             answer = fake.codec.decode(*FrameParser().feed(frame)[0])
             return undecodable if isinstance(answer, QueryActionResponse) and answer.action_id == 1 else frame
 
-        fake.plan(QueryActionRequest, *[Fate(mangle=mangle)] * 100)
+        fake.plan(QueryActionRequest, *[Fate(damage=mangle)] * 100)
         plan = await board.plan_project(OLD)
         assert plan.inconsistencies == ("action 1 is listed and not returned",)
         assert [change.what for change in plan.changes] == ["action 1"]
@@ -168,7 +171,7 @@ def test_what_cannot_be_understood_is_taken_for_what_is_not_given() -> None:
 
 
 def test_servo_parameters_that_are_listed_twice_are_a_fault_and_the_last_counts() -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         twice = (ServoParameter(1, 9, "old"), *OLD.servo_parameters)
         fake.plan(QueryServoParameterRequest, *[lie(QueryServoParameterResponse(twice))] * 3)
         plan = await board.plan_project(OLD)

@@ -10,8 +10,7 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.adjust import rename_record, rename_servo
 from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO, TABLE, RecordType
-from servolink.protocol.records import ServoParameter
+from servolink.protocol import ACTION, MACRO, TABLE, RecordType, ServoParameter
 from tests.project.projects import HUMANOID, PAD, RAISE, WAVE
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from servolink.client.board import Board
+from servolink.client import Board
 from servolink.errors import ConnectionLost, ProjectError, TransportError
 from servolink.project.project_file import load_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.results import Progress
-from servolink.protocol.editing import QueryActionRequest, QueryActionResponse
-from servolink.protocol.records import Macro
-from tests.client.fake_board import FakeBoard, lie
+from servolink.protocol import Macro, QueryActionRequest, QueryActionResponse
+from tests.client.piped_board import PipedBoard, lie
 from tests.project.boards import OTHER, OTHER_CONTENTS, on_board, on_fake
 from tests.project.cable import Cable
 from tests.project.pulled import NEW, NEW_CONTENTS, OLD, OLD_CONTENTS, Make, attempt, contents_of, same
@@ -39,7 +38,7 @@ def test_a_rollback_of_a_finished_import_restores_what_was_there_even_what_we_wo
 
 
 def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryActionRequest, *[lie(QueryActionResponse(0))] * 2)
         with pytest.raises(
             ProjectError, match=r"no backup of fake://board can be made: action 1: the board lists the record"
@@ -50,7 +49,7 @@ def test_no_backup_must_be_asked_for_where_none_can_be_made(tmp_path: Path) -> N
         with pytest.raises(ProjectError, match="the last import to fake://board was made without a backup"):
             await board.rollback_project(folder=tmp_path)
 
-    assert same(on_fake(work).virtual.storage.contents, NEW_CONTENTS)
+    assert same(on_fake(work).storage.contents, NEW_CONTENTS)
 
 
 def lost_before_marking(progress: Progress) -> None:

@@ -12,7 +12,7 @@ import pytest
 from servolink.errors import ProjectError
 from servolink.project.adjust import scale_project
 from servolink.project.model import Project
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from tests.project.projects import HUMANOID, NOD, PAD
 
 

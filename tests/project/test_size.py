@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.record_lookup import total_size
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.record_types import RECORD_TYPES, Record, stored_size
-from servolink.protocol.records import Action, Button, JoystickTable, Macro, MacroCommand, ServoParameter, Step
+from servolink.project.model import Project, stored_size
+from servolink.protocol import (
+    OVERHEAD,
+    RECORD_TYPES,
+    Action,
+    AddServoParameterRequest,
+    Button,
+    Codec,
+    JoystickTable,
+    Macro,
+    MacroCommand,
+    Record,
+    ServoParameter,
+    Step,
+)
 
 WAVE = Action(1, "wave", (Step(1, 30, 50), Step(2, -30, 50)))
 SHOW = Macro(1, "show", (MacroCommand(1), MacroCommand(500, 1), MacroCommand(1)))
@@ -30,5 +38,5 @@ def test_servo_parameters_take_what_each_adds_to_their_request() -> None:
 
 def test_a_project_takes_what_its_records_take_and_nothing_for_parameters_that_say_nothing() -> None:
     parameters = (ServoParameter(1, 3, "elbow"), ServoParameter(2))
-    assert total_size(Project(7, parameters, (WAVE,), (SHOW,), (PAD,), 1)) == 35 + 48 + 74 + 87
-    assert total_size(Project(7)) == 0
+    assert (Project(7, parameters, (WAVE,), (SHOW,), (PAD,), 1)).total_size() == 35 + 48 + 74 + 87
+    assert Project(7).total_size() == 0

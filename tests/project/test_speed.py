@@ -6,7 +6,7 @@ import math
 
 from servolink.project.model import Project
 from servolink.project.speed import ServoMove, servo_moves
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol import Action, Macro, MacroCommand, Step
 
 UP = Action(1, "up", (Step(1, 90, 50), Step(2, 45, 100)))
 DOWN = Action(2, "down", (Step(1, -90, 100),))

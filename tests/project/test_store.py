@@ -17,8 +17,8 @@ from servolink.project.model import UNFINISHED, Project
 from servolink.project.project_file import load_project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal
-from tests.platforms.homeless import lose_home
 from tests.project.pulled import NEW, OLD
+from tests.support.platforms.homeless import lose_home
 
 URL = "serial:///dev/ttyACM0?baudrate=115200"
 MARKER = UNFINISHED.start + 7

@@ -8,7 +8,7 @@ from typing import Any
 
 import servolink
 from servolink import Action, Adc, Button, Degrees, JoystickTable, Macro, Project, Servo, build_project
-from servolink.client.servo_state import Servos
+from servolink.client import Servos
 from servolink.project.transfer.results import Change, Plan
 
 HOSTILE = "<script>1</script>&amp;\u202e"

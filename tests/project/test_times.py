@@ -14,13 +14,8 @@ from msgspec.structs import replace
 
 from servolink.project.model import Project
 from servolink.project.record_lookup import MAX_INTERVAL, dependency_order, durations
-from servolink.protocol.codec import Codec
-from servolink.protocol.frame import HEADER_SIZE
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
-from servolink.virtual.kind import BoardKind
-from servolink.virtual.player import Player
-from servolink.virtual.storage import Storage
+from servolink.protocol import ACTION, HEADER_SIZE, MACRO, Action, Codec, Macro, MacroCommand, RecordType, Step
+from servolink.virtual import BoardKind, Player, Storage
 
 FAST = Action(1, "fast", (Step(1, 90, 50), Step(2, 90, 100)))  # 1 s
 

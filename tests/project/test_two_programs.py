@@ -8,14 +8,13 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import ProjectError
 from servolink.project.model import UNFINISHED
 from servolink.project.transfer.results import Progress
-from servolink.protocol.editing import QueryProjectIDRequest, QueryProjectIDResponse
-from servolink.virtual.transport import VirtualTransport
-from tests.client.fake_board import FakeBoard, lie
+from servolink.protocol import QueryProjectIDRequest, QueryProjectIDResponse
+from servolink.virtual import VirtualTransport
+from tests.client.piped_board import PipedBoard, lie
 from tests.project.boards import (
     OTHER,
     OTHER_CONTENTS,
@@ -88,10 +87,10 @@ def test_an_import_puts_its_marker_back_when_something_else_has_changed_it(tmp_p
 
 
 def test_nothing_is_begun_while_another_program_writes(tmp_path: Path) -> None:
-    async def work(board: Board, fake: FakeBoard) -> None:
+    async def work(board: Board, fake: PipedBoard) -> None:
         fake.plan(QueryProjectIDRequest, *[lie(QueryProjectIDResponse(6))] * 2)
         with pytest.raises(ProjectError, match="another program is writing to the board"):
             await board.apply_project(NEW, folder=tmp_path)
 
-    assert on_fake(work).virtual.storage.contents == OLD_CONTENTS
+    assert on_fake(work).storage.contents == OLD_CONTENTS
     assert not list(tmp_path.iterdir())

@@ -9,13 +9,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ProjectError
 from servolink.project.model import Project
-from servolink.protocol.record_types import ACTION, MACRO, SERVO_PARAMETER, TABLE
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.storage import AnyType, Storage
-from servolink.virtual.transport import VirtualTransport
+from servolink.protocol import ACTION, MACRO, SERVO_PARAMETER, TABLE
+from servolink.virtual import AnyType, Storage, VirtualBoard, VirtualTransport
 from tests.project.pulled import NEW, OLD_CONTENTS, Make, same
 from tests.virtual_time import run
 

@@ -8,7 +8,7 @@ import json
 import logging
 import re
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from secrets import choice
@@ -16,13 +16,12 @@ from secrets import choice
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape, quote
-from servolink.files import read_file, reason, write_atomically
+from servolink.errors import ProjectError, escape, quote
 from servolink.project.model import UNFINISHED, Project
-from servolink.project.project_file import format_project, load_project
+from servolink.project.project_file import ProjectFile, load_project
 from servolink.project.transfer.folders import IMPORTS, data_folder
-from servolink.project.transfer.journal import Journal
+from servolink.project.transfer.journal import Journal, journal_of
+from servolink.support import read_file, reason, write_atomically
 
 _SUFFIX = ".servolink.json"
 _LARGEST = 1024 * 1024
@@ -64,7 +63,7 @@ class BackupStore:
             number = 1 + max((backup.number for backup in self.backups()), default=0)
             what = f"{_slug(url)}-{_slug_of_encoding(caption_encoding)}-{_digest(project)}"
             path = folder / f"{number:06}-{self.now():{_TIME}}-{what}{_SUFFIX}"
-            write_atomically(path, format_project(project).encode(), private=True)
+            write_atomically(path, ProjectFile(project).text().encode(), private=True)
         if load_project(path, unchecked=True) != project.sorted():
             raise ProjectError(f"{path}: the backup reads back with a different content")
         return path
@@ -109,6 +108,23 @@ class BackupStore:
             content = json.dumps(msgspec.to_builtins(journal)).encode() + b"\n"
             write_atomically(self._journal(journal.marker), content, private=True)
 
+    def begin(self, url: str) -> None:
+        """Note that an import to the board at `url` has begun, before its journal is known."""
+        with self._creating(IMPORTS, "the note of an import"):
+            write_atomically(self._begun(url), f"{escape(url)}\n".encode(), private=True)
+
+    def has_begun(self, url: str) -> bool:
+        """Return whether the latest import to the board at `url` ended before its journal, and so changed nothing."""
+        return self._begun(url).exists()
+
+    def end_beginning(self, url: str) -> None:
+        """Forget the note of `begin`: the import has a journal, or nothing to change."""
+        with suppress(OSError):
+            self._begun(url).unlink()
+
+    def _begun(self, url: str) -> Path:
+        return self.folder / IMPORTS / f"begun-{_slug(url)}"
+
     def end(self, journal: Journal) -> None:
         """Delete the journal of an ended import. A remaining journal is harmless, as no board has the marker."""
         path = self._journal(journal.marker)
@@ -135,6 +151,33 @@ class BackupStore:
                         ) from error
                     _LOG.warning("%s", text)
         return found
+
+    def may_have_journals(self) -> bool:
+        """Return whether there may be journals of imports."""
+        try:
+            return any((self.folder / IMPORTS).iterdir())
+        except FileNotFoundError:
+            return False
+        except (OSError, ValueError):  # raised again, with the remedy, when the journals are read
+            return True
+
+    def journal_of(self, project_id: int, url: str) -> Journal | None:
+        """Return the journal of the unfinished import on the board with this project id, None without an import."""
+        return journal_of(self.journals(project_id), project_id, url)
+
+    def is_import_unfinished(self, project_id: int, url: str) -> bool:
+        """Return whether, by the journals, an import to the board at `url` with this project id was interrupted.
+
+        With unreadable journals, return False.
+        """
+        try:
+            journals = self.journals(project_id)
+        except ProjectError:
+            return False
+        return any(
+            journal.is_of(project_id, url) or (journal.may_be_of(project_id, url) and not journal.has_written_all)
+            for journal in journals
+        )
 
     def new_marker(self, other_than: Collection[int] = ()) -> int:
         """Return a marker not used in any journal here, and hardly anywhere else.
@@ -179,21 +222,6 @@ class BackupStore:
 _LOG = logging.getLogger(__name__)
 
 
-def is_import_unfinished(store: BackupStore, project_id: int, url: str) -> bool:
-    """Return whether, by the journals, an import to the board at `url` with this project id was interrupted.
-
-    With unreadable journals, return False.
-    """
-    try:
-        journals = store.journals(project_id)
-    except ProjectError:
-        return False
-    return any(
-        journal.is_of(project_id, url) or (journal.may_be_of(project_id, url) and not journal.has_written_all)
-        for journal in journals
-    )
-
-
 def _read(path: Path, marker: int) -> Journal:
     journal = msgspec.convert(json.loads(read_file(path, _LARGEST)), Journal)
     if journal.marker != marker:
@@ -218,7 +246,7 @@ def _backup(path: Path) -> Backup | None:
 
 def _digest(project: Project) -> str:
     """Return twelve hex digits, different from project to project."""
-    return hashlib.blake2b(format_project(project).encode(), digest_size=6).hexdigest()
+    return hashlib.blake2b(ProjectFile(project).text().encode(), digest_size=6).hexdigest()
 
 
 def _slug_of_encoding(caption_encoding: str) -> str:

@@ -9,21 +9,30 @@ from typing import Any
 from msgspec import Struct
 
 from servolink.errors import RequestTimeout
-from servolink.project.model import Project, is_unfinished
+from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.marker import is_same_id
 from servolink.project.transfer.pinned import PinnedConnection, ProjectIDBits
 from servolink.project.transfer.read import BoardReader, Content
 from servolink.project.transfer.results import Change, Memory, Plan, ProgressCallback
 from servolink.project.transfer.writing import Write, check_writable, sound_ids, stages
-from servolink.protocol.codec import Codec, response_class
-from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest, WriteProjectIDRequest
-from servolink.protocol.frame import OVERHEAD
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.layout import content_size
-from servolink.protocol.packet import Packet, Request
-from servolink.protocol.record_types import RECORD_TYPES, TABLE, RecordType
-from servolink.protocol.settings import ClearAllDataRequest, QueryMemorySizeRequest
-from servolink.tasks import computed
+from servolink.protocol import (
+    OVERHEAD,
+    PACKETS,
+    RECORD_TYPES,
+    TABLE,
+    ClearAllDataRequest,
+    Codec,
+    Packet,
+    QueryActiveJoystickTableRequest,
+    QueryMemorySizeRequest,
+    QueryProjectIDRequest,
+    QueryServoParameterRequest,
+    RecordType,
+    Request,
+    WriteProjectIDRequest,
+    layout,
+)
+from servolink.support import computed
 
 
 async def plan_project(
@@ -68,7 +77,7 @@ def _plan(
         cost.wire_bytes,
         round(estimated_seconds(cost, cost_of_reading(content, project), reading_seconds, board.connection.pace), 3),
         memory,
-        is_unfinished(content.project_id),
+        content.project_id in UNFINISHED,
     )
 
 
@@ -159,7 +168,7 @@ def cost_of_writing(todo: Iterable[Iterable[Write]], codec: Codec) -> Cost:
     """Return the cost of the requests, with a reading after each added record."""
     sizes = []
     for write in (write for stage in todo for write in stage):
-        sizes.append(len(codec.encode(write.request, unchecked=True)) + _frame_size(response_class(write.request)))
+        sizes.append(len(codec.encode(write.request, unchecked=True)) + _frame_size(PACKETS.response_of(write.request)))
         if write.record_type is not None and write.record is not None:
             sizes.append(_record_exchange(write.record_type, write.record))
     return _sum(sizes)
@@ -213,8 +222,8 @@ def _record_exchange(record_type: RecordType[Any], record: Any | None) -> int:
 
 def _exchange(request: Request[Any], count: int = 0) -> int:
     """Return the bytes of a request and of the response with `count` items in the group."""
-    return _frame_size(type(request)) + _frame_size(response_class(request), count)
+    return _frame_size(type(request)) + _frame_size(PACKETS.response_of(request), count)
 
 
 def _frame_size(declared: type[Packet], count: int = 0) -> int:
-    return OVERHEAD + content_size(declared, count)
+    return OVERHEAD + layout(declared, "little").size(count)

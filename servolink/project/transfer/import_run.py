@@ -10,8 +10,7 @@ from typing import Any
 
 import msgspec
 
-from servolink.errors import OutcomeUnknown, ProjectError, Rejected
-from servolink.escaping import quote
+from servolink.errors import OutcomeUnknown, ProjectError, Rejected, quote
 from servolink.project.model import Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.journal import Journal, JournalPhase, digests_of
@@ -20,9 +19,8 @@ from servolink.project.transfer.pinned import BoardConnection, ProjectIDBits
 from servolink.project.transfer.read import BoardReader, Content, doubled_types
 from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.project.transfer.writing import RecordWriter, Write, items_of, stages
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.record_types import RECORD_TYPES, RecordType
-from servolink.tasks import computed
+from servolink.protocol import RECORD_TYPES, AddServoParameterRequest, RecordType
+from servolink.support import computed
 
 _TRIES = 4
 _PASSES = 16
@@ -73,6 +71,7 @@ class ImportRun:
         if self._journal.restores is None:  # a rollback lost before any change to the board is asked for again
             await self._end(over)
         await self._note("writing")
+        await asyncio.to_thread(self._store.end_beginning, self._board.url)
         await self._mark(before)
         await self._end(over if begun is None else [*over, begun])  # the marker of `begun` has left every board
         if replace:
@@ -137,7 +136,7 @@ class ImportRun:
             if not todo:
                 return
             same = 0 if len(todo) < len(before) or items_of(todo) != items_of(before) else same + 1
-            if same == _STUCK or not remaining:
+            if same == _STUCK or not remaining or (before and _moves_records(content, todo)):
                 break
             lists = doubled_types(content) | await computed(self._lists_worth_reading)(content, todo)
             await writer.run(work, lists)
@@ -167,6 +166,7 @@ class ImportRun:
 
 
 _MOST = 3
+_ELSEWHERE = "stored under another id"
 
 
 def _explain_failed_writes(content: Content, todo: Sequence[Write], refused: Collection[str]) -> str:
@@ -176,6 +176,7 @@ def _explain_failed_writes(content: Content, todo: Sequence[Write], refused: Col
     """
     found = {write.item: _reason(content, write, refused) for write in todo}
     words = [f"{item} ({reason})" if reason else item for item, reason in found.items()]
+    words.sort(key=lambda word: _ELSEWHERE not in word)
     text = ", ".join(words[:_MOST]) + (f" and {len(words) - _MOST} more" if len(words) > _MOST else "")
     is_full = any(write.item in refused and write.record is not None for write in todo)
     return f"{text}, perhaps because its memory is full" if is_full else text
@@ -199,7 +200,8 @@ def _difference(content: Content, record_type: RecordType[Any], write: Write) ->
     """Return the difference between the record returned by the board and the written record."""
     entries = [entry for entry in content.records[record_type] if entry.record_id == write.record_id]
     if not entries:
-        return "missing afterwards"
+        elsewhere = _id_elsewhere(content, record_type, write)
+        return f"{_ELSEWHERE}, as {record_type} {elsewhere}" if elsewhere is not None else "missing afterwards"
     found = entries[0].record
     if found is None:
         return "listed and not returned"
@@ -208,3 +210,22 @@ def _difference(content: Content, record_type: RecordType[Any], write: Write) ->
     if (caption := record_type.caption_of(found)) != record_type.caption_of(write.record):
         return f"the caption comes back as {quote(caption)}"
     return f"other {record_type.record_class.__struct_fields__[-1]} come back"
+
+
+def _id_elsewhere(content: Content, record_type: RecordType[Any], write: Write) -> int | None:
+    """Return the id under which a written record is stored in place of its own; None without one."""
+    written: Any = write.record
+    contents = msgspec.structs.astuple(written)[1:]  # the id comes first
+    found = {each.record_id: each.record for each in content.records[record_type] if each.record is not None}
+    return next((found_id for found_id, one in found.items() if msgspec.structs.astuple(one)[1:] == contents), None)
+
+
+def _moves_records(content: Content, todo: Sequence[Write]) -> bool:
+    """Return whether the board stores added records under ids of its own: each further write leaves another one."""
+    adding = [write for write in todo if write.record_type is not None and write.record is not None]
+    return bool(adding) and all(
+        write.record_id not in content.ids_of(write.record_type)
+        and _id_elsewhere(content, write.record_type, write) is not None
+        for write in adding
+        if write.record_type is not None
+    )

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import msgspec
 
-from servolink.errors import ProjectError
-from servolink.escaping import escape
-from servolink.project.model import Project, is_unfinished
+from servolink.errors import ProjectError, escape
+from servolink.project.model import UNFINISHED, Project
 from servolink.project.transfer.backups import BackupStore
 from servolink.project.transfer.import_plan import memory_after
 from servolink.project.transfer.import_run import ImportRun
@@ -29,7 +28,7 @@ from servolink.project.transfer.pinned import BoardConnection, PinnedConnection
 from servolink.project.transfer.read import BoardReader, Content, read_project_id
 from servolink.project.transfer.results import ApplyResult, Progress, ProgressCallback
 from servolink.project.transfer.writing import check_writable, writes
-from servolink.tasks import computed
+from servolink.support import computed
 
 _logger = logging.getLogger(__name__)
 
@@ -61,7 +60,7 @@ async def apply_project(
     journals = await asyncio.to_thread(store.journals, before)
     begun = journal_of(journals, before, board.url)
     reader, content = BoardReader(board, on_progress, project), None
-    if begun is None or not is_unfinished(before):
+    if begun is None or before not in UNFINISHED:
         content = await reader.read("reading", before)
         if content.project_id != before:
             raise _disturbed(board)
@@ -71,6 +70,7 @@ async def apply_project(
         project_id_bits = board.project_id_bits if last is None else last.project_id_bits
         if not await computed(writes)(content, project) and is_same_id(before, project.project_id, project_id_bits):
             await _finish(last, store)
+            await asyncio.to_thread(store.end_beginning, board.url)
             return ApplyResult(changed=False, resumed=False, backup=None)
         await _warn_of_memory(board, content, project)
     saved = await _backup(board, content, begun, store, on_progress, is_needed=backup)
@@ -218,6 +218,12 @@ async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     project_id, url = await read_project_id(board), board.connection.board_url
     journals = await asyncio.to_thread(store.journals, project_id)
     journal = journal_of(journals, project_id, url) or last_import(journals, project_id, url)
+    has_begun = await asyncio.to_thread(store.has_begun, url)
+    if has_begun and (journal is None or journal.has_written_all):
+        raise ProjectError(
+            f"the last import to {url} ended before its backup was made, so nothing was changed, and there is nothing "
+            "to undo; to undo an earlier import, give `rollback` a backup from `servolink backups`"
+        )
     if journal is None and any(one.may_be_of(project_id, url) for one in journals):
         journal = await _import_without_id(board, journals, store)
     if journal is not None and journal.restores is not None and journal.phase != "finished":
@@ -225,7 +231,7 @@ async def backup_for(board: BoardConnection, store: BackupStore) -> Path:
     if journal is None:
         why = (
             f"{url} holds an import begun by another computer, or with a lost journal"
-            if is_unfinished(project_id)
+            if project_id in UNFINISHED
             else f"no import from this computer gave {url} the project id {project_id}: nothing to undo"
         )
         raise ProjectError(f"{why}; give `rollback` a backup from `servolink backups`, or apply a project")

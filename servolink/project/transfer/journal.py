@@ -13,8 +13,8 @@ from servolink.project.model import UNFINISHED, Project, without_neutral
 from servolink.project.transfer.marker import is_cut, is_same_id
 from servolink.project.transfer.pinned import ProjectIDBits
 from servolink.project.transfer.read import Content
-from servolink.protocol.record_types import STORED_TYPES, StoredType
-from servolink.tasks import computed
+from servolink.protocol import STORED_TYPES, StoredType
+from servolink.support import computed
 
 JournalPhase: TypeAlias = Literal["writing", "clearing", "finishing", "finished"]
 Digests: TypeAlias = "dict[str, str]"

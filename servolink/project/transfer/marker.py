@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from servolink.errors import OutcomeUnknown, ProjectError, Rejected
-from servolink.project.model import is_unfinished
+from servolink.project.model import UNFINISHED
 from servolink.project.transfer.pinned import BoardConnection, ProjectIDBits
 from servolink.project.transfer.read import read_project_id
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
@@ -77,7 +77,7 @@ class Marker:
         if found == self._before:
             return False
         # Sixteen bits do not show a marker, so any number except the former project id counts as a marker.
-        return is_unfinished(found) if self.bits == 32 else found != 0
+        return found in UNFINISHED if self.bits == 32 else found != 0
 
     def _refuse_other(self, found: int) -> None:
         if self._is_marker_of_another(found):

@@ -10,30 +10,13 @@ from typing import Any, Literal, Protocol, TypeAlias, TypeVar
 
 import msgspec
 
-from servolink.errors import ConnectionLost
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, escape
 from servolink.project.model import Project
-from servolink.protocol.codec import Codec
-from servolink.protocol.editing import (
-    QueryActionListResponse,
-    QueryMacroListResponse,
-    QueryProjectIDResponse,
-    QueryServoParameterResponse,
-)
-from servolink.protocol.joystick import QueryActiveJoystickTableResponse, QueryJoystickTableListResponse
-from servolink.protocol.packet import Request, Response
+from servolink.protocol import PACKETS, Codec, Request, Response, layout
 
 ProjectIDBits: TypeAlias = Literal[32, 16, 0]
 """Number of project id bits kept by a board; 0: the board returns the same number after any write."""
 
-_NOTHING: dict[str, Response] = {
-    "QueryProjectID": QueryProjectIDResponse(0),
-    "QueryServoParameter": QueryServoParameterResponse(),
-    "QueryActionList": QueryActionListResponse(),
-    "QueryMacroList": QueryMacroListResponse(),
-    "QueryJoystickTableList": QueryJoystickTableListResponse(),
-    "QueryActiveJoystickTable": QueryActiveJoystickTableResponse(0),
-}
 _FIELDS = {
     "QueryProjectID": "project_id",
     "QueryServoParameter": "servo_parameters",
@@ -120,8 +103,8 @@ class PinnedConnection:
         """Bytes per unit in the board's memory figures; None if unknown."""
         self.project_id_bits: ProjectIDBits | None = project_id_bits
         """Number of project id bits kept by the board; None if unknown."""
-        self.absent = {query: nothing for query, nothing in _NOTHING.items() if query in unanswered}
-        """Empty responses in place of queries that the board does not answer, such as `QueryProjectID`."""
+        self.absent = [query for query in _FIELDS if query in unanswered]
+        """Queries that the board does not answer, such as `QueryProjectID`."""
         if self.absent:
             _logger.warning("%s does not answer %s: left out", escape(board.url), ", ".join(self.absent))
         self._board = board
@@ -136,8 +119,10 @@ class PinnedConnection:
 
     async def request(self, packet: Request[R], *, unchecked: bool = False) -> R:
         """Return the response to `packet`; an empty response to a query that the board does not answer."""
-        if (nothing := self.absent.get(type(packet).__name__.removesuffix("Request"))) is not None:
-            return nothing  # type: ignore[return-value]  # the response to that query
+        if type(packet).__name__.removesuffix("Request") in self.absent:
+            empty = layout(PACKETS.response_of(packet), self.codec.byte_order)
+            nothing: Any = empty.decode(bytes(empty.size()), self.codec.caption_encoding)
+            return nothing  # type: ignore[no-any-return]  # the response to that query
         return await self._pinned().request(packet, unchecked=unchecked)
 
     async def write_project_id(self, project_id: int) -> None:

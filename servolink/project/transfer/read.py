@@ -13,16 +13,18 @@ from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
-from servolink.errors import DecodeError, ProjectError
-from servolink.escaping import escape
-from servolink.project.model import Project, without_neutral
-from servolink.project.record_lookup import total_size
+from servolink.errors import DecodeError, ProjectError, escape
+from servolink.project.model import Project, stored_size, without_neutral
 from servolink.project.transfer.pinned import BoardConnection, in_parallel
 from servolink.project.transfer.results import Phase, Progress, ProgressCallback
-from servolink.protocol.editing import QueryProjectIDRequest, QueryServoParameterRequest
-from servolink.protocol.joystick import QueryActiveJoystickTableRequest
-from servolink.protocol.record_types import RECORD_TYPES, RecordType, stored_size
-from servolink.protocol.records import ServoParameter
+from servolink.protocol import (
+    RECORD_TYPES,
+    QueryActiveJoystickTableRequest,
+    QueryProjectIDRequest,
+    QueryServoParameterRequest,
+    RecordType,
+    ServoParameter,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ class Content:
         servo_ids = {one.servo_id for one in without_neutral(project.servo_parameters)}
         neutral = [one for one in self.servo_parameters if one.servo_id not in servo_ids]
         stored = sum(map(stored_size, (*self.servo_parameters, *records)))
-        return total_size(project) + sum(map(stored_size, neutral)) - stored
+        return project.total_size() + sum(map(stored_size, neutral)) - stored
 
 
 T = TypeVar("T")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
 
 from msgspec import Struct
 
-if TYPE_CHECKING:  # `Board` names these types, and loading `Board` takes as long as loading all packets
-    from pathlib import Path
+from servolink.project.summary import plan_rows, plan_table, repr_with_counts
 
 Phase: TypeAlias = Literal["reading", "saving", "marking", "clearing", "writing", "verifying", "finishing"]
 """`reading` and `saving` change nothing on the board; from `marking` on, the project id shows an import under way."""
@@ -82,14 +82,14 @@ class Plan(Struct, frozen=True):
 
     def __repr__(self) -> str:
         """Return the plan with the number of changes in place of all changes."""
-        from servolink.project.summary import repr_with_counts
-
         return repr_with_counts(self)
+
+    def rows(self) -> Iterator[tuple[str, str, str]]:
+        """Yield each change: the name of the record, what the board holds, and what it holds afterwards."""
+        return plan_rows(self)
 
     def _repr_html_(self) -> str:
         """Return a table of the changes for notebooks."""
-        from servolink.project.summary import plan_table
-
         return plan_table(self)
 
     @property

@@ -16,12 +16,18 @@ from servolink.project.transfer.pinned import BoardConnection, in_parallel
 from servolink.project.transfer.read import BoardReader, Content
 from servolink.project.transfer.results import Progress, ProgressCallback
 from servolink.project.validate import validate_project
-from servolink.protocol.editing import AddServoParameterRequest
-from servolink.protocol.joystick import SetActiveJoystickTableRequest
-from servolink.protocol.packet import Request, Result
-from servolink.protocol.record_types import MACRO, RECORD_TYPES, TABLE, RecordType
-from servolink.protocol.records import ServoParameter
-from servolink.tasks import computed
+from servolink.protocol import (
+    MACRO,
+    RECORD_TYPES,
+    TABLE,
+    AddServoParameterRequest,
+    RecordType,
+    Request,
+    Result,
+    ServoParameter,
+    SetActiveJoystickTableRequest,
+)
+from servolink.support import computed
 
 
 class Write(Struct, frozen=True):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from servolink.project.build import build_project
 from servolink.project.model import Project
-from servolink.project.preflight import preflight
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.project.preflight_checks import preflight
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from tests.project.projects import HUMANOID, NOD, RAISE
 
 LEFT = Action.pose("Left", {3: -62}, seconds=0.5)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from servolink.motion.limits import AngleLimits, MotionLimits, SpeedCap, motion_limits
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.project.model import Project
-from servolink.project.record_lookup import dependency_order, name_of, with_dependencies
+from servolink.motion import INTERVAL_UNIT, AngleLimits, MotionLimits, SpeedCap, motion_limits
+from servolink.project.model import Project, name_of
+from servolink.project.record_lookup import dependency_order
 from servolink.project.speed import RecordRun
 from servolink.project.validate import Diagnostic, duplicates, too_fast
-from servolink.protocol.record_types import ACTION, MACRO, Record
-from servolink.protocol.records import Action, MacroCommandType
+from servolink.protocol import ACTION, MACRO, Action, MacroCommandType, Record
 
 
 def preflight(
@@ -43,7 +41,7 @@ def preflight(
     found = [*_beyond_limits(project, all_limits), *too_fast(project, all_limits, start, interval_unit)]
     if records is None:
         return found
-    selected = with_dependencies(project, records)
+    selected = project.with_dependencies(records)
     places = {
         f"{kind.field}[{at}]"
         for kind in (ACTION, MACRO)
