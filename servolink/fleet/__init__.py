@@ -1,4 +1,4 @@
-"""Many boards on many machines, through an MQTT broker.
+"""Boards on many machines, through an MQTT broker.
 
 async with servolink.fleet.connect("mqtt://teacher.local") as fleet:
     await fleet.run("Wave", on="front,rex")
@@ -7,33 +7,119 @@ async with servolink.fleet.connect("mqtt://teacher.local") as fleet:
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # as type checkers know it, without the import
+from typing import TYPE_CHECKING
+
+from servolink.support import lazy_names
 
 if TYPE_CHECKING:
-    from servolink.fleet.access import broker_access as broker_access
+    from servolink.fleet.access import BrokerAccess as BrokerAccess
+    from servolink.fleet.access import BrokerAddress as BrokerAddress
+    from servolink.fleet.access import parse_broker as parse_broker
     from servolink.fleet.client import Fleet as Fleet
     from servolink.fleet.client import connect as connect
-
-__all__ = ["Fleet", "broker_access", "connect"]
-
-_MODULES = {
-    "Fleet": "servolink.fleet.client",
-    "broker_access": "servolink.fleet.access",
-    "connect": "servolink.fleet.client",
-}
-
-
-def __getattr__(name: str) -> object:
-    """Return a public name and import the module on first use: the extra `fleet` may be missing."""
-    if name not in _MODULES:
-        raise AttributeError(f"module 'servolink.fleet' has no attribute {name!r}")
-    from importlib import import_module
-
-    try:
-        value: object = getattr(import_module(_MODULES[name]), name)
-    except ModuleNotFoundError as error:
-        from servolink.errors import ServolinkError, install_extra
-
-        raise ServolinkError(f"servolink fleet needs paho-mqtt; {install_extra('fleet')}") from error
-    globals()[name] = value
-    return value
+    from servolink.fleet.controller import Controller as Controller
+    from servolink.fleet.each import Outcomes as Outcomes
+    from servolink.fleet.home_assistant import HomeAssistant as HomeAssistant
+    from servolink.fleet.join import LocalBoard as LocalBoard
+    from servolink.fleet.join import LocalFleet as LocalFleet
+    from servolink.fleet.join import local_boards as local_boards
+    from servolink.fleet.policy import BoardPolicy as BoardPolicy
+    from servolink.fleet.policy import FleetFile as FleetFile
+    from servolink.fleet.policy import PolicyFile as PolicyFile
+    from servolink.fleet.policy import load_fleet_file as load_fleet_file
+    from servolink.fleet.roster import MOST_BOARDS as MOST_BOARDS
+    from servolink.fleet.roster import BoardSeen as BoardSeen
+    from servolink.fleet.roster import Roster as Roster
+    from servolink.fleet.stop_boards import Stopped as Stopped
+    from servolink.fleet.stop_boards import stop_all as stop_all
+    from servolink.fleet.together import RanTogether as RanTogether
+    from servolink.fleet.together import run_by_name as run_by_name
+    from servolink.fleet.topics import METHODS as METHODS
+    from servolink.fleet.topics import MOST_BYTES as MOST_BYTES
+    from servolink.fleet.topics import OFFLINE as OFFLINE
+    from servolink.fleet.topics import ONLINE as ONLINE
+    from servolink.fleet.topics import PREFIX as PREFIX
+    from servolink.fleet.topics import SENT as SENT
+    from servolink.fleet.topics import BoardNow as BoardNow
+    from servolink.fleet.topics import BoardTopic as BoardTopic
+    from servolink.fleet.topics import Echoed as Echoed
+    from servolink.fleet.topics import Result as Result
+    from servolink.fleet.topics import ServosNow as ServosNow
+    from servolink.fleet.topics import Started as Started
+    from servolink.fleet.topics import Step as Step
+    from servolink.fleet.topics import Stop as Stop
+    from servolink.fleet.topics import StopOver as StopOver
+    from servolink.fleet.topics import Stored as Stored
+    from servolink.fleet.topics import Topics as Topics
+    from servolink.fleet.topics import schema as schema
+    from servolink.fleet.transfer import BoardPlan as BoardPlan
+    from servolink.fleet.transfer import Transfer as Transfer
+else:
+    _MODULES = {
+        # a fleet
+        "client": (
+            "Fleet",
+            "connect",
+        ),
+        "roster": (
+            "BoardSeen",
+            "MOST_BOARDS",
+            "Roster",
+        ),
+        "each": ("Outcomes",),
+        "policy": (
+            "BoardPolicy",
+            "FleetFile",
+            "PolicyFile",
+            "load_fleet_file",
+        ),
+        # runs, stops and transfers
+        "together": (
+            "RanTogether",
+            "run_by_name",
+        ),
+        "stop_boards": (
+            "Stopped",
+            "stop_all",
+        ),
+        "transfer": (
+            "BoardPlan",
+            "Transfer",
+        ),
+        # boards of this machine
+        "join": (
+            "LocalBoard",
+            "LocalFleet",
+            "local_boards",
+        ),
+        "home_assistant": ("HomeAssistant",),
+        "controller": ("Controller",),
+        # the broker and its topics
+        "access": (
+            "BrokerAccess",
+            "BrokerAddress",
+            "parse_broker",
+        ),
+        "topics": (
+            "BoardNow",
+            "BoardTopic",
+            "Echoed",
+            "METHODS",
+            "MOST_BYTES",
+            "OFFLINE",
+            "ONLINE",
+            "PREFIX",
+            "Result",
+            "SENT",
+            "ServosNow",
+            "Started",
+            "Step",
+            "Stop",
+            "StopOver",
+            "Stored",
+            "Topics",
+            "schema",
+        ),
+    }
+    __all__ = [name for names in _MODULES.values() for name in names]
+    __getattr__ = lazy_names(__name__, _MODULES, extra="fleet")

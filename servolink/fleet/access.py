@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import ssl
 from dataclasses import dataclass, field
@@ -9,10 +10,8 @@ from pathlib import Path
 from typing import NoReturn
 from urllib.parse import unquote, urlsplit
 
-from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable
-from servolink.escaping import quote
-from servolink.files import read_file, reason
-from servolink.platforms.private_files import others_can_read
+from servolink.errors import InvalidAddress, OpenError, ServolinkError, TransportUnavailable, quote
+from servolink.support import others_can_read, read_text, reason
 
 PASSWORD_VARIABLE = "SERVOLINK_MQTT_PASSWORD"  # noqa: S105 - its name, not its value
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
@@ -37,7 +36,8 @@ class BrokerAddress:
 
 
 def parse_broker(url: str) -> BrokerAddress:
-    """Return the address in `url`. Raise InvalidAddress with a remedy."""
+    """Return the address in `url`, without blanks around it. Raise InvalidAddress with a remedy."""
+    url = url.strip()
     if not url.isprintable() or any(map(str.isspace, url)):
         _refuse(url, "holds spaces or control characters")
     try:
@@ -76,33 +76,44 @@ class BrokerAccess:
     password: str | None = field(default=None, repr=False)
     tls: ssl.SSLContext | None = None
 
+    @classmethod
+    def of(
+        cls,
+        url: str,
+        *,
+        user: str | None = None,
+        password_file: Path | None = None,
+        ca: Path | None = None,
+        certificate: Path | None = None,
+        key: Path | None = None,
+    ) -> BrokerAccess:
+        """Return the access to the broker at `url`. Blocks: reads files, and may ask the keyring of the system.
 
-def broker_access(
-    url: str,
-    *,
-    user: str | None = None,
-    password_file: Path | None = None,
-    ca: Path | None = None,
-    certificate: Path | None = None,
-    key: Path | None = None,
-) -> BrokerAccess:
-    """Return the access to the broker at `url`. Blocks: reads files, and may ask the keyring of the system.
+        The user is that of `url` unless given. The password is in the first line of `password_file`, in the
+        environment (SERVOLINK_MQTT_PASSWORD) or in the keyring of the system, where it belongs to the address of the
+        broker. `ca` holds the certificates that the broker's is checked against, those of the system unless given;
+        `certificate` and `key` are this program's own.
 
-    The user is that of `url` unless given. The password is in the first line of `password_file`, in the environment
-    (SERVOLINK_MQTT_PASSWORD) or in the keyring of the system, where it belongs to the address of the broker. `ca` holds
-    the certificates that the broker's is checked against, those of the system unless given; `certificate` and `key`
-    are this program's own.
+        Raise InvalidAddress for an impossible address, and ServolinkError for a file that cannot be used.
+        """
+        address = parse_broker(url)
+        if not address.is_encrypted and (ca or certificate or key):
+            raise InvalidAddress(f"certificates are for mqtts://, and {address} is not encrypted")
+        if key and not certificate:
+            raise InvalidAddress("a key needs its certificate: give both")
+        user = user or address.user
+        tls = _tls(ca, certificate, key) if address.is_encrypted else None
+        return cls(address, user, _password(address, user, password_file), tls)
 
-    Raise InvalidAddress for an impossible address, and ServolinkError for a file that cannot be used.
-    """
-    address = parse_broker(url)
-    if not address.is_encrypted and (ca or certificate or key):
-        raise InvalidAddress(f"certificates are for mqtts://, and {address} is not encrypted")
-    if key and not certificate:
-        raise InvalidAddress("a key needs its certificate: give both")
-    user = user or address.user
-    tls = _tls(ca, certificate, key) if address.is_encrypted else None
-    return BrokerAccess(address, user, _password(address, user, password_file), tls)
+    def identifier(self, name: str) -> str:
+        """Return the identifier of the connection `name`: always the same, and not known without the password.
+
+        Any user of a broker can end the connection whose identifier the user knows, by connecting with it.
+        """
+        if self.password is None:
+            return name
+        key = self.password.encode()[: hashlib.blake2b.MAX_KEY_SIZE]
+        return f"{name}/{hashlib.blake2b(name.encode(), key=key, digest_size=8).hexdigest()}"
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
@@ -129,7 +140,7 @@ def _no_password() -> str:
 def _password(address: BrokerAddress, user: str | None, file: Path | None) -> str | None:
     if file is not None:
         try:
-            text = read_file(file, _MOST_PASSWORD).decode()
+            text = read_text(file, _MOST_PASSWORD)
         except (OSError, ValueError) as error:
             raise ServolinkError(f"{file} cannot be used as a password: {reason(error)}") from error
         if others_can_read(file):

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from servolink.control.error_codes import error_object
-from servolink.control.peer import encode
+from servolink.control import ErrorObject, encode
+from servolink.fleet.broker_messages import Publication
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubError
 from servolink.fleet.outbox import Outbox
-from servolink.fleet.publish_packets import Publication
 from servolink.fleet.topics import Topics
 
+_EARLIER = (
+    "a program of an earlier servolink sends commands, and does not hear the answers: the topics of results and the "
+    "access list of the broker have changed; install this version on its machine, too (docs/how-to/fleet-classroom.md)"
+)
 _LONGEST_NOTED = 65536  # bytes of a result that is remembered for the case of a crash
 
 
@@ -26,8 +29,20 @@ class Sender(NamedTuple):
 class Answers:
     """Sender of answers for a board."""
 
-    def __init__(self, board: str, topics: Topics, outbox: Outbox, command_log: CommandLog | None = None) -> None:
-        """Answer through `outbox`; a noted command ends in `command_log` when the broker has the answer."""
+    def __init__(
+        self,
+        board: str,
+        topics: Topics,
+        outbox: Outbox,
+        command_log: CommandLog | None = None,
+        *,
+        on_problem: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        """Answer through `outbox`; a noted command ends in `command_log` when the broker has the answer.
+
+        `on_problem` is called with a notice for people, once.
+        """
+        self._on_problem: Callable[[str], None] | None = on_problem
         self._board = board
         self._topics = topics
         self._outbox = outbox
@@ -80,11 +95,14 @@ class Answers:
 
     def _put(self, sender: Sender, text: str, on_sent: Callable[[], None] | None = None) -> None:
         topic = sender.response_topic
-        if topic is None or not self._topics.may_answer(topic):
+        if topic is None or not self._topics.may_answer(self._board, topic):
+            if topic is not None and self._on_problem is not None and self._topics.is_earlier_reply(topic):
+                self._on_problem(_EARLIER)
+                self._on_problem = None
             topic = self._topics.board(self._board, "result")
         message = Publication(topic, text, 1, correlation=sender.correlation)
         self._outbox.put(message, on_sent)
 
 
 def _failure(error: Exception) -> dict[str, Any]:
-    return {"ok": False, "error": error.told if isinstance(error, HubError) else error_object(error)}
+    return {"ok": False, "error": error.told if isinstance(error, HubError) else ErrorObject.of(error)}

@@ -12,6 +12,7 @@ from servolink.errors import OpenError
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers
 from servolink.fleet.broker import BrokerConnection, Denied
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.commands import CommandHandler, Level
 from servolink.fleet.home_assistant import Announcer, HomeAssistant
@@ -19,14 +20,13 @@ from servolink.fleet.hub_session import HubSession
 from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.pulse import Pulse, PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.telemetry import Telemetry
 from servolink.fleet.topics import OFFLINE, ONLINE, BoardTopic, Topics
-from servolink.motion.ticket import StopCounter
-from servolink.platforms.time_asleep import SleepCounter
+from servolink.motion import StopCounter
+from servolink.support import SleepCounter
 
 SESSION_SECONDS = 300
 """Seconds for which the broker keeps commands for a board after a lost connection; most expire long before."""
@@ -51,7 +51,8 @@ class Bridge:
         self.board = board
         self.hub = HubSession(hub_name, policy, f"the fleet at {access.address}")
         will = Publication(topics.board(board, "available"), OFFLINE, 1, retain=True, content_type="text/plain")
-        options = MqttOptions(f"{topics.prefix}/{board}", will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
+        identifier = access.identifier(f"{topics.prefix}/{board}")
+        options = MqttOptions(identifier, will=will, session_seconds=SESSION_SECONDS, acknowledges=True)
         self.broker = BrokerConnection(access, options)
         self.broker.subscriptions = [(topics.board(board, kind), 1) for kind in _HEARD]
         self.broker.on_message = self._receive
@@ -78,7 +79,7 @@ class Bridge:
         self.barrier = StopBarrier(self.pulse)
         """Barrier that is raised by each stop."""
         self.stops = StopHandler(self.hub, self.prepared, self.barrier, stops)
-        self._answers = Answers(board, topics, self.outbox, command_log)
+        self._answers = Answers(board, topics, self.outbox, command_log, on_problem=self.telemetry.problem)
         self.commands = CommandHandler(
             board, policy, self.hub, command_log, self._answers, self.prepared, self.stops, self.barrier, self._log
         )
@@ -141,8 +142,10 @@ class Bridge:
         except Denied as error:  # later, the connection reports it: an access list can be corrected meanwhile
             if not self._has_joined:
                 raise OpenError(f"{self.board} has not joined: {error}") from error
-        self._has_joined = True
         self.telemetry.resend()
+        if self._has_joined and self._announcer is not None:
+            self._announcer.resend()
+        self._has_joined = True
 
     async def _send_pulse(self, word: str, qos: int) -> None:
         topic = self._topics.board(self.board, "pulse")

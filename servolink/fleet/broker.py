@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import socket
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from random import Random
 
-from servolink.errors import ConnectionLost, OpenError
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, OpenError, escape
 from servolink.fleet.access import BrokerAccess
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttClient, MqttOptions
-from servolink.fleet.publish_packets import Publication, Received
-from servolink.pauses import Pauses, Reconnecting
+from servolink.support import Pauses, Reconnecting, reason
 
 FIRST_PAUSE = 0.2
 """Seconds from a loss to the first attempt."""
 LONGEST_PAUSE = 20.0
+REMEDY = "correct its access list: that of docs/how-to/fleet-classroom.md has changed, with the topics of answers"
+"""Remedy for a topic that the broker keeps from a program."""
 _QUIET = 0.3  # seconds without a message after which the retained messages count as complete
 
 
@@ -70,7 +72,7 @@ class BrokerConnection:
             try:
                 await asyncio.wait((client.ended,))
             finally:
-                self._drop(client)
+                await self._drop(client)
             self._report_loss(client.ended.result())
 
     async def send(self, message: Publication) -> None:
@@ -83,7 +85,7 @@ class BrokerConnection:
             raise ConnectionLost(f"not connected to {self.access.address}")
         refusal = await self._client.publish(message)
         if refusal is not None:
-            text = f"the broker does not allow writing to {escape(message.topic)}: {refusal}; correct its access list"
+            text = f"the broker does not allow writing to {escape(message.topic)}: {refusal}; {REMEDY}"
             self._report(text)
             raise Denied(text)
 
@@ -100,15 +102,15 @@ class BrokerConnection:
             self._client = client
             await client.unless_lost(self._begin(client))
         except BaseException:
-            self._drop(client)
+            await self._drop(client)
             raise
         return client
 
-    def _drop(self, client: MqttClient) -> None:
+    async def _drop(self, client: MqttClient) -> None:
         """Close a connection, so that senders and subscribers wait for the next connection."""
-        client.close()
         self._client = None
         self._ready.clear()
+        await client.close()
 
     def _may_come_back(self, error: Exception) -> bool:
         """Return whether to connect again after an error. Raise OpenError for the first attempt."""
@@ -128,7 +130,7 @@ class BrokerConnection:
             refusal = await client.subscribe(topic, qos, with_retained=topic not in before)
             before.add(topic)
             if refusal is not None:
-                self._report(f"the broker does not allow reading {escape(topic)}: {refusal}; correct its access list")
+                self._report(f"the broker does not allow reading {escape(topic)}: {refusal}; {REMEDY}")
         if self.on_connect is not None:
             await self.on_connect()
         self._ready.set()
@@ -142,7 +144,11 @@ class BrokerConnection:
 
 def explain(error: Exception) -> str:
     """Return the reason why a broker cannot be reached, with a remedy."""
-    text = escape(str(error)) or type(error).__name__
+    if isinstance(error, socket.gaierror | UnicodeError):
+        return "there is no host of this name: correct the name, or write its IP address"
+    if isinstance(error, TimeoutError):
+        return "no answer: check the address, the network and the firewall"
+    text = escape(reason(error)) or type(error).__name__
     if "CERTIFICATE_VERIFY_FAILED" in text:
         return f"the broker's certificate is not trusted ({text}): name the authority that has signed it with --ca"
     if "refused" in text.lower():

@@ -14,6 +14,7 @@ from servolink.fleet.each import for_each
 from servolink.fleet.roster import BoardSeen
 
 _PATIENCE = 3.0  # seconds for the messages of the check
+_AT_ONCE = 64  # boards asked together
 _SLOW = 0.25
 """Seconds of a round trip above which manual control feels late."""
 _SKEW = 5.0
@@ -51,12 +52,17 @@ async def examine_fleet(controller: Controller) -> tuple[Check, ...]:
 
 async def _round_trips(controller: Controller, patience: float) -> dict[str, float]:
     """Return the seconds of a message to each board and back."""
-    loop, message_id = asyncio.get_running_loop(), new_id()
+    loop, message_id, online = asyncio.get_running_loop(), new_id(), controller.roster.online
+    sent: dict[str, float] = {}
+
+    async def echo(board: str) -> None:
+        sent[board] = loop.time()
+        await controller.echo(controller.topics.board(board, "echo"), message_id, expires=patience)
+
     with controller.pending_command(message_id) as pending:
-        sent = loop.time()
-        await controller.echo(controller.topics.fleet("echo"), message_id, expires=patience)
-        await pending.until(controller.roster.online, sent + patience)
-        return {board: came - sent for board, came in pending.seconds.items()}
+        await for_each(online, echo, parallel=_AT_ONCE)
+        await pending.until(online, loop.time() + patience)
+        return {board: came - sent[board] for board, came in pending.seconds.items() if board in sent}
 
 
 def _of_the_fleet(controller: Controller) -> Iterator[Check]:

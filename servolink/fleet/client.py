@@ -7,23 +7,22 @@ from collections.abc import AsyncGenerator, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 
-from servolink.control.messages import Applied
-from servolink.errors import NotFound, ServolinkError
-from servolink.escaping import quote
-from servolink.files import ALL
+from servolink.control import Applied
+from servolink.errors import NotFound, ServolinkError, quote
 from servolink.fleet import stop_boards, together
 from servolink.fleet.access import BrokerAccess
+from servolink.fleet.broker_messages import Publication
 from servolink.fleet.checks import Check, examine_fleet
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes
 from servolink.fleet.groups import Groups, chosen_boards, load_groups, named_boards
-from servolink.fleet.publish_packets import Publication
 from servolink.fleet.roster import BoardSeen
 from servolink.fleet.stop_boards import Stopped
 from servolink.fleet.together import Kind, RanTogether
 from servolink.fleet.topics import PREFIX, BoardTopic, Topics
 from servolink.fleet.transfer import PARALLEL, BoardPlan, Transfer
-from servolink.project.model import Project
+from servolink.project import Project
+from servolink.support import ALL
 
 On = str | Iterable[str]
 """Selection of boards: `all`, or names of boards and groups, as a text with commas or as several texts."""
@@ -198,14 +197,12 @@ def connect(
 ) -> Fleet:
     """Return the fleet at `broker` under `prefix`, to be used with `async with`.
 
-    `broker` is its address, or what `servolink.fleet.access.broker_access` returns, with certificates and a password.
+    `broker` is its address, or what `servolink.fleet.BrokerAccess.of` returns, with certificates and a password.
     `groups` are names by group, or the file they are in: the user's `fleet.toml` unless given. `servos` subscribes to
     the states of all servos too. Without `may_move` the program can watch and stop, but not move or write, and is sent
     half as many messages when a fleet stops, and none while it rests. Raise InvalidAddress for an impossible address.
     """
-    from servolink.fleet.access import broker_access
-
-    access = broker_access(broker) if isinstance(broker, str) else broker
+    access = BrokerAccess.of(broker) if isinstance(broker, str) else broker
     file = Path(groups) if isinstance(groups, str) else groups
     return Fleet(access, prefix, file, with_servos=servos, may_move=may_move)
 

@@ -1,4 +1,4 @@
-"""BoardClocks: clocks of boards compared by echoes, so that one moment can be named on each of them."""
+"""Clocks of boards, compared by echoes: names one moment in the time of each board."""
 
 from __future__ import annotations
 

@@ -19,9 +19,7 @@ import msgspec
 from msgspec import Struct
 
 from servolink.errors import OpenError
-from servolink.files import reason, write_atomically
-from servolink.platforms.locks import lock
-from servolink.platforms.user_folders import user_folder
+from servolink.support import lock, reason, user_folder, write_atomically
 
 MOST_KEPT = 4096
 """Most commands in the log; the oldest are forgotten first."""

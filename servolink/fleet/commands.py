@@ -18,27 +18,22 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import msgspec
 from msgspec import Raw
 
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.roles import Role
-from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError
-from servolink.escaping import escape, quote
-from servolink.files import reason
+from servolink.control import Code, Origin, Role, RpcError, Touches
+from servolink.errors import EncodeError, OutcomeUnknown, ServolinkError, escape
 from servolink.fleet.answers import Answers, Sender
+from servolink.fleet.broker_messages import Received
 from servolink.fleet.command_log import MOST_KEPT, CommandLog, LogEntry
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.publish_packets import Received
 from servolink.fleet.pulse import PulseLink, StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.stop_handler import StopHandler
 from servolink.fleet.topics import METHODS as OWN
-from servolink.fleet.topics import MOST_BYTES, MOTION, SESSION_METHODS, TRANSFERS, Cancel, Command, Prepare
+from servolink.fleet.topics import MOST_BYTES, Cancel, Command, Prepare, needs_pulse, scope_of
 from servolink.hub import METHODS
-from servolink.json_text import read_json
-from servolink.motion.ticket import Ticket
-from servolink.platforms.time_asleep import seconds_asleep, time_with_sleep
-from servolink.protocol.json_errors import convert
-from servolink.tasks import Tasks
+from servolink.motion import Ticket
+from servolink.protocol import convert
+from servolink.support import Tasks, read_json, reason, seconds_asleep, time_with_sleep
 
 MOST_WAITING = 64
 """Most unfinished commands of a board; further commands are answered with `busy`."""
@@ -48,7 +43,8 @@ LONGEST_MOTION = 60
 Level: TypeAlias = Literal["info", "warning", "error"]
 Log: TypeAlias = Callable[[Level, str], None]
 
-_IN_ORDER = {name for name, method in METHODS.items() if method.in_order} | set(OWN)
+_IN_ORDER = {name for name, method in METHODS.items() if method.in_order or method.scope.touches} | set(OWN)
+"""Methods that change something: carried out in order, and refused if a stop was sent later."""
 _INTERRUPTED = "the command was interrupted, and the outcome is unknown; the command is not repeated"
 
 
@@ -190,14 +186,15 @@ class CommandHandler:
             raise _stopped()
         now = time_with_sleep()
         expiry: float | None = message.expiry
-        if command.method in MOTION | TRANSFERS:
+        scope = scope_of(command.method)
+        if scope.moves:
             if expiry is None:
                 raise RpcError(
                     Code.INVALID_REQUEST,
                     f"{command.method} needs a message expiry: a robot must not move late",
                     remedy="send it with the property message-expiry-interval, such as 10 seconds",
                 )
-            if command.method in TRANSFERS and command.pulse is None:
+            if needs_pulse(scope) and command.pulse is None:
                 raise RpcError(
                     Code.INVALID_REQUEST,
                     f"{command.method} needs a pulse: servos turn when their corrections change, and must not late",
@@ -211,12 +208,7 @@ class CommandHandler:
         return self._stops.counter.ticket(until=math.inf if expiry is None else now + expiry, who=command.who)
 
     def _check_method(self, name: str) -> None:
-        if name in SESSION_METHODS or (name not in METHODS and name not in OWN):
-            raise RpcError(
-                Code.METHOD_NOT_FOUND,
-                f"there is no method {quote(name)} from afar",
-                remedy="use one of the methods of the reference of fleets",
-            )
+        scope_of(name).check(name, Origin.AFAR)
         needed = _role(name)
         if needed > self._role:
             raise RpcError(
@@ -275,11 +267,11 @@ class CommandHandler:
             if command.method == "cancel":
                 return self._prepared.cancel(_converted(command.params, Cancel).start)
             # The hub keeps the time as well: there a motion may have to wait once more.
-            params = command.params | (
-                {"until": accepted.ticket.until - seconds_asleep()} if command.method in MOTION else {}
-            )
+            scope, params = scope_of(command.method), command.params
+            if scope.moves and not needs_pulse(scope):
+                params = params | {"until": accepted.ticket.until - seconds_asleep()}
             reply = await self._hub.ask(command.method, params, self._reporter(command.id, accepted.sender))
-            if _role(command.method) is Role.EDIT:
+            if Touches.BOARD in scope.touches:
                 self.on_change()
             return result_of(reply)
 

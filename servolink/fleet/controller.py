@@ -14,27 +14,27 @@ from typing import Any, Self
 import msgspec
 from msgspec import Struct
 
-from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.escaping import escape
+from servolink.control import Role, decode, encode
+from servolink.errors import ConnectionLost, OutcomeUnknown, RequestTimeout, ServolinkError, escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker import REMEDY, BrokerConnection
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.pending_command import OnStep, PendingCommand, failure_of
-from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.roster import BoardSeen, Roster
 from servolink.fleet.topics import (
     DEFAULT_EXPIRY,
     MOST_BYTES,
-    MOTION,
-    TRANSFERS,
     UNREADABLE,
     BoardTopic,
     Command,
     Echo,
     Result,
     Topics,
+    scope_of,
 )
-from servolink.platforms.process import login_name
+from servolink.hub import METHODS
+from servolink.support import login_name
 
 OnChange = Callable[[BoardSeen], None]
 """Called with a board after any change except in the servos."""
@@ -44,7 +44,6 @@ PATIENCE = 10.0
 _KEPT = 60  # seconds for which the broker keeps results for a program after a lost connection
 _PAUSE = 0.05  # seconds until the next attempt after a message could not be sent
 _QUIET, _MOST_SETTLING = 0.05, 2.0  # seconds of silence after the last retained message
-_RESULT = msgspec.json.Decoder(Result)
 _logger = logging.getLogger(__name__)
 
 
@@ -65,15 +64,18 @@ class Controller:
         """Seconds until a board must answer, unless a call sets another time."""
         self.connections = 0
         """Number of connections with the broker so far."""
+        self.no_answers = ""
+        """Reason why no board can be heard, as far as known; empty for none."""
         self.on_change: OnChange | None = None
         """Function called with each changed board (not for servo frames); must not raise."""
-        token = secrets.token_hex(8)
-        options = MqttOptions(f"servolink-fleet-{token}", session_seconds=_KEPT, sees_retained=False)
+        options = MqttOptions(f"servolink-fleet-{secrets.token_hex(8)}", session_seconds=_KEPT, sees_retained=False)
         self.broker = BrokerConnection(access, options)
-        self._reply_to = topics.reply(token)
-        self.reply_at_once = topics.reply(f"{token}-0")
-        """Response topic with QoS 0, for messages to all boards: thousands of answers come together."""
-        self._replies = {self._reply_to, self.reply_at_once}
+        # Another word than in the identifier: each board is told it, and could take the connection over.
+        word = secrets.token_hex(8)
+        self._reader, self._reader_at_once = (topics.reader(access.user, each) for each in (word, f"{word}-0"))
+        self._marker = topics.fleet(self._reader)
+        # Boards joined by an earlier version answer at `result` itself.
+        self._results = {"result": 1, self._reader: 1, self._reader_at_once: 0}
         kinds: list[BoardTopic] = ["available", "state", "log"]
         if may_move:
             kinds.append("pulse")
@@ -83,7 +85,8 @@ class Controller:
         # Retained messages have QoS 0: a broker queues few of QoS 1 for a program, often 1,000, and drops the others.
         kept = [(topics.board("+", kind), 0) for kind in kinds]
         news = [(topics.board("+", kind), 1) for kind in kinds if kind not in at_most_once]
-        self.broker.subscriptions = [(self._reply_to, 1), (self.reply_at_once, 0), *kept, *news]
+        replies = [(f"{topics.prefix}/+/{kind}", qos) for kind, qos in self._results.items()]
+        self.broker.subscriptions = [*replies, *kept, *news]
         self.broker.on_message = self._receive
         self.broker.on_connect = self._connected_again
         self._pending: dict[str, PendingCommand] = {}
@@ -135,12 +138,12 @@ class Controller:
         topic, message_id = self.topics.board(board, "cmd"), new_id()
         patience = self.patience if patience is None else patience
         seen = self.roster.get(board)
-        needs_word = method in MOTION | TRANSFERS
+        needs_word = scope_of(method).moves
         if needs_word and not self._may_move:
             raise ServolinkError(f"{board}: this program has connected without `may_move`, which {method} needs")
         word = pulse or (seen.pulse if seen is not None and needs_word else None)
         command = Command(message_id, method, _plain(params), self.who, word)
-        payload = msgspec.json.encode(command)
+        payload = encode(command)
         if len(payload) > MOST_BYTES:
             raise ServolinkError(f"{board}: {method} is longer than {MOST_BYTES >> 20} MiB, the most that is sent")
         loop = asyncio.get_running_loop()
@@ -148,17 +151,17 @@ class Controller:
         with self.pending_command(message_id, board=board, on_step=on_step) as pending:
             sent = 0
             while not pending.results:
-                left = expires - (loop.time() - begun) if method in MOTION | TRANSFERS else float(expires)
+                left = expires - (loop.time() - begun) if needs_word else float(expires)
                 if sent != self.connections and left > 0:
                     # Also after a reconnection: the command, or the result, may have been lost with the connection.
                     # The board knows the id and does not carry out the command twice.
                     try:
-                        await self.publish(topic, payload, message_id, expires=left, deadline=pending.heard + patience)
+                        await self.publish(topic, payload, expires=left, deadline=pending.heard + patience)
                     except ConnectionLost as error:
                         raise _unsent(board, method, error) from error
                     sent = self.connections
                 if not await pending.wait(pending.heard + patience):
-                    raise _silence(board, method, patience)
+                    raise _silence(board, method, patience, self.no_answers)
             result = pending.results[board]
         if (failure := failure_of(result)) is not None:
             raise failure
@@ -178,24 +181,25 @@ class Controller:
     async def echo(self, topic: str, message_id: str, *, expires: float) -> None:
         """Have boards answer at once. Raise ConnectionLost if the broker is gone for `expires` seconds."""
         deadline, payload = asyncio.get_running_loop().time() + expires, msgspec.json.encode(Echo(message_id))
-        reply_to = self.reply_at_once
-        await self.publish(topic, payload, message_id, qos=0, expires=expires, deadline=deadline, reply_to=reply_to)
+        await self.publish(topic, payload, qos=0, expires=expires, deadline=deadline, at_once=True)
 
     async def publish(
         self,
         topic: str,
         payload: bytes,
-        message_id: str,
         *,
         expires: float,
         deadline: float,
         qos: int = 1,
-        reply_to: str | None = None,
+        at_once: bool = False,
     ) -> None:
         """Send a message, as soon as there is a connection. Raise ConnectionLost after `deadline`.
 
-        Boards answer to `reply_to`, by default with QoS 1. Raise OpenError if the broker does not allow the topic.
+        The board of the topic answers below its own `result`, which shows who answers. With `at_once` the answer comes
+        with QoS 0, for messages to many boards: thousands of answers come together. Raise OpenError if the broker does
+        not allow the topic.
         """
+        reader = self._reader_at_once if at_once else self._reader
         loop, ends = asyncio.get_running_loop(), asyncio.get_running_loop().time() + expires
         lost: ConnectionLost | None = None
         try:
@@ -208,8 +212,7 @@ class Controller:
                         payload,
                         qos,
                         expiry=left,
-                        response_topic=reply_to or self._reply_to,
-                        correlation=message_id.encode(),
+                        response_topic=f"{topic.rpartition('/')[0]}/{reader}",
                     )
                     try:
                         return await self.broker.send(message)
@@ -233,9 +236,11 @@ class Controller:
             # in another order is given some quiet time.
             result = msgspec.json.encode(Result(id=message_id, board="-", ok=True))
             gone = loop.time() + patience
-            await self.publish(self._reply_to, result, message_id, expires=patience, deadline=gone)
+            await self.publish(self._marker, result, expires=patience, deadline=gone)
             deadline = loop.time() + _MOST_SETTLING
-            await marker.until(("-",), deadline)
+            is_deaf = await marker.until(("-",), deadline)  # mosquitto accepts subscriptions that its list denies
+            text = f"the broker brings this program nothing at {self.topics.prefix}/+/{self._reader}"
+            self.no_answers = f"{text}: unless it is slow, {REMEDY}" if is_deaf else ""
         # Nothing tells of silence.
         while (quiet_at := self._heard + _QUIET) > loop.time() and loop.time() < deadline:  # noqa: ASYNC110 - see above
             await asyncio.sleep(quiet_at - loop.time())
@@ -252,9 +257,12 @@ class Controller:
         self.wake()
 
     def _receive(self, message: Received) -> None:
-        if message.topic in self._replies:
-            self._take_result(message.payload)
+        if message.topic == self._marker:
+            self._take_result("-", message.payload)
         elif (parsed := self.topics.parse(message.topic)) is not None:
+            if parsed[1] in self._results:
+                self._take_result(parsed[0], message.payload)
+                return
             now = asyncio.get_running_loop().time()
             if (changed := self.roster.take(*parsed, message.payload, now)) is not None:
                 if message.is_retained:  # later messages are not counted: a large fleet always has news
@@ -262,14 +270,18 @@ class Controller:
                 if self.on_change is not None:
                     self.on_change(changed)
 
-    def _take_result(self, payload: bytes) -> None:
+    def _take_result(self, board: str, payload: bytes) -> None:
+        """Take a result from the topic of `board`; one that names another board is a forgery, or a fault."""
         try:
-            result = _RESULT.decode(payload)
+            result = decode(payload, Result)
         except UNREADABLE as error:
             _logger.warning("a result cannot be read: %s", escape(str(error))[:200])
             return
         pending = self._pending.get(result.id or "")
         if pending is None:
+            return
+        if result.board != board:
+            _logger.warning("a result from %s says that it is from %s", board, escape(result.board)[:80])
             return
         if isinstance(result.result, dict) and isinstance(word := result.result.get("pulse"), str):
             # Result of a stop, which may overtake the new word. Commands with an older word are refused.
@@ -281,9 +293,11 @@ def _plain(params: Mapping[str, Any] | Struct | None) -> dict[str, Any]:
     return dict(msgspec.to_builtins(params or {}))
 
 
-def _silence(board: str, method: str, patience: float) -> ServolinkError:
-    """Return the error for a command without an answer."""
+def _silence(board: str, method: str, patience: float, reason: str) -> ServolinkError:
+    """Return the error for a command without an answer, with the `reason` if known."""
     text = f"{board} has not answered {method} within {patience:g} s"
+    if reason:
+        text = f"{text} ({reason})"
     if _only_reads(method):
         return RequestTimeout(f"{text}: its machine, or the network, may be slow or away; try again")
     return OutcomeUnknown(f"{text}: the outcome is unknown; look at the board before sending the command again")
@@ -297,9 +311,6 @@ def _unsent(board: str, method: str, error: ConnectionLost) -> ServolinkError:
 
 
 def _only_reads(method: str) -> bool:
-    from servolink.control.roles import Role
-    from servolink.hub import METHODS
-
     return method in METHODS and METHODS[method].role == Role.WATCH
 
 

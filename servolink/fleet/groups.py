@@ -6,11 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from servolink.errors import NotFound, ServolinkError
-from servolink.escaping import quote
-from servolink.files import ALL, MIB, read_file, reason
-from servolink.platforms.user_folders import user_folder
-from servolink.profiles.toml_text import TextError, line_of, read_toml
+from servolink.boards import TextError, read_toml
+from servolink.errors import NotFound, ServolinkError, quote
+from servolink.support import ALL, MIB, read_text, reason, user_folder
 
 _MOST_BYTES = MIB
 
@@ -33,14 +31,12 @@ def read_fleet_file(path: Path | None = None) -> str:
     """
     file = fleet_file() if path is None else path
     try:
-        return read_file(file, _MOST_BYTES).decode("utf-8-sig")
+        return read_text(file, _MOST_BYTES)
     except FileNotFoundError as error:
         if path is None:
             return ""
         raise ServolinkError(f"{file} does not exist; create it, or choose another file") from error
-    except UnicodeDecodeError as error:
-        raise ServolinkError(f"{file} is not text in UTF-8; save it as UTF-8") from error
-    except OSError as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise ServolinkError(f"{file} cannot be read: {reason(error)}; correct or remove the file") from error
 
 
@@ -61,11 +57,12 @@ def _groups(text: str, values: Mapping[str, Any]) -> Groups:
     if not isinstance(tables, dict):
         raise TextError("groups must be a table: write [groups], and a line for each group below it", 1)
     for name, boards in tables.items():
-        line = line_of(text, ["groups", name])
+        place = ["groups", name]
         if name == ALL:
-            raise TextError(f"{ALL!r} means every board and cannot be the name of a group", line)
+            raise TextError.at(place, text, f"{ALL!r} means every board and cannot be the name of a group")
         if not (isinstance(boards, list) and all(isinstance(board, str) for board in boards)):
-            raise TextError(f'the group {quote(name)} must be a list of names, such as ["rex", "fido"]', line)
+            why = f'the group {quote(name)} must be a list of names, such as ["rex", "fido"]'
+            raise TextError.at(place, text, why)
     return {name: tuple(dict.fromkeys(boards)) for name, boards in tables.items()}
 
 

@@ -15,20 +15,19 @@ from typing import Any, NamedTuple, NoReturn
 
 import msgspec
 
-from servolink.control.notifications import ServosFrame
-from servolink.control.peer import encode
+from servolink.control import ServosFrame, encode
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Publication
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.publish_packets import Publication
 from servolink.fleet.telemetry import Telemetry
-from servolink.fleet.topics import OFFLINE, ONLINE, UNREADABLE, BoardNow, Topics, Vitals
+from servolink.fleet.topics import OFFLINE, ONLINE, UNREADABLE, BoardNow, Topics, Vitals, readable
 
 VITALS_SECONDS = 2.0
 """How often the vitals are sent if something has changed."""
 
-PREFIX = "homeassistant"
+DISCOVERY_PREFIX = "homeassistant"
 """Default topic prefix under which Home Assistant looks for devices."""
 
 _MOST_RECORDS = 100  # of each kind; nobody has so many buttons on a page
@@ -43,12 +42,16 @@ Document = dict[str, Any]
 class HomeAssistant(NamedTuple):
     """Options of the discovery documents for Home Assistant."""
 
-    prefix: str = PREFIX
+    prefix: str = DISCOVERY_PREFIX
     numbers: bool = False
     """Whether the angle of each servo can be set."""
 
     def topic(self, topics: Topics, board: str) -> str:
-        """Return where Home Assistant looks for a board."""
+        """Return where Home Assistant looks for a board: below its name, as an access list is written for names."""
+        return f"{self.prefix}/device/{board}/{_object_id(topics, board)}/config"
+
+    def earlier_topic(self, topics: Topics, board: str) -> str:
+        """Return the topic of earlier versions, whose document would show the board twice."""
         return f"{self.prefix}/device/{_object_id(topics, board)}/config"
 
 
@@ -177,7 +180,7 @@ class _Entities:
                 self._add(
                     f"{kind}_{record.id}",
                     "button",
-                    _text(record.caption) or f"{kind.capitalize()} {record.id}",
+                    readable(record.caption).strip() or f"{kind.capitalize()} {record.id}",
                     command_topic=self._topics.board(self._board, "press"),
                     payload_press=_json(command),
                 )
@@ -240,11 +243,6 @@ def _range(policy: BoardPolicy, servo_id: int) -> tuple[float, float]:
     return max(low for low, _ in pairs), min(high for _, high in pairs)
 
 
-def _text(caption: str) -> str:
-    """Return a caption that every reader of JSON accepts: without bytes outside UTF-8."""
-    return caption.encode("utf-8", "replace").decode().strip()
-
-
 def _json(value: Document) -> str:
     return json.dumps(value, separators=(",", ":"))
 
@@ -272,6 +270,11 @@ class Announcer:
         self._board = telemetry.now.board
         self._topic = home_assistant.topic(topics, self._board)
         self._before: Document = _document(kept.get(self._topic, b""))
+        self._announced: Document | None = None
+        self._vitals: Vitals | None = None
+        """The latest vitals at the broker."""
+        if kept.get(earlier := home_assistant.earlier_topic(topics, self._board)):
+            outbox.put(Publication(earlier, b"", 1, retain=True))
         telemetry.least_hz = 1 / VITALS_SECONDS
         telemetry.on_catalog = self.announce
 
@@ -289,19 +292,25 @@ class Announcer:
         for each in (without(document, self._before), document):
             if each is not None and each != self._before:
                 self._outbox.put(Publication(self._topic, encode(each), 1, retain=True))
-        self._before = document
+        self._before = self._announced = document
+
+    def resend(self) -> None:
+        """Send everything again, on a new connection: a broker that was started again may have forgotten it."""
+        self._vitals = None
+        if self._announced is not None:
+            self._outbox.put(Publication(self._topic, encode(self._announced), 1, retain=True))
 
     async def send_vitals(self) -> NoReturn:
         """Send the vitals now and then."""
-        topic, sent = self._topics.board(self._board, "vitals"), None
+        topic = self._topics.board(self._board, "vitals")
         while True:
             await self._broker.until_connected()
             frame = self._telemetry.frame
             vitals = None if frame is None else _vitals(msgspec.json.decode(frame, type=ServosFrame))
-            if vitals is not None and vitals != sent:
+            if vitals is not None and vitals != self._vitals:
                 with suppress(ConnectionLost):
                     await self._broker.send(Publication(topic, encode(vitals), retain=True))
-                    sent = vitals
+                    self._vitals = vitals
             await asyncio.sleep(VITALS_SECONDS)
 
 

@@ -8,12 +8,10 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from msgspec import Raw
 
-from servolink.control.channel import Reply, RpcChannel, open_channel
-from servolink.control.error_codes import ErrorObject
-from servolink.control.greeting import Greeting
+from servolink.control import ErrorObject, Greeting, Reply, RpcChannel, open_channel
 from servolink.errors import ConnectionLost, OpenError, ServolinkError
 from servolink.fleet.policy import BoardPolicy
-from servolink.pauses import Pauses, Reconnecting
+from servolink.support import Pauses, Reconnecting
 
 
 class HubSession:

@@ -9,13 +9,9 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any, NamedTuple, NoReturn, TypeAlias
 
-import msgspec
-
-from servolink.discovery.names import load_aliases, names_by_url
-from servolink.discovery.resolving import resolve_board
-from servolink.discovery.search import NO_BOARD_FOUND, boards, search
+from servolink.boards import NO_BOARD_FOUND, Aliases, boards, resolve_board, search
+from servolink.control import decode
 from servolink.errors import OpenError, ServolinkError
-from servolink.files import is_name
 from servolink.fleet.access import BrokerAccess
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import retained
@@ -27,6 +23,7 @@ from servolink.fleet.pulse import INTERVAL, SLACK
 from servolink.fleet.topics import ONLINE, UNREADABLE, BoardNow, Topics
 from servolink.fleet.urgent import Urgent
 from servolink.hub import serve_board
+from servolink.support import is_name
 
 OnLine: TypeAlias = Callable[[Level, str], None]
 
@@ -83,7 +80,7 @@ async def _found() -> dict[str, str]:
     if not usable:
         problems = "; ".join(f"{board.url}: {board.problem}" for board in found)
         raise OpenError(problems or NO_BOARD_FOUND)
-    names = names_by_url(load_aliases(), found)
+    names = Aliases.load().by_url(found)
     return {url: names.get(url, url) for url in usable}
 
 
@@ -162,6 +159,7 @@ class LocalFleet:
             yield self._topics.board(name, "pulse")
             if self._home_assistant is not None:
                 yield self._home_assistant.topic(self._topics, name)
+                yield self._home_assistant.earlier_topic(self._topics, name)
 
     async def _check(self, members: Sequence[LocalBoard], kept: Mapping[str, bytes]) -> None:
         """Raise OpenError for a board whose name is in use by another machine's board."""
@@ -170,7 +168,7 @@ class LocalFleet:
             if kept.get(self._topics.board(name, "available")) != ONLINE.encode():
                 continue
             try:
-                state = msgspec.json.decode(kept.get(self._topics.board(name, "state"), b""), type=BoardNow)
+                state = decode(kept.get(self._topics.board(name, "state"), b""), BoardNow)
             except UNREADABLE:
                 continue
             if state.host != socket.gethostname():

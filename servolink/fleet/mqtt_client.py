@@ -1,8 +1,7 @@
-"""MqttClient: MQTT connection on the event loop, for every kind of loop.
+"""MqttClient: MQTT connection of paho-mqtt, whose messages are handled in the event loop.
 
-paho-mqtt speaks the protocol, and is called in the event loop only. Received bytes are split here, and paho-mqtt is
-fed with the packets other than PUBLISH. Messages are handled in the turn in which they came: nothing can fill up, and
-the broker's flow control holds back a flood.
+paho-mqtt reads and writes in a thread of its own, as `loop_start` does on all systems; a `HandOver` brings to the
+event loop what the thread has received. Sending is safe from the event loop: paho-mqtt queues packets for its thread.
 """
 
 from __future__ import annotations
@@ -10,11 +9,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
-import ssl
-import threading
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 from paho.mqtt import client as paho
@@ -24,19 +23,11 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from servolink.errors import ConnectionLost
-from servolink.escaping import escape
+from servolink.errors import ConnectionLost, escape
 from servolink.fleet.access import BrokerAccess
-from servolink.fleet.publish_packets import (
-    PUBLISH,
-    PacketBuffer,
-    Publication,
-    Received,
-    message_in,
-    packed_properties,
-)
+from servolink.fleet.broker_messages import Publication, Received
+from servolink.fleet.hand_over import HandOver
 from servolink.fleet.topics import MOST_BYTES
-from servolink.platforms.socket_watch import SocketWatch, ThreadedSocketWatch, watch_socket
 
 T = TypeVar("T")
 
@@ -44,11 +35,14 @@ KEEPALIVE = 10
 """Seconds without a message after which the broker must answer a ping."""
 
 _LIMIT = 10.0  # seconds for the broker to answer
+_FAREWELL = 0.5  # seconds for the last packets at the end
 _LARGEST = 2 * MOST_BYTES  # bytes: a command beyond the size limit arrives, and is answered
-_MOST_AT_ONCE = 16 * 1024  # bytes read before other work has a turn
+_ROOM = 128 * 1024  # bytes of messages that wait for the event loop
+_OVERHEAD = 512  # bytes that a message takes beside its payload
 _WRONG_LOGIN = {4, 5, 134, 135}  # reason codes; the small ones are from MQTT 3
 _NO_PING = 141
 _LOST = "the connection was lost"
+_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +56,7 @@ class MqttOptions:
     session_seconds: int = 0
     """Seconds for which the broker keeps messages after a loss."""
     acknowledges: bool = False
-    """Whether messages with QoS 1 are acknowledged by calls of `acknowledge`, instead of at once."""
+    """Whether messages with QoS 1 are acknowledged by calls of `acknowledge`, instead of when they are handed over."""
     sees_retained: bool = True
     """Whether `is_retained` holds the sender's flag; else the flag shows that the broker kept the message."""
 
@@ -75,28 +69,48 @@ class MqttClient:
         self._loop = asyncio.get_running_loop()
         self.ended: asyncio.Future[str] = self._loop.create_future()
         """Reason of the connection's end; pending while the connection lasts."""
-        self._client = _new_client(access, options)
         self._access = access
         self._options = options
         self._on_message = on_message
         self._connected: asyncio.Future[None] = self._loop.create_future()
         self._answers: dict[int, asyncio.Future[ReasonCode]] = {}
-        self._watch: SocketWatch | ThreadedSocketWatch | None = None
-        self._packets = PacketBuffer(_LARGEST)
+        self._hand_over = HandOver(_ROOM)
+        self._is_closed = False
+        self._has_ended = asyncio.Event()
+        self._client = self._new_client()
 
     async def open(self) -> None:
         """Connect. Raise OSError or ValueError on failure; then call `close`, too."""
-        # A daemon, because names and addresses that do not answer must not hold up the end of the program.
-        threading.Thread(target=self._connect, name="servolink broker", daemon=True).start()
+        self._client.connect_async(
+            self._access.address.host,
+            self._access.address.port,
+            KEEPALIVE,
+            clean_start=not self._options.session_seconds,
+            properties=_properties(
+                PacketTypes.CONNECT,
+                MaximumPacketSize=_LARGEST,
+                SessionExpiryInterval=self._options.session_seconds or None,
+            ),
+        )
+        self._client.loop_start()
         await _limited(self._connected)
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Disconnect. Wherever an answer of the broker is waited for, ConnectionLost is raised."""
-        self._client.disconnect()
-        self._end_watch()
-        if (sock := self.socket) is not None:  # the broker takes nothing any more
-            sock.close()
+        self._is_closed = True
         self._finish(_LOST)
+        self._hand_over.close()
+        self._client.disconnect()
+        try:
+            if self.socket is not None:  # the thread sends the last packets
+                async with asyncio.timeout(_FAREWELL):
+                    await self._has_ended.wait()
+        except TimeoutError:
+            pass
+        finally:
+            if (sock := self.socket) is not None:  # the broker takes nothing any more
+                with suppress(OSError):
+                    sock.shutdown(socket.SHUT_RDWR)
 
     @property
     def socket(self) -> Any:
@@ -132,73 +146,22 @@ class MqttClient:
 
         Without QoS it is sent when the system has it. Raise ConnectionLost if the connection ends before.
         """
-        info = self._client.publish(*message[:4], properties=_PackedProperties(message))
-        if not message.qos and info.rc == MQTTErrorCode.MQTT_ERR_SUCCESS and info.is_published():
-            return None
+        info = self._client.publish(*message[:4], properties=_message_properties(message))
         return await self._answer(info.rc, info.mid)
 
     def acknowledge(self, message: Received) -> None:
         """Acknowledge a message."""
         self._client.ack(message.packet_id, message.qos)
-        self._flush()
 
     async def _answer(self, code: MQTTErrorCode, packet_id: int | None) -> str | None:
         if code != MQTTErrorCode.MQTT_ERR_SUCCESS or packet_id is None or self.ended.done():
             raise ConnectionLost(f"the connection with the broker is lost: {paho.error_string(code)}")
-        self._flush()
         future = self._answers[packet_id] = self._loop.create_future()
         try:
             answer = await future
         finally:
             self._answers.pop(packet_id, None)
         return str(answer).lower() if answer.is_failure else None
-
-    # --- beginning and end ---------------------------------------------------------------------------------------
-
-    def _connect(self) -> None:
-        """Connect, in a thread: looking up a name, connecting and TLS would hold up the event loop."""
-        error: Exception | None = None
-        try:
-            self._client.connect(
-                self._access.address.host,
-                self._access.address.port,
-                KEEPALIVE,
-                clean_start=not self._options.session_seconds,
-                properties=_properties(
-                    PacketTypes.CONNECT,
-                    MaximumPacketSize=_LARGEST,
-                    SessionExpiryInterval=self._options.session_seconds or None,
-                ),
-            )
-        except Exception as raised:  # noqa: BLE001 - raised again where the connection is waited for
-            error = raised
-        with suppress(RuntimeError):  # the event loop has been closed
-            self._loop.call_soon_threadsafe(self._begin, error)
-
-    def _begin(self, error: Exception | None) -> None:
-        """Take over the socket from the connecting thread."""
-        client, sock = self._client, self.socket
-        if error is not None or sock is None:
-            self._finish(_LOST, error)
-            return
-        if self.ended.done():  # it was cancelled meanwhile
-            self.close()
-            return
-        # Or a message waits up to 40 ms for the broker to confirm an earlier message: usually an acknowledgement.
-        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client.on_connect = lambda _client, _data, _flags, code, _properties: self._accept(_refusal(code))
-        client.on_subscribe = lambda _client, _data, packet_id, codes, _properties: self._take(packet_id, codes[0])
-        client.on_publish = lambda _client, _data, packet_id, code, _properties: self._take(packet_id, code)
-        client.on_disconnect = lambda _client, _data, flags, code, _properties: self._finish(_ending(flags, code))
-        client.on_socket_close = lambda _client, _data, _sock: self._end_watch()
-        self._watch = watch_socket(sock, self._read, self._write)
-        self._tick()
-
-    def _tick(self) -> None:
-        """Send a ping to the broker after a long silence."""
-        if not self.ended.done():
-            self._handle(self._client.loop_misc)
-            self._loop.call_later(1.0, self._tick)
 
     def _accept(self, refusal: Exception | None) -> None:
         if self._connected.done():
@@ -207,11 +170,6 @@ class MqttClient:
             self._connected.set_result(None)
         else:
             self._connected.set_exception(refusal)
-
-    def _end_watch(self) -> None:
-        if self._watch is not None:
-            self._watch.close()
-            self._watch = None
 
     def _finish(self, reason: str, error: Exception | None = None) -> None:
         """End all waits for the broker: for the connection with `error`, for answers with ConnectionLost."""
@@ -222,118 +180,108 @@ class MqttClient:
             if not future.done():
                 future.set_exception(ConnectionLost("the connection with the broker was lost"))
 
-    # --- reading and writing -------------------------------------------------------------------------------------
-
-    def _read(self) -> None:
-        """Handle the packets received so far, up to a limit in a turn of the event loop."""
-        sock = self.socket
-        if sock is None:
-            return
-        try:
-            data = sock.recv(_MOST_AT_ONCE)
-        except (BlockingIOError, InterruptedError, ssl.SSLWantReadError, ssl.SSLWantWriteError):
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self.close()
-            return
-        self._handle(lambda: self._take_packets(data))
-        if isinstance(sock, ssl.SSLSocket) and self._watch is not None and sock.pending():  # unseen at the socket
-            self._loop.call_soon(self._read)
-        self._flush()
-
-    def _take_packets(self, data: bytes) -> MQTTErrorCode:
-        """Handle the packets that `data` completes. Raise an error for one that cannot be read."""
-        for packet, content in self._packets.take(data):
-            if packet[0] >> 4 == PUBLISH:
-                self._receive(message_in(packet, content))
-            elif (code := self._client.read_packet(packet)) != MQTTErrorCode.MQTT_ERR_SUCCESS:
-                return code
-            if self._watch is None:  # closed meanwhile
-                break
-        return MQTTErrorCode.MQTT_ERR_SUCCESS
-
-    def _write(self) -> None:
-        self._handle(self._client.loop_write)
-        self._flush()
-
-    def _flush(self) -> None:
-        """Have the loop write the rest when the system takes more; usually there is none."""
-        if self._watch is not None:
-            self._watch.watch_writing(self._client.want_write())
-
-    def _handle(self, work: Callable[[], MQTTErrorCode]) -> None:
-        """Call a function of paho-mqtt, and close the connection on failure."""
-        try:
-            if work() == MQTTErrorCode.MQTT_ERR_SUCCESS:
-                return
-        except Exception:  # paho raises all kinds of errors for unreadable packets: the connection is lost
-            _logger.debug("the broker sent what cannot be read", exc_info=True)
-        self.close()
-
     def _receive(self, message: Received) -> None:
-        is_over = not self._options.acknowledges
+        if self._is_closed:
+            return
         try:
             self._on_message(message)
         except Exception:  # an error would end the connection
             _logger.exception("a message could not be handled")
-            is_over = True
-        if is_over and message.qos:
-            self._client.ack(message.packet_id, message.qos)
+            self.acknowledge(message)
 
     def _take(self, packet_id: int, code: ReasonCode) -> None:
         future = self._answers.get(packet_id)
         if future is not None and not future.done():
             future.set_result(code)
 
+    def _end(self, error: Exception | None) -> None:
+        self._has_ended.set()
+        self._finish(_LOST, error)
 
-_logger = logging.getLogger(__name__)
+    # --- in the thread of paho-mqtt ------------------------------------------------------------------------------
+
+    def _new_client(self) -> paho.Client:
+        put = self._hand_over.put
+        client = _ThreadedClient(
+            CallbackAPIVersion.VERSION2,
+            self._options.identifier,
+            protocol=paho.MQTTv5,
+            reconnect_on_failure=False,
+            manual_ack=self._options.acknowledges,
+        )
+        client.on_end = lambda error: put(partial(self._end, error))
+        client.on_socket_open = self._opened
+        client.on_connect = lambda _client, _data, _flags, code, _properties: put(partial(self._accept, _refusal(code)))
+        client.on_subscribe = lambda _client, _data, packet_id, codes, _properties: put(
+            partial(self._take, packet_id, codes[0])
+        )
+        client.on_publish = lambda _client, _data, packet_id, code, _properties: put(
+            partial(self._take, packet_id, code)
+        )
+        client.on_disconnect = lambda _client, _data, flags, code, _properties: put(
+            partial(self._finish, _ending(flags, code))
+        )
+        client.on_message = self._hear
+        if self._access.user is not None:
+            client.username_pw_set(self._access.user, self._access.password)
+        if self._access.tls is not None:
+            client.tls_set_context(self._access.tls)
+        if (will := self._options.will) is not None:
+            properties = _properties(PacketTypes.WILLMESSAGE, ContentType=will.content_type)
+            client.will_set(*will[:4], properties=properties)
+        return client
+
+    def _opened(self, _client: object, _data: object, sock: Any) -> None:
+        if self._is_closed:  # meanwhile
+            raise ConnectionAbortedError(_LOST)
+        # Or a message waits up to 40 ms for the broker to confirm an earlier message: usually an acknowledgement.
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def _hear(self, _client: object, _data: object, message: paho.MQTTMessage) -> None:
+        received = _received(message)
+        parts = received.topic, received.payload, received.response_topic, received.correlation
+        size = _OVERHEAD + sum(len(part) for part in parts if part)
+        is_stop = received.topic.rpartition("/")[2] == "stop"
+        self._hand_over.put(partial(self._receive, received), size, is_stop=is_stop)
 
 
-class _PacketClient(paho.Client):
-    """Client of paho-mqtt that is fed with packets, and does not read from its socket."""
+class _ThreadedClient(paho.Client):
+    """Client of paho-mqtt that says how its thread ended."""
 
-    _fed = b""
+    on_end: Callable[[Exception | None], None]
 
-    def read_packet(self, packet: bytes) -> MQTTErrorCode:
-        """Handle a complete packet other than PUBLISH."""
-        self._fed = packet
-        return self.loop_read()
-
-    def _sock_recv(self, bufsize: int) -> bytes:
-        if not self._fed:
-            raise BlockingIOError
-        data, self._fed = self._fed[:bufsize], self._fed[bufsize:]
-        return data
-
-
-class _PackedProperties(Properties):
-    """Properties of a message, packed at once: those of paho-mqtt take 30 µs for each message."""
-
-    def __init__(self, message: Publication) -> None:
-        object.__setattr__(self, "_packed", packed_properties(message))
-
-    def pack(self) -> bytes:
-        packed: bytes = object.__getattribute__(self, "_packed")
-        return packed
+    def loop_forever(self, timeout: float = 1.0, retry_first_connection: bool = False) -> MQTTErrorCode:  # noqa: FBT001, FBT002 - as in paho-mqtt
+        """Connect, and read and write until the end; `loop_start` calls this in the thread."""
+        error: Exception | None = None
+        try:
+            return super().loop_forever(timeout)  # an address that does not answer is tried again by others
+        except Exception as raised:
+            _logger.debug("the thread of paho-mqtt has ended", exc_info=True)
+            error = raised
+            return MQTTErrorCode.MQTT_ERR_UNKNOWN
+        finally:
+            if (sock := self.socket()) is not None:  # after an error
+                sock.close()
+            self.on_end(error)
 
 
-def _new_client(access: BrokerAccess, options: MqttOptions) -> _PacketClient:
-    client = _PacketClient(
-        CallbackAPIVersion.VERSION2,
-        options.identifier,
-        protocol=paho.MQTTv5,
-        reconnect_on_failure=False,
-        manual_ack=True,
+def _received(message: paho.MQTTMessage) -> Received:
+    try:
+        topic = message.topic
+    except UnicodeDecodeError:
+        topic = "\ufffd"  # of no board
+    properties = message.properties
+    return Received(
+        topic,
+        bytes(message.payload),
+        message.qos,
+        bool(message.retain),
+        bool(message.dup),
+        message.mid,
+        getattr(properties, "MessageExpiryInterval", None),
+        getattr(properties, "ResponseTopic", None),
+        getattr(properties, "CorrelationData", None),
     )
-    if access.user is not None:
-        client.username_pw_set(access.user, access.password)
-    if access.tls is not None:
-        client.tls_set_context(access.tls)
-    if (will := options.will) is not None:
-        client.will_set(*will[:4], properties=_PackedProperties(will))
-    return client
 
 
 def _refusal(code: ReasonCode) -> Exception | None:
@@ -368,3 +316,18 @@ def _properties(packet_type: int, **values: object) -> Properties:
         if value is not None:
             setattr(properties, name, value)
     return properties
+
+
+def _message_properties(message: Publication) -> Properties:
+    """Return the properties of a message. Those that many messages share are made once."""
+    properties = copy(_shared_properties(message.expiry, message.correlation, message.content_type))
+    if message.response_topic is not None:
+        properties.ResponseTopic = message.response_topic
+    return properties
+
+
+@lru_cache(maxsize=64)
+def _shared_properties(expiry: int | None, correlation: bytes | None, content_type: str) -> Properties:
+    return _properties(
+        PacketTypes.PUBLISH, MessageExpiryInterval=expiry, CorrelationData=correlation, ContentType=content_type
+    )

@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn
 
 from servolink.errors import ConnectionLost
 from servolink.fleet.broker import BrokerConnection, Denied
-from servolink.fleet.publish_packets import Publication
+from servolink.fleet.broker_messages import Publication
 
 MOST_KEPT = 1000
 """Most waiting messages; beyond the limit, the oldest is dropped, and counted."""

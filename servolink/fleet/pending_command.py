@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec import UNSET
 
-from servolink.control.channel import error_of
-from servolink.errors import ServolinkError
+from servolink.errors import RequestError, ServolinkError
 from servolink.fleet.topics import Result, Step
 
 T = TypeVar("T")
@@ -84,8 +83,8 @@ def failure_of(result: Result) -> ServolinkError | None:
     if result.ok is True:
         return None
     if result.error is UNSET:
-        return error_of("", f"{result.board} refused, and did not say why")
-    return error_of(result.error.data.kind, f"{result.board}: {result.error.message}", result.error.data.reason)
+        return RequestError(f"{result.board} refused, and did not say why")
+    return result.error.as_error(f"{result.board}: ")
 
 
 def result_as(board: str, found: Any, kind: type[T]) -> T:

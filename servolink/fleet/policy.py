@@ -9,13 +9,12 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.control.roles import RoleName
-from servolink.errors import ServolinkError
-from servolink.escaping import quote
-from servolink.files import is_name
+from servolink.boards import parse_toml
+from servolink.control import RoleName
+from servolink.errors import ServolinkError, quote
 from servolink.fleet.groups import fleet_file, read_fleet_file
-from servolink.motion.limits import MotionLimits
-from servolink.profiles.toml_text import parse_toml
+from servolink.motion import MotionLimits
+from servolink.support import is_name
 
 FILE = "fleet.toml"
 

@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from servolink.errors import ConnectionLost, ServolinkError
-from servolink.platforms.time_asleep import time_with_sleep
+from servolink.support import time_with_sleep
 
 INTERVAL = 1.0
 SLACK = 1.5
@@ -105,19 +105,22 @@ class StopBarrier:
         self.word = ""
         """Word of the latest stop: commands with this word or a later word were made after the stop."""
         self.is_up = False
-        """Whether messages received now may have been sent before the stop."""
+        """Whether messages received now, which show no word, may have been sent before the stop."""
         self._pulse = pulse
         self._put_up_at = float("-inf")
         self._task: asyncio.Task[None] | None = None
 
     def put_up(self) -> None:
-        """Reject commands sent before now, and all others until the word of `send_word` has come back."""
+        """Reject commands sent before now, and all without a word until that of `send_word` has come back."""
         self.word, self.is_up = self._pulse.new_word(), True
         self._put_up_at = self._pulse.time_of(self.word)
 
     def rejects(self, word: str | None) -> bool:
-        """Return whether a command received now, with `word` in its content, may have been sent before the stop."""
-        return self.is_up or (word is not None and self._pulse.time_of(word) < self._put_up_at)
+        """Return whether a command received now, with `word` in its content, may have been sent before the stop.
+
+        Two connections have no common order: a command with the word of the result may come before the word is back.
+        """
+        return self.is_up if word is None else self._pulse.time_of(word) < self._put_up_at
 
     def send_word(self) -> None:
         """Send the word while the barrier is up: after the stop, which is more urgent, and on a new connection."""

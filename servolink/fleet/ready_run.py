@@ -8,12 +8,12 @@ from collections.abc import Callable
 import msgspec
 from msgspec.structs import replace
 
-from servolink.control.messages import Done, Ran, RunPrepare, RunStart, RunStarted
+from servolink.control import Done, Ran, RunStarted
 from servolink.errors import MotionRefused, NotFound, Reason
 from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.topics import Prepare, Prepared
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.platforms.time_asleep import seconds_asleep, time_with_sleep
+from servolink.motion import StopCounter, Ticket
+from servolink.support import seconds_asleep, time_with_sleep
 
 
 class ReadyRun:
@@ -39,7 +39,7 @@ class ReadyRun:
         meanwhile.
         """
         self.forget()
-        run = RunPrepare(asked.run.type, asked.run.id, ticket.until - seconds_asleep())
+        run = {"type": asked.run.type, "id": asked.run.id, "until": ticket.until - seconds_asleep()}
         checked = result_of(await self._hub.ask("run.prepare", run))
         if not self._stops.holds(ticket):
             self._hub.tell("lease.give")
@@ -64,7 +64,7 @@ class ReadyRun:
             self.is_none.set()
             raise MotionRefused("the prepared run has expired; nothing was moved", reason=Reason.DEADLINE)
         try:
-            return msgspec.json.decode(result_of(await self._hub.ask("run.start", RunStart(at))), type=RunStarted)
+            return msgspec.json.decode(result_of(await self._hub.ask("run.start", {"at": at})), type=RunStarted)
         finally:
             self.is_none.set()
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from servolink.escaping import escape
+from servolink.control import decode
+from servolink.errors import escape
 from servolink.fleet.topics import MOST_BYTES, OFFLINE, ONLINE, UNREADABLE, BoardNow, LogLine, ServosNow
 
 MOST_BOARDS = 5000
@@ -21,9 +22,7 @@ LOW_BATTERY = 20.0
 
 _LONGEST_PULSE = 64
 _KEPT = {"state", "servos", "log"}  # kinds of messages that are kept whole
-_STATE = msgspec.json.Decoder(BoardNow)
 _SERVOS = msgspec.json.Decoder(ServosNow)
-_LOG = msgspec.json.Decoder(LogLine)
 
 
 @dataclass(slots=True)
@@ -93,13 +92,13 @@ class BoardSeen:
             self.now, self.problem = None, ""
             return
         try:
-            self.now, self.problem = _STATE.decode(payload), ""
+            self.now, self.problem = decode(payload, BoardNow), ""
         except UNREADABLE as error:
             self.problem = f"its state cannot be read: {escape(str(error))[:200]}"
 
     def _take_log(self, payload: bytes) -> None:
         try:
-            self.log = _LOG.decode(payload)
+            self.log = decode(payload, LogLine)
         except UNREADABLE:
             self.problem = "a line of its log cannot be read"
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from servolink.client.collect import collect
-from servolink.control.messages import Runnable, ServoList
+from servolink.client import collect
+from servolink.control import Runnable, ServoList
 from servolink.errors import ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.pending_command import result_as
-from servolink.protocol.json_form import record_from_json
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
+from servolink.protocol import ACTION, MACRO, RecordType, record_from_json
 
 
 async def start_servos(controller: Controller, board: str, run: Runnable, pulse: str | None) -> None:

@@ -12,7 +12,7 @@ from servolink.fleet.hub_session import HubSession, result_of
 from servolink.fleet.pulse import StopBarrier
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import UNREADABLE, Stop, StopOver
-from servolink.motion.ticket import StopCounter, Ticket
+from servolink.motion import StopCounter, Ticket
 
 _MOST_ANSWERED = 256  # programs that ask during a stop
 

@@ -19,19 +19,26 @@ from typing import Any, NoReturn
 import msgspec
 from msgspec import UNSET, Raw, Struct
 
-from servolink.control.messages import Battery, RecordList, ServoList
-from servolink.control.notifications import ButtonPressed, ProblemNotice, RefusedNotice, ServosFrame
-from servolink.control.peer import encode
-from servolink.control.status import HubStatus
-from servolink.errors import ConnectionLost, ServolinkError
-from servolink.escaping import escape
+from servolink.control import (
+    Battery,
+    ButtonPressed,
+    HubStatus,
+    ProblemNotice,
+    RecordList,
+    RefusedNotice,
+    ServoList,
+    ServosFrame,
+    decode,
+    encode,
+)
+from servolink.errors import ConnectionLost, ServolinkError, escape
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Publication
 from servolink.fleet.hub_session import HubError, HubSession, result_of
 from servolink.fleet.outbox import Outbox
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.publish_packets import Publication
-from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics
-from servolink.listeners.tcp import host_and_port, joined
+from servolink.fleet.topics import BoardNow, EventNow, LogLine, Stored, Topics, readable
+from servolink.transports import NetworkPlace
 
 STATE_SECONDS = 5.0
 """Seconds between queries of the hub's state, besides each reported change."""
@@ -238,14 +245,14 @@ class Telemetry:
         self.servo_ids = tuple(servo.servo_id for servo in servos)
         self._change(
             servos=len(servos),
-            actions=tuple(Stored(one.id, one.caption) for one in records if one.type == "action"),
-            macros=tuple(Stored(one.id, one.caption) for one in records if one.type == "macro"),
+            actions=tuple(Stored(one.id, readable(one.caption)) for one in records if one.type == "action"),
+            macros=tuple(Stored(one.id, readable(one.caption)) for one in records if one.type == "macro"),
         )
         if (self.now, self.servo_ids) != before:
             self.on_catalog()
 
     async def _ask(self, method: str, params: object, kind: Any) -> Any:
-        return msgspec.json.decode(result_of(await self._hub.ask(method, params)), type=kind)
+        return decode(result_of(await self._hub.ask(method, params)), kind)
 
     def _change(self, **fields: Any) -> None:
         changed = msgspec.structs.replace(self.now, **fields)
@@ -276,8 +283,8 @@ def _seen_from_afar(door: str) -> str | None:
     """Return the address of a door of a hub for other machines; None for a door that they do not reach."""
     if not door.startswith("tcp://"):
         return None
-    host, port = host_and_port(door.removeprefix("tcp://"))
+    host, port = NetworkPlace.parse(door.removeprefix("tcp://"))
     address = ip_address(host)
     if address.is_loopback:
         return None
-    return f"tcp://{joined(socket.gethostname() if address.is_unspecified else host, port)}"
+    return f"tcp://{NetworkPlace(socket.gethostname() if address.is_unspecified else host, port)}"

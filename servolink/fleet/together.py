@@ -12,9 +12,8 @@ import msgspec
 from msgspec import UNSET, Struct
 from msgspec.structs import replace
 
-from servolink.control.messages import Runnable
-from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError
-from servolink.escaping import quote
+from servolink.control import Runnable, encode
+from servolink.errors import AmbiguousName, ConnectionLost, NotFound, OutcomeUnknown, ServolinkError, quote
 from servolink.fleet.clocks import BoardClocks
 from servolink.fleet.controller import Controller, new_id
 from servolink.fleet.each import for_each
@@ -165,7 +164,7 @@ async def start_each(
         topic, payload = controller.topics.board(board, "start"), Start(start, controller.who, moments.get(board))
         with suppress(ConnectionLost):  # the broker may have the message: answers show the started boards
             left = ends - loop.time()
-            await controller.publish(topic, msgspec.json.encode(payload), start, expires=left, deadline=ends)
+            await controller.publish(topic, encode(payload), expires=left, deadline=ends)
 
     return (await for_each(boards, send, parallel=_STARTS_AT_ONCE)).failed
 

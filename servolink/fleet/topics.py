@@ -15,15 +15,22 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from servolink.control.error_codes import ErrorObject
-from servolink.control.messages import Done, Runnable
-from servolink.control.notifications import ButtonPressed, ServosFrame
-from servolink.control.roles import RoleName
-from servolink.control.status import ConnectionState, about
-from servolink.errors import InvalidAddress
-from servolink.escaping import quote
-from servolink.files import ALL, is_name
-from servolink.project.transfer.results import Phase
+from servolink.control import (
+    ButtonPressed,
+    ConnectionState,
+    Done,
+    ErrorObject,
+    RoleName,
+    Runnable,
+    Scope,
+    ServosFrame,
+    Touches,
+    about,
+)
+from servolink.errors import InvalidAddress, quote
+from servolink.hub import METHODS as HUB_METHODS
+from servolink.project import Phase
+from servolink.support import ALL, is_name
 
 PREFIX = "servolink"
 UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
@@ -33,31 +40,8 @@ MOST_BYTES = 1024 * 1024
 CONTENT_TYPE = "application/json"
 ONLINE, OFFLINE = "online", "offline"
 """Content of the topic `available`."""
-MOTION = frozenset({"move", "run", "release", "servo.set", "prepare"})
-"""The methods that move: their messages must have an expiry, as a robot must not move late."""
-TRANSFERS = frozenset({"project.apply", "project.rollback"})
-"""The methods whose messages must have an expiry and a pulse: corrections of servos turn them."""
 DEFAULT_EXPIRY = 10
 """Seconds until a command expires, unless the sender sets an expiry."""
-SESSION_METHODS = frozenset(
-    {
-        "lease.take",
-        "lease.give",
-        "lease.beat",
-        "lease.ask",
-        "move.end",
-        "board.hold",
-        "board.release",
-        "servos.watch",
-        "servos.ack",
-        "servos.unwatch",
-        "buttons.subscribe",
-        "buttons.unsubscribe",
-        "run.prepare",
-        "run.start",
-    }
-)
-"""Methods of the control interface that a fleet lacks: they belong to the connection of a program."""
 
 BoardTopic: TypeAlias = Literal[
     "available", "state", "servos", "vitals", "event", "log", "cmd", "press", "start", "stop", "echo", "result", "pulse"
@@ -68,7 +52,7 @@ Who: TypeAlias = Annotated[str, Meta(max_length=60, description="the sender as p
 
 _FLEET = "_fleet"  # no board is called so: names begin with a letter or a digit
 _LONGEST_PREFIX = 200
-_PREFIX = re.compile(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff+#/$][^\x00-\x1f\x7f-\x9f\ud800-\udfff+#]*")
+_LEVELS = re.compile(r"[^\x00-\x1f\x7f-\x9f\ud800-\udfff+#/$][^\x00-\x1f\x7f-\x9f\ud800-\udfff+#]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +63,7 @@ class Topics:
 
     def __post_init__(self) -> None:
         """Raise InvalidAddress for a prefix that topics cannot begin with."""
-        wrong = not _PREFIX.fullmatch(self.prefix) or "//" in self.prefix or self.prefix.endswith("/")
+        wrong = not _LEVELS.fullmatch(self.prefix) or "//" in self.prefix or self.prefix.endswith("/")
         if wrong or len(self.prefix) > _LONGEST_PREFIX:
             raise InvalidAddress(
                 f"{quote(self.prefix)} cannot be a prefix of topics: use text such as servolink or school/room1, "
@@ -94,30 +78,38 @@ class Topics:
             raise InvalidAddress(f"{quote(name)} cannot be the name of a board: use up to 64 letters, digits, - and _")
         return f"{self.prefix}/{name}/{topic}"
 
-    def fleet(self, topic: FleetTopic) -> str:
-        """Return a topic of all boards together."""
+    def fleet(self, topic: str) -> str:
+        """Return a topic of all boards together, such as `stop`, or of programs."""
         return f"{self.prefix}/{_FLEET}/{topic}"
 
     def parse(self, topic: str) -> tuple[str, str] | None:
-        """Return the board and the kind of a topic, as in `("rex", "state")`; None for any other topic."""
+        """Return the board and the kind of a topic, as in `("rex", "state")`; None for any other topic.
+
+        The kind of results for a program is `result/USER/WORD`. An access list lets only the user of a board write
+        below its name, so the topic says who has sent a message; the name in a payload proves nothing.
+        """
         if not topic.startswith(f"{self.prefix}/"):
             return None
         name, _, kind = topic.removeprefix(f"{self.prefix}/").partition("/")
-        return (name, kind) if is_name(name) and name != ALL and kind and "/" not in kind else None
+        is_kind = kind.startswith("result/") or (kind and "/" not in kind)
+        return (name, kind) if is_name(name) and name != ALL and is_kind else None
 
-    def reply(self, word: str) -> str:
-        """Return the response topic of a program named `word`: up to 64 letters, digits, - and _."""
-        return f"{self.prefix}/{_FLEET}/reply/{word}"
-
-    def may_answer(self, topic: str) -> bool:
-        """Return whether boards send results to this response topic: of a program, or `result` of a board.
+    def may_answer(self, board: str, topic: str) -> bool:
+        """Return whether `board` sends results to this response topic: below its own `result`, and nowhere else.
 
         Elsewhere, a sender could have a board write what the broker does not allow the sender to write.
         """
-        place, _, word = topic.rpartition("/")
-        if place == f"{self.prefix}/{_FLEET}/reply":
-            return is_name(word)
-        return (self.parse(topic) or ("", ""))[1] == "result"
+        reader = topic.removeprefix(f"{self.board(board, 'result')}/")
+        return reader != topic and len(reader) <= _LONGEST_PREFIX and _LEVELS.fullmatch(reader) is not None
+
+    def reader(self, user: str | None, word: str) -> str:
+        """Return the kind of the results that only this user reads, as in `result/teacher/WORD`."""
+        is_level = user and "/" not in user and len(user) < _LONGEST_PREFIX // 2 and _LEVELS.fullmatch(user)
+        return f"result/{user if is_level else '-'}/{word}"
+
+    def is_earlier_reply(self, topic: str) -> bool:
+        """Return whether an earlier version of servolink listens there: every board could write in another's name."""
+        return topic.startswith(f"{self.prefix}/{_FLEET}/reply/")
 
 
 # --- from a board -----------------------------------------------------------------------------------------------------
@@ -292,7 +284,7 @@ class Step(Struct, frozen=True):
 
 
 class Result(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Answer to a command. Sent to `result`, or to the response topic of the command, if set.
+    """Answer to a command. Sent to `result`, or to the response topic of the command if that is below `result`.
 
     A message with `progress` is not the answer yet: it has no `ok`.
     """
@@ -323,13 +315,33 @@ SENT: dict[str, tuple[type[Struct], int, bool]] = {
 }
 """Payload, QoS and retained flag, by topic. `available` is plain text: `online` or `offline`."""
 
-METHODS: dict[str, tuple[type[Struct], type[Struct]]] = {"prepare": (Prepare, Prepared), "cancel": (Cancel, Done)}
-"""Params and result of the methods that a fleet adds to the methods of the control interface."""
+METHODS: dict[str, tuple[type[Struct], type[Struct], Scope]] = {
+    "prepare": (Prepare, Prepared, Scope(Touches.MOTION, from_afar=True)),
+    "cancel": (Cancel, Done, Scope(Touches.NOTHING, from_afar=True)),
+}
+"""Params, result and scope of the methods that a fleet adds to the methods of the control interface."""
+
+
+def readable(caption: str) -> str:
+    """Return a caption that every reader of JSON accepts: with question marks for bytes that are not text."""
+    return caption.encode("utf-8", "replace").decode()
+
+
+def scope_of(method: str) -> Scope:
+    """Return the scope of a method of the control interface or of a fleet."""
+    if method in METHODS:
+        return METHODS[method][2]
+    return HUB_METHODS[method].scope if method in HUB_METHODS else Scope.unknown()
+
+
+def needs_pulse(scope: Scope) -> bool:
+    """Return whether a command must have a pulse beside its expiry: an import turns servos by their corrections."""
+    return scope.moves and Touches.BOARD in scope.touches
 
 
 def schema() -> dict[str, Any]:
     """Return the JSON Schema of the payloads: `topics` and `methods` refer to the types in `$defs`."""
-    types = [payload for payload, _, _ in SENT.values()] + [params for params, _ in METHODS.values()]
+    types = [payload for payload, _, _ in SENT.values()] + [params for params, _, _ in METHODS.values()]
     found, definitions = msgspec.json.schema_components(
         [*types, Prepared, Started, StopOver, Echoed], ref_template="#/$defs/{name}"
     )
@@ -343,6 +355,6 @@ def schema() -> dict[str, Any]:
             topic: {"payload": of[id(payload)], "qos": qos, "retain": retain}
             for topic, (payload, qos, retain) in SENT.items()
         },
-        "methods": {name: {"params": of[id(params)]} for name, (params, _) in METHODS.items()},
+        "methods": {name: {"params": of[id(params)]} for name, (params, _, _) in METHODS.items()},
         "$defs": definitions,
     }

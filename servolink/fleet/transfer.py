@@ -9,15 +9,14 @@ from typing import Any, TypeVar
 
 from msgspec import Struct
 
-from servolink.control.messages import Applied
+from servolink.control import Applied
 from servolink.errors import EncodeError, ProjectError, ServolinkError
 from servolink.fleet.controller import Controller
 from servolink.fleet.each import Outcomes, Work, for_each
 from servolink.fleet.pending_command import result_as
 from servolink.fleet.topics import Step
-from servolink.project.model import Project
-from servolink.project.project_file import file_type, project_from_form, project_to_form, save_project
-from servolink.protocol.json_errors import convert
+from servolink.project import Project, ProjectFile, save_project
+from servolink.protocol import convert
 
 T = TypeVar("T")
 
@@ -83,9 +82,14 @@ class Transfer:
         self._on_step = on_step
         self._on_outcome = on_outcome
 
+    @staticmethod
+    def export_path(folder: Path, board: str) -> Path:
+        """Return the file for the content of a board."""
+        return folder / f"{board}.servolink.json"
+
     async def plan(self, project: Project, *, replace: bool = False, unchecked: bool = False) -> Outcomes[BoardPlan]:
         """Ask each board what `apply` would change. Nothing is changed."""
-        params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace}
+        params = {"project": ProjectFile(project, unchecked=unchecked).form(), "replace": replace}
 
         async def plan(board: str) -> BoardPlan:
             return _plan(board, await self._ask(board, "project.plan", params))
@@ -96,7 +100,7 @@ class Transfer:
         self, project: Project, *, replace: bool = False, unchecked: bool = False, backup: bool = True
     ) -> Outcomes[Applied]:
         """Make each board hold the project. Call again after a failure: finished work is not repeated."""
-        params = {"project": project_to_form(project, unchecked=unchecked), "replace": replace, "backup": backup}
+        params = {"project": ProjectFile(project, unchecked=unchecked).form(), "replace": replace, "backup": backup}
 
         async def apply(board: str) -> Applied:
             return result_as(board, await self._ask(board, "project.apply", params), Applied)
@@ -108,7 +112,7 @@ class Transfer:
 
         async def export(board: str) -> Path:
             project, unchecked = _project(board, await self._ask(board, "project.export", {}))
-            path = export_path(folder, board)
+            path = self.export_path(folder, board)
             await asyncio.to_thread(save_project, path, project, unchecked=unchecked)
             return path
 
@@ -124,11 +128,6 @@ class Transfer:
         return await for_each(
             self._boards, work, parallel=self._parallel, fail_fast=self._fail_fast, on_outcome=self._on_outcome
         )
-
-
-def export_path(folder: Path, board: str) -> Path:
-    """Return the file for the content of a board."""
-    return folder / f"{board}.servolink.json"
 
 
 def _plan(board: str, found: Any) -> BoardPlan:
@@ -168,7 +167,7 @@ class _Planned(Struct):
 def _project(board: str, found: Any) -> tuple[Project, bool]:
     """Return the project in an export, and whether any value is outside the range that servolink writes unasked."""
     try:
-        content = project_from_form(convert(found["project"], file_type(unchecked=True)))
+        content = ProjectFile.of_form(convert(found["project"], ProjectFile.form_type(unchecked=True)))
     except (EncodeError, KeyError, TypeError) as error:
         raise ProjectError(f"{board} sends a project that cannot be read: {error}") from error
     return content.project, content.unchecked

@@ -7,7 +7,6 @@ connection while it is lost.
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
 import socket
 from collections.abc import Mapping, Sequence
@@ -19,13 +18,13 @@ from servolink.fleet.access import BrokerAccess
 from servolink.fleet.answers import Answers, Sender
 from servolink.fleet.bridge import Bridge
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Received
 from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.outbox import Outbox
-from servolink.fleet.publish_packets import Received
 from servolink.fleet.pulse import PulseLink
 from servolink.fleet.stop_handler import read_stop
 from servolink.fleet.topics import UNREADABLE, Command, Echo, Echoed, FleetTopic, Press, Start, Started, Topics
-from servolink.tasks import Tasks
+from servolink.support import Tasks
 
 _OF_ALL: Mapping[FleetTopic, int] = {"stop": 1, "start": 1, "echo": 0}
 """QoS of the topics of all boards, which each board has for itself as well."""
@@ -39,11 +38,15 @@ class Urgent:
 
     def __init__(self, access: BrokerAccess, topics: Topics, bridges: Sequence[Bridge]) -> None:
         self._topics = topics
-        name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{os.getpid()}"
+        # A random word, because whoever knows the identifier of a connection can end the connection.
+        name = f"{topics.prefix}/_fleet/{socket.gethostname()}-{secrets.token_hex(8)}"
         self.broker = BrokerConnection(access, MqttOptions(name, sees_retained=False))
         self._outbox = Outbox(self.broker)
         self._bridges: Mapping[str, Bridge] = {bridge.board: bridge for bridge in bridges}
-        self._answers = {name: Answers(name, topics, self._outbox) for name in self._bridges}
+        self._answers = {
+            name: Answers(name, topics, self._outbox, on_problem=bridge.telemetry.problem)
+            for name, bridge in self._bridges.items()
+        }
         self._link = PulseLink(bridges[0].pulse)
         self._pulse_topic = topics.board(bridges[0].board, "pulse")
         self._tasks = Tasks()

@@ -13,15 +13,14 @@ from typing import Any
 import pytest
 
 from servolink.fleet import broker as broker_module
-from servolink.fleet.access import broker_access
+from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.join import LocalBoard, LocalFleet
 from servolink.fleet.mqtt_client import MqttOptions
 from servolink.fleet.policy import BoardPolicy, FleetFile
-from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.topics import Topics
-from servolink.hub.hub import Hub
-from servolink.hub.serving import serve_board
+from servolink.hub import Hub, serve_board
 from tests.fleet.mosquitto import Broker
 
 TOPICS = Topics()
@@ -33,7 +32,7 @@ class Far:
 
     def __init__(self, broker: Broker, name: str = "far") -> None:
         self.heard: dict[str, list[Received]] = {}
-        self.broker = BrokerConnection(broker_access(broker.url), MqttOptions(name))
+        self.broker = BrokerConnection(BrokerAccess.of(broker.url), MqttOptions(name))
         self.broker.subscriptions = [("servolink/#", 1), ("homeassistant/#", 1)]
         self.broker.on_message = self._hear
         self._news = asyncio.Event()
@@ -126,7 +125,7 @@ async def far_away(broker: Broker, name: str = "far") -> AsyncIterator[Far]:
 @asynccontextmanager
 async def joined(broker: Broker, policy: BoardPolicy, *, hub: str = "rex", **options: Any) -> AsyncIterator[LocalFleet]:
     """Yield a fleet of the board that `hub` shares, when it has joined."""
-    fleet = LocalFleet(broker_access(broker.url), TOPICS, FleetFile(policy), **{"hz": 0.0, **options})
+    fleet = LocalFleet(BrokerAccess.of(broker.url), TOPICS, FleetFile(policy), **{"hz": 0.0, **options})
     ready = asyncio.Event()
     async with running(fleet.join([LocalBoard(hub, hub)], ready.set)) as joining:
         waiting = asyncio.ensure_future(ready.wait())

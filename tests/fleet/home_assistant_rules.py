@@ -43,7 +43,7 @@ _TOPIC = re.compile(r"[^+#\x00-\x1f\x7f]{1,65535}")
 
 def check_topic(topic: str, board: str) -> None:
     """Assert that Home Assistant looks for devices there, and takes this one for what it is."""
-    assert re.fullmatch(r"homeassistant/device/[a-zA-Z0-9_-]+/config", topic), topic
+    assert re.fullmatch(r"homeassistant/device/([a-zA-Z0-9_-]+/)?[a-zA-Z0-9_-]+/config", topic), topic
     assert board in topic
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from servolink.__main__ import main
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Received
 from servolink.fleet.hub_session import HubSession
-from servolink.fleet.publish_packets import Received
 
 
 def die() -> None:

@@ -9,13 +9,13 @@ from typing import Any
 
 import msgspec
 
-from servolink.control.error_codes import ErrorData, ErrorObject
-from servolink.fleet.access import broker_access
+from servolink.control import ErrorData, ErrorObject
+from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttOptions
-from servolink.fleet.publish_packets import Publication, Received
 from servolink.fleet.topics import BoardNow, Command, FleetTopic, Result, Stored, Topics
-from servolink.tasks import Tasks
+from servolink.support import Tasks
 from tests.fleet.bridged import running
 from tests.fleet.mosquitto import Broker
 
@@ -42,6 +42,8 @@ class StandIn:
         self.commands: list[Command] = []
         self.stops = 0
         self.is_silent = False
+        self.heard: list[Received] = []
+        self.answer_at: str | None = None
         self.copies = 1
         self.delay = 0.0
         self.loop = asyncio.get_running_loop()
@@ -63,6 +65,7 @@ class StandIn:
 
     def _receive(self, message: Received) -> None:
         """Answer each command in a task of its own."""
+        self.heard.append(message)
         if message.topic.endswith("/cmd"):
             command = msgspec.json.decode(message.payload, type=Command)
             self.commands.append(command)
@@ -87,17 +90,21 @@ class StandIn:
         except KeyError:
             return
         for _ in range(self.copies):
-            await self._broker.send(Publication(message.response_topic or "", msgspec.json.encode(result), 1))
+            topic = self.answer_at or message.response_topic or ""
+            await self._broker.send(Publication(topic, msgspec.json.encode(result), 1))
 
 
 @asynccontextmanager
-async def stand_ins(broker: Broker, *names: str, **known: Any) -> AsyncIterator[list[StandIn]]:
+async def stand_ins(
+    broker: Broker, *names: str, access: BrokerAccess | None = None, **known: Any
+) -> AsyncIterator[list[StandIn]]:
     """Yield boards that have an action 1 `Bow` and a macro 2 `Wave`."""
+    access = access or BrokerAccess.of(broker.url)
     async with AsyncExitStack() as stack:
         boards = []
         for name in names:
             will = Publication(TOPICS.board(name, "available"), "offline", 1, retain=True)
-            connection = BrokerConnection(broker_access(broker.url), MqttOptions(f"stand-in-{name}", will=will))
+            connection = BrokerConnection(access, MqttOptions(f"stand-in-{name}", will=will))
             kinds: tuple[FleetTopic, ...] = ("start", "stop", "echo")
             topics = [TOPICS.board(name, "cmd"), *(TOPICS.board(name, kind) for kind in kinds)]
             topics += [TOPICS.fleet(kind) for kind in kinds]

@@ -16,23 +16,26 @@ from typing import Any
 import msgspec
 import pytest
 
-from servolink.client.connect import connect
-from servolink.control import channel as channel_module
-from servolink.discovery.names import Alias, save_alias
+from servolink.boards import Alias, Aliases
+from servolink.client import connect
+from servolink.control import open_channel
 from servolink.errors import OpenError
 from servolink.fleet import hub_session, join, telemetry
+from servolink.fleet.access import BrokerAccess
 from servolink.fleet.broker import BrokerConnection
+from servolink.fleet.controller import Controller
 from servolink.fleet.home_assistant import HomeAssistant
 from servolink.fleet.join import LocalBoard, local_boards
 from servolink.fleet.policy import BoardPolicy, PolicyFile
 from servolink.fleet.topics import BoardNow, EventNow, ServosNow
-from servolink.hub.serving import serve_board
-from servolink.project.build import build_project
-from servolink.protocol.records import Action, Macro, Step
-from servolink.transports.device_info import DeviceInfo
-from servolink.virtual.transport import VirtualTransport
-from tests.fleet.bridged import bridged, far_away, joined, run, running
+from servolink.hub import serve_board
+from servolink.project import build_project
+from servolink.protocol import Action, Macro, Step
+from servolink.transports import DeviceInfo
+from servolink.virtual import BOARDS, VirtualTransport
+from tests.fleet.bridged import TOPICS, bridged, far_away, joined, run, running
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
+from tests.lab.odd.firmwares import CutCaptions
 
 pytestmark = [*needs_broker, pytest.mark.usefixtures("user")]
 
@@ -56,6 +59,28 @@ def test_a_board_is_seen_and_moved_from_afar(broker: Broker) -> None:
     run(main())
 
 
+def test_captions_with_bytes_that_are_not_text_are_documents_for_all_and_whole_in_results(broker: Broker) -> None:
+    async def main() -> None:
+        BOARDS["zoo"] = CutCaptions()
+        async with (
+            serve_board("virtual://zoo", name="rex"),
+            far_away(broker) as far,
+            joined(broker, BoardPolicy("edit")),
+        ):
+            await far.state(lambda state: len(state["actions"]) == 2)
+            payload = far.heard["servolink/rex/state"][-1].payload
+            assert msgspec.json.decode(payload)["actions"][0]["caption"] == "揮動左手然後再揮動右?"
+            assert (await far.call("records.list"))["records"][0]["caption"] == "揮動左手然後再揮動右\udce6"
+            assert (await far.call("run", params={"type": "action", "id": "揮動左手然後再揮動右\udce6"}))[
+                "seconds"
+            ] == 0.5
+            async with Controller(BrokerAccess.of(broker.url), TOPICS) as controller:
+                listed = await controller.call("rex", "records.list")
+                assert listed["records"][0]["caption"] == "揮動左手然後再揮動右\udce6"
+
+    run(main())
+
+
 def test_a_board_that_the_broker_does_not_let_be_seen_has_not_joined(tmp_path: Path) -> None:
     access = tmp_path / "acl"
     access.write_text("topic read servolink/#\ntopic write servolink/rex/pulse\n", encoding="utf-8")
@@ -73,13 +98,29 @@ def test_a_board_that_the_broker_does_not_let_be_seen_has_not_joined(tmp_path: P
 def test_a_result_goes_where_its_sender_listens(broker: Broker) -> None:
     async def main() -> None:
         async with bridged(broker) as (far, _):
-            reply = "servolink/_fleet/reply/me"
+            reply = "servolink/rex/result/me"
             command = await far.send("battery", response_topic=reply, correlation=b"\x00\xff")
             await far.result(command, reply)
             assert far.heard[reply][0].correlation == b"\x00\xff"
-            command = await far.send("battery", response_topic="servolink/fido/cmd")
-            await far.result(command)
-            assert "servolink/fido/cmd" not in far.heard
+            for elsewhere in ("servolink/fido/cmd", "servolink/fido/result/me", "servolink/_fleet/result/me"):
+                await far.result(await far.send("battery", response_topic=elsewhere))
+                assert elsewhere not in far.heard
+
+    run(main())
+
+
+def test_a_program_of_an_earlier_version_is_named_as_a_problem_of_the_board(broker: Broker) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            for topic, options in (("cmd", {"expiry": 10}), ("stop", {})):
+                command = {"id": topic, "method": "battery"} if topic == "cmd" else {"id": topic}
+                asked = {"response_topic": "servolink/_fleet/reply/desk", **options}
+                await far.publish(f"servolink/rex/{topic}", command, **asked)
+                await far.result(topic)
+            problem = (await far.state(lambda state: bool(state["problems"])))["problems"]
+            assert len(problem) == 1
+            assert "a program of an earlier servolink sends commands, and does not hear the answers" in problem[0]
+            assert "servolink/_fleet/reply/desk" not in far.heard
 
     run(main())
 
@@ -116,7 +157,7 @@ def test_a_board_that_is_there_corrects_what_others_say_of_it(broker: Broker, pa
 
 
 def test_commands_that_waited_at_the_broker_find_the_hub(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
-    order, open_channel, run_broker = list[str](), channel_module.open_channel, BrokerConnection.run
+    order, run_broker = list[str](), BrokerConnection.run
 
     async def opened(*arguments: Any) -> Any:
         channel = await open_channel(*arguments)
@@ -273,7 +314,7 @@ def test_a_lost_hub_is_told_and_waited_for(broker: Broker) -> None:
 
 def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
     async def main() -> None:
-        save_alias("rex", Alias("virtual://?servos=1"))
+        Aliases.save("rex", Alias("virtual://?servos=1"))
         async with serve_board("virtual://?servos=2", name="fido"):
             async with local_boards(["rex", "fido"]) as here:
                 assert here == [LocalBoard("rex", "rex"), LocalBoard("fido", "fido")]
@@ -285,7 +326,7 @@ def test_a_board_joins_under_the_name_that_it_is_given_by() -> None:
 
 def test_a_board_that_is_found_joins_under_the_name_that_its_user_gave(monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
-        save_alias("rex", Alias("virtual://"))
+        Aliases.save("rex", Alias("virtual://"))
         monkeypatch.setattr(join, "search", lambda: [DeviceInfo("virtual://")])
         async with local_boards([]) as here:
             assert here == [LocalBoard("rex", "rex")]

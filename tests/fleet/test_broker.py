@@ -1,6 +1,6 @@
 """A connection with a real broker.
 
-Modules: servolink.fleet.mqtt_client, servolink.platforms.socket_watch.
+Modules: servolink.fleet.broker, servolink.fleet.broker_messages, servolink.fleet.mqtt_client.
 """
 
 from __future__ import annotations
@@ -17,26 +17,14 @@ import pytest
 
 from servolink.errors import ConnectionLost, OpenError
 from servolink.fleet import broker as module
-from servolink.fleet.access import broker_access
-from servolink.fleet.broker import BrokerConnection, Denied
+from servolink.fleet.access import BrokerAccess
+from servolink.fleet.broker import BrokerConnection, Denied, explain
+from servolink.fleet.broker_messages import Publication, Received
 from servolink.fleet.mqtt_client import MqttOptions
-from servolink.fleet.publish_packets import Publication, Received
-from servolink.platforms import socket_watch
 from tests.fleet.bridged import LIMIT
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 
 pytestmark = needs_broker
-
-
-@pytest.fixture(autouse=True, params=["the event loop", "a thread"])
-def _watched_by(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Watch the socket as on each system: the event loop of Windows cannot."""
-    if request.param == "a thread":
-        monkeypatch.setattr(socket_watch, "SocketWatch", _refuse)
-
-
-def _refuse(*_: object) -> None:
-    raise NotImplementedError
 
 
 @asynccontextmanager
@@ -57,7 +45,7 @@ async def running(connection: BrokerConnection) -> AsyncIterator[BrokerConnectio
 
 
 def connection_to(url: str, name: str = "test", **options: Any) -> BrokerConnection:
-    return BrokerConnection(broker_access(url), MqttOptions(name, **options))
+    return BrokerConnection(BrokerAccess.of(url), MqttOptions(name, **options))
 
 
 def socket_of(connection: BrokerConnection) -> Any:
@@ -212,9 +200,9 @@ def test_denied_topics_are_named_once(tmp_path: Path) -> None:
             for _ in range(2):
                 with pytest.raises(Denied, match="servolink/rex/event: not authorized"):
                     await connection.send(Publication("servolink/rex/event", b"", 1))
-        assert told == [
-            "the broker does not allow writing to servolink/rex/event: not authorized; correct its access list"
-        ]
+        (text,) = told
+        assert text.startswith("the broker does not allow writing to servolink/rex/event: not authorized; correct its")
+        assert text.endswith("docs/how-to/fleet-classroom.md has changed, with the topics of answers")
 
     limited(test)
 
@@ -231,6 +219,19 @@ def test_a_broker_that_refuses_is_an_error_that_says_what_to_do(tmp_path: Path) 
             await connection_to(broker.url).run()
 
     limited(test)
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (socket.gaierror(-2, "Name or service not known"), "there is no host of this name: correct the name"),
+        (ConnectionRefusedError(111, "Connection refused"), "no broker listens there (Connection refused): start it"),
+        (OSError(113, "No route to host"), "No route to host"),
+        (TimeoutError(), "no answer: check the address"),
+    ],
+)
+def test_an_error_of_the_system_is_said_without_its_number(error: Exception, text: str) -> None:
+    assert explain(error).startswith(text)
 
 
 def test_a_message_does_not_wait_for_the_confirmation_of_the_one_before(broker: Broker) -> None:

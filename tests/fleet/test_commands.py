@@ -15,20 +15,18 @@ from typing import Any
 import pytest
 from msgspec import Raw
 
-from servolink.control.channel import Reply, open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.messages import Runnable
+from servolink.control import Greeting, Reply, Runnable, open_channel
 from servolink.errors import MotionRefused
 from servolink.fleet import commands, pulse
+from servolink.fleet.broker_messages import Received
 from servolink.fleet.command_log import CommandLog
 from servolink.fleet.hub_session import HubSession
 from servolink.fleet.policy import BoardPolicy
-from servolink.fleet.publish_packets import Received
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import Prepare
-from servolink.hub.serving import serve_board
-from servolink.motion.ticket import StopCounter
-from servolink.protocol.records import Action, Step
+from servolink.hub import serve_board
+from servolink.motion import StopCounter
+from servolink.protocol import Action, Step
 from tests.fleet.bridged import Far, bridged, far_away, joined, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -179,6 +177,60 @@ def test_what_moves_must_expire_and_come_in_time(broker: Broker, monkeypatch: py
             error = await far.failure("move", params=MOVE)
             assert error["message"].startswith("the command has expired")
             assert calls.methods == ["move"]
+
+    run(main())
+
+
+NOT_FROM_AFAR: dict[str, dict[str, Any]] = {
+    "stream.begin": {},
+    "stream.send": {"stream": 1, "targets": {"1": 60}},
+    "move.end": {},
+    "run.start": {},
+    "limits.tighten": {"speed_cap": 1},
+    "rename": {"who": "the teacher"},
+    "question.show": {},
+    "question.answer": {"number": 1, "is_yes": True},
+    "tap.start": {},
+    "recorder.start": {},
+    "recorder.list": {},
+    "line.test": {},
+    "board.mode": {"mode": 0},
+    "studio.limits.save": {"servo": 1, "low": None, "high": None},
+}
+
+
+@pytest.mark.parametrize("way", ["cmd", "press"])
+def test_what_is_not_declared_for_a_fleet_is_refused_before_the_hub_hears_of_it(
+    broker: Broker, monkeypatch: pytest.MonkeyPatch, way: str
+) -> None:
+    async def main() -> None:
+        async with bridged(broker) as (far, _):
+            calls = Calls(monkeypatch)
+            for method, params in NOT_FROM_AFAR.items():
+                if way == "cmd":
+                    error = await far.failure(method, params=params)
+                else:
+                    at = f"servolink/rex/result/{method.replace('.', '-')}"
+                    await far.publish("servolink/rex/press", {"method": method, "params": params}, response_topic=at)
+                    await far.until(lambda at=at: at in far.heard)  # type: ignore[misc]
+                    error = json.loads(far.heard[at][-1].payload)["error"]
+                assert error["message"] == f"there is no method '{method}' from afar"
+            assert calls.methods == []
+
+    run(main())
+
+
+def test_set_points_that_waited_at_the_broker_move_nothing(broker: Broker) -> None:
+    async def main() -> None:
+        async with serve_board("virtual://?servos=4", name="rex") as (hub, _), far_away(broker) as far:
+            async with joined(broker, BoardPolicy("edit")):
+                await far.call("move", params={"targets": {"1": 0}, "duration": 0.01, "wait": True})
+            sent = [await far.send("stream.begin", expiry=None)]
+            sent += [await far.send("stream.send", params=NOT_FROM_AFAR["stream.send"], expiry=None) for _ in range(5)]
+            async with joined(broker, BoardPolicy("edit")):
+                answers = [await far.result(each) for each in sent]
+                assert {answer["ok"] for answer in answers} == {False}
+                assert (await hub.board.servos())[0].angle == 0
 
     run(main())
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from servolink.errors import MotionRefused, OpenError, OutcomeUnknown, RequestTimeout, ServolinkError
-from servolink.fleet.access import broker_access
+from servolink.fleet.access import BrokerAccess
 from servolink.fleet.controller import Controller
 from servolink.fleet.stop_boards import stop_all
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
@@ -19,7 +19,7 @@ pytestmark = needs_broker
 
 
 def controller_of(broker: Broker, *, with_servos: bool = False) -> Controller:
-    controller = Controller(broker_access(broker.url), TOPICS, with_servos=with_servos)
+    controller = Controller(BrokerAccess.of(broker.url), TOPICS, with_servos=with_servos)
     controller.patience = LIMIT
     return controller
 
@@ -75,7 +75,7 @@ def test_who_has_stopped_a_board_knows_a_word_of_its_pulse_that_is_later(broker:
 
 def test_a_program_that_may_not_move_is_sent_no_pulse_and_stops_boards_all_the_same(broker: Broker) -> None:
     async def main() -> None:
-        access = broker_access(broker.url)
+        access = BrokerAccess.of(broker.url)
         async with stand_ins(broker, "rex") as (rex,), Controller(access, TOPICS, may_move=False) as controller:
             await rex.publish(TOPICS.board("rex", "pulse"), "word-1")
             await controller.settle()

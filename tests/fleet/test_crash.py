@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from servolink.hub.serving import serve_board
+from servolink.hub import serve_board
 from tests.fleet.bridged import far_away, run
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.processes import start_async

@@ -16,18 +16,17 @@ from pathlib import Path
 
 import pytest
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.errors import OutcomeUnknown, RequestTimeout, ServolinkError
 from servolink.fleet import broker as broker_module
 from servolink.fleet import connect as connect_fleet
 from servolink.fleet import mqtt_client, roster
-from servolink.fleet.access import broker_access
+from servolink.fleet.access import BrokerAccess
 from servolink.fleet.client import Fleet
 from servolink.fleet.join import LocalBoard, LocalFleet
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.policy import BoardPolicy, FleetFile
-from servolink.hub.serving import serve_board
+from servolink.hub import serve_board
 from tests.fleet.bridged import LIMIT, TOPICS, Far, bridged, far_away, run, running
 from tests.fleet.mosquitto import OPEN, Broker, needs_broker
 from tests.fleet.patience import patience_ends
@@ -50,7 +49,7 @@ def _soon_again(monkeypatch: pytest.MonkeyPatch) -> None:
 async def board_and_fleet(url: str, far_url: str, name: str = "rex") -> AsyncIterator[tuple[Fleet, Board]]:
     """Yield a fleet through `far_url` whose board, joined through `url`, is read beside it."""
     async with serve_board("virtual://?servos=4", name=name), connect(f"share://{name}") as board:
-        joining = LocalFleet(broker_access(url), TOPICS, FleetFile(BoardPolicy("edit")), hz=0.0)
+        joining = LocalFleet(BrokerAccess.of(url), TOPICS, FleetFile(BoardPolicy("edit")), hz=0.0)
         ready = asyncio.Event()
         async with running(joining.join([LocalBoard(name, name)], ready.set)):
             await ready.wait()
@@ -361,7 +360,7 @@ def test_names_and_payloads_that_are_no_boards_are_left_out(broker: Broker, monk
                 await far.publish("servolink/n0/servos", payload)
             async with connect_fleet(broker.url, groups={}, servos=True) as fleet:
                 for payload in (b"", b"\xff", b"{", b"[" * 100_000, b'{"id":null,"board":"n0"}', b"null"):
-                    await far.publish(fleet.controller._reply_to, payload)
+                    await far.publish(f"servolink/n0/{fleet.controller._reader}", payload)
                 boards = await fleet.list()
                 assert len(boards) == 20
                 assert all(board.name.startswith("n") for board in boards)

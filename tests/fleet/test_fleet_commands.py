@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,15 +17,12 @@ from typing import Any
 
 import pytest
 
-import servolink
-from servolink.cli.fleet.fleet_watch import picture
 from servolink.errors import OpenError
 from servolink.fleet import checks
-from servolink.fleet.roster import BoardSeen
-from servolink.fleet.topics import BoardNow
-from servolink.project.project_file import project_to_form, save_project
-from servolink.script import FAILED, NO_BOARD, OK, USAGE
-from tests.cli.programs import Said, call, in_terminal
+from servolink.project import ProjectFile, save_project
+from servolink.support import ExitCode
+from tests.cli.programs import Said, call, finished, in_terminal, started
+from tests.extras import hide
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.fleet.patience import LIMIT, have_answered, patience_ends
 from tests.fleet.stand_in import Refused, StandIn, stand_ins
@@ -87,7 +84,7 @@ def said(broker: Broker, capsys: pytest.CaptureFixture[str], monkeypatch: pytest
 def test_boards_are_listed(broker: Broker, said: Callable[..., Said]) -> None:
     with boards(broker, "rex", "fido", battery_percent=50.5, servos=16, problems=("it is \x1b[31mhot",)):
         found = said("list")
-        assert found.code == OK
+        assert found.code == ExitCode.OK
         assert found.out.splitlines()[0].split() == ["board", "state", "battery", "may", "servos", "version", "machine"]
         assert found.out.splitlines()[1].split() == ["fido", "ready", "50.5", "%", "edit", "16", "0.1.0", "here"]
         assert "rex: it is \\x1b[31mhot" in found.out
@@ -99,7 +96,7 @@ def test_boards_are_listed(broker: Broker, said: Callable[..., Said]) -> None:
 
 def test_nobody_is_listed_with_what_to_do(said: Callable[..., Said]) -> None:
     found = said("list")
-    assert found.code == NO_BOARD
+    assert found.code == ExitCode.NO_BOARD
     assert "run `servolink fleet join`" in found.err
 
 
@@ -107,7 +104,7 @@ def test_boards_that_left_are_listed_as_offline(broker: Broker, said: Callable[.
     with boards(broker, "rex") as (rex,):
         _leave(rex)
         found = said("list")
-    assert found.code == NO_BOARD
+    assert found.code == ExitCode.NO_BOARD
     assert found.out.splitlines()[1].split()[:2] == ["rex", "offline"]
 
 
@@ -119,12 +116,12 @@ def test_a_board_that_left_for_good_is_forgotten(broker: Broker, said: Callable[
             (("rax",), "'rax' is unknown to the broker"),
         ):
             found = said("forget", *words, "--yes")
-            assert found.code == FAILED
+            assert found.code == ExitCode.FAILED
             assert told in found.err
         assert [each["board"] for each in said("list", "--json").json["boards"]] == ["fido", "rex"]
-        assert said("forget", "rex").code == USAGE
+        assert said("forget", "rex").code == ExitCode.USAGE
         assert said("forget", "rex", "--yes").out == "forgotten: rex\n"
-        assert said("forget", "rex", "--yes").code == FAILED
+        assert said("forget", "rex", "--yes").code == ExitCode.FAILED
         assert [each["board"] for each in said("list", "--json").json["boards"]] == ["fido"]
 
 
@@ -133,7 +130,7 @@ def test_a_board_that_left_is_named_as_the_reason_why_nobody_starts(broker: Brok
         _leave(rex)
         fido.answers["prepare"] = lambda params: {"seconds": 2.0}
         ran = said("run", "Wave", "--on", "rex,fido")
-    assert ran.code == FAILED
+    assert ran.code == ExitCode.FAILED
     assert "rex is not connected: start `servolink fleet join` on its machine" in ran.err
     assert "no board was started" in ran.err
 
@@ -148,7 +145,7 @@ def test_a_stop_names_who_is_silent(
 ) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
         found = said("stop", "--within", f"{LIMIT}")
-        assert found.code == OK
+        assert found.code == ExitCode.OK
         assert "stopped 2 boards within" in found.out
         before = rex.stops
         (tmp_path / "fleet.toml").write_text('[groups]\nback = ["fido"]\n', encoding="utf-8")
@@ -157,7 +154,7 @@ def test_a_stop_names_who_is_silent(
         fido.is_silent = True
         patience_ends(monkeypatch, have_answered("rex"))
         found = said("stop", "--within", f"{LIMIT}", "--json")
-        assert found.code == FAILED
+        assert found.code == ExitCode.FAILED
         assert list(found.json["stopped"]) == ["rex"]
         assert found.json["silent"] == ["fido"]
         assert rex.stops >= 2
@@ -171,7 +168,7 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
                 "start": lambda params: {"host": "here", "after": 0.0, "monotonic": 1.0},
             }
         found = said("run", "Wave")
-        assert found.code == OK
+        assert found.code == ExitCode.OK
         assert found.out.splitlines() == [
             "Wave was started on 2 boards: fido, rex",
             "between the first and the last start: 0.0 ms, by the clock of their machine",
@@ -180,15 +177,15 @@ def test_what_starts_together_is_said(broker: Broker, said: Callable[..., Said])
         assert "stopped or released" not in found.err
         both[0].answers["prepare"] = lambda params: {"seconds": 2.0, "idle_servos": [1, 4]}
         found = said("run", "Wave")
-        assert (found.code, "servos are stopped or released, and do not move: rex;" in found.err) == (OK, True)
+        assert (found.code, "servos are stopped or released, and do not move: rex;" in found.err) == (ExitCode.OK, True)
         assert said("run", "Wave", "--json").json["idle_servos"] == {"rex": [1, 4]}
         both[0].answers["start"] = lambda params: {}
         found = said("run", "Wave", "--on", "rex")
-        assert found.code == FAILED
+        assert found.code == ExitCode.FAILED
         assert "perhaps started, without an answer: rex" in found.err
         assert "no board was started" not in found.err
         found = said("run", "Dance", "--on", "rex")
-        assert found.code == FAILED
+        assert found.code == ExitCode.FAILED
         assert "rex has no action or macro 'Dance'" in found.err
         assert "no board was started" in found.err
 
@@ -204,7 +201,7 @@ def test_a_project_is_applied_to_all_and_each_failure_is_named(
         bob.answers["project.plan"] = lambda params: SAME
         fido.answers["project.apply"] = refuse("the board is full: action 3 does not fit")
         found = said("apply", str(file), "--yes")
-        assert found.code == FAILED
+        assert found.code == ExitCode.FAILED
         assert "done, and verified, on 1 board: rex" in found.out
         assert "held it already: bob" in found.out
         assert "fido: the board is full: action 3 does not fit" in found.err
@@ -222,20 +219,20 @@ def test_a_project_is_not_applied_unasked(said: Callable[..., Said], tmp_path: P
     file = tmp_path / "robot.servolink.json"
     save_project(file, HUMANOID)
     found = said("apply", str(file))
-    assert found.code == USAGE
+    assert found.code == ExitCode.USAGE
     assert "--yes" in found.err
 
 
 def test_contents_are_exported(broker: Broker, said: Callable[..., Said], tmp_path: Path) -> None:
     with boards(broker, "rex", "fido") as (rex, fido):
-        rex.answers["project.export"] = lambda params: {"project": project_to_form(HUMANOID)}
+        rex.answers["project.export"] = lambda params: {"project": ProjectFile(HUMANOID).form()}
         fido.answers["project.export"] = refuse("it does not answer")
         found = said("export", str(tmp_path / "all"))
-        assert found.code == FAILED
+        assert found.code == ExitCode.FAILED
         assert found.out == f"{tmp_path}/all/rex.servolink.json\n"
         assert found.err == "servolink: fido: it does not answer\n"
         found = said("export", str(tmp_path / "all"), "--on", "rex")
-        assert found.code == USAGE
+        assert found.code == ExitCode.USAGE
         assert "holds rex.servolink.json already; --yes replaces them" in found.err
 
 
@@ -246,7 +243,7 @@ def test_the_doctor_says_that_nothing_is_wrong(
     with boards(broker, "rex"):
         found = said("doctor")
         assert found.out == "the broker answers; 1 of 1 board connected\nnothing is wrong\n"
-        assert found.code == OK
+        assert found.code == ExitCode.OK
         assert said("doctor", "--json").json == {"boards": 1, "online": 1, "findings": []}
 
 
@@ -261,41 +258,16 @@ def test_boards_are_watched_as_lines(broker: Broker, said: Callable[..., Said]) 
 def test_boards_are_watched_in_a_table(broker: Broker) -> None:
     with boards(broker, "rex", "fido"):
         shown = in_terminal("fleet", "watch", "--broker", broker.url, later=("hottest", "q"))
-    assert shown.code == OK
+    assert shown.code == ExitCode.OK
     assert "2 boards, 2 connected" in shown.out
 
 
-def board_seen(name: str, *, is_online: bool = True, **known: Any) -> BoardSeen:
-    given: dict[str, Any] = {"connection": "connected", "allow": "run", **known}
-    now = BoardNow(board=name, host="here", version="1", at=0.0, **given)
-    return BoardSeen(name, is_online, now)
-
-
-def test_the_table_fits_and_shows_first_what_needs_a_look() -> None:
-    there = [
-        *(board_seen(f"board{number}") for number in range(40)),
-        board_seen("away", is_online=False),
-        board_seen("low", battery_percent=5.0, lease="a program with a very long name \u202e that moves it"),
-        board_seen("lost", connection="lost", problems=("the cable is out",) * 9),
-    ]
-    for width, height in ((80, 24), (20, 8), (200, 60)):
-        lines = picture(there, width, height)
-        assert len(lines) <= height
-        assert all(len(text) <= width for text, _ in lines)
-    texts = [text for text, _ in picture(there, 80, 24)]
-    assert texts[0] == "43 boards, 42 connected"
-    assert [text.split()[0] for text in texts[3:6]] == ["lost", "low", "board0"]
-    assert "and 4 problems more" in texts
-
-
 def test_without_the_extra_it_says_what_to_install(said: Callable[..., Said], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(vars(servolink.fleet), "connect", raising=False)
-    for module in ("paho.mqtt", "servolink.fleet.client", "servolink.fleet.controller", "servolink.fleet.broker"):
-        monkeypatch.setitem(sys.modules, module, None)
+    hide("paho", "servolink.fleet", monkeypatch)
     found = said("list")
-    assert found.code == FAILED
+    assert found.code == ExitCode.FAILED
     assert found.err == (
-        "servolink: servolink fleet needs paho-mqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
+        "servolink: servolink.fleet needs paho-mqtt; in a copy of servolink's repository: pip install '.[fleet]'\n"
     )
 
 
@@ -310,7 +282,7 @@ def test_a_file_that_is_missing_is_a_failure_and_not_a_missing_board(
     command: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = call(capsys, *command)
-    assert (found.code, found.out) == (FAILED, "")
+    assert (found.code, found.out) == (ExitCode.FAILED, "")
     assert "nofile" in found.err
 
 
@@ -323,9 +295,23 @@ def test_join_takes_the_board_that_the_common_option_names(
         asked.append(names)
         raise OpenError("seen enough")
 
-    monkeypatch.setattr("servolink.fleet.join.local_boards", local_boards)
+    monkeypatch.setattr("servolink.fleet.local_boards", local_boards)
     monkeypatch.setenv("SERVOLINK_BOARD", "max")
     join = ["fleet", "join", "mqtt://127.0.0.1:1"]
     for words in (["--url", "rex", *join], ["--board", "rex", *join, "fido"], join):
-        assert call(capsys, *words).code == NO_BOARD
+        assert call(capsys, *words).code == ExitCode.NO_BOARD
     assert asked == [["rex"], ["fido", "rex"], []], "a variable names the board of other commands"
+
+
+@pytest.mark.usefixtures("user")
+@pytest.mark.parametrize("names", [(), ("rex",)])
+def test_join_says_that_boards_connected_later_do_not_join(broker: Broker, names: tuple[str, ...]) -> None:
+    hub = started("share", "--board", "virtual://", "--name", "rex")
+    assert hub.stdout is not None
+    assert hub.stdout.readline()
+    bridge = started("fleet", "join", broker.url, *(f"share://{name}" for name in names))
+    assert bridge.stdout is not None
+    assert bridge.stdout.readline().startswith("joined rex ")
+    said = finished(bridge, signal.SIGINT)
+    assert ("connected later do not join" in said.err) is not bool(names)
+    finished(hub, signal.SIGINT)

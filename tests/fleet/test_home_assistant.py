@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
+import signal
 from typing import Any
 
 import pytest
 
-from servolink.control.peer import encode
+from servolink.control import encode
 from servolink.fleet import home_assistant
 from servolink.fleet.home_assistant import HomeAssistant, discovery, without
 from servolink.fleet.policy import BoardPolicy
 from servolink.fleet.topics import BoardNow, EventNow, Stored, Topics, Vitals
-from servolink.protocol.records import Action, Step
-from tests.fleet.bridged import bridged, run
+from servolink.protocol import Action, Step
+from tests.fleet.bridged import Far, bridged, far_away, run
 from tests.fleet.home_assistant_rules import check_document, check_topic
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -29,7 +30,7 @@ NOW = BoardNow(
     macros=(Stored(1, "Wave"),),
     at=0.0,
 )
-TOPIC = "homeassistant/device/servolink_rex/config"
+TOPIC = "homeassistant/device/rex/servolink_rex/config"
 
 
 def document(allow: Any = "edit", *, numbers: bool = False, **angles: Any) -> dict[str, Any]:
@@ -183,6 +184,19 @@ class TestWithABroker:
 
         run(main())
 
+    def test_the_document_of_an_earlier_version_is_removed_and_others_are_left(self, broker: Broker) -> None:
+        earlier = [f"homeassistant/device/servolink_{name}/config" for name in ("rex", "fido")]
+
+        async def main() -> None:
+            async with far_away(broker) as far:
+                for topic in earlier:
+                    await far.publish(topic, b"{}", retain=True)
+            async with bridged(broker, home_assistant=HomeAssistant()) as (far, _):
+                await far.until(lambda: TOPIC in far.heard)
+                assert [[each.payload for each in far.heard[topic]] for topic in earlier] == [[b"{}", b""], [b"{}"]]
+
+        run(main())
+
     def test_what_is_gone_when_a_bridge_comes_back_is_removed(self, broker: Broker) -> None:
         async def main() -> None:
             async with bridged(broker, home_assistant=HomeAssistant(numbers=True)) as (far, _):
@@ -192,5 +206,31 @@ class TestWithABroker:
                 _, removal, now = (json.loads(each.payload) for each in far.heard[TOPIC])
                 assert removal["components"]["servo_1_angle"] == {"platform": "number"}
                 assert "servo_1_angle" not in now["components"]
+
+        run(main())
+
+    def test_a_broker_that_has_forgotten_everything_is_told_it_again(
+        self, broker: Broker, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Mosquitto keeps nothing over its end by default."""
+
+        def kept_by_board(far: Far) -> set[str]:
+            return {topic for topic, heard in far.heard.items() if heard[-1].is_retained and heard[-1].payload}
+
+        async def main() -> None:
+            monkeypatch.setattr(home_assistant, "VITALS_SECONDS", 0.02)
+            async with bridged(broker, home_assistant=HomeAssistant()) as (far, _):
+                await far.state(lambda state: state["servos"] == 4)
+                await far.until(lambda: TOPIC in far.heard and "servolink/rex/vitals" in far.heard)
+                async with far_away(broker, "before") as before:
+                    await before.until(lambda: TOPIC in kept_by_board(before))
+                    await before.until(lambda: "servolink/rex/vitals" in kept_by_board(before))
+                    kept = kept_by_board(before)
+                broker.end(signal.SIGKILL)
+                broker.start()
+                async with far_away(broker, "after") as after:
+                    await after.until(
+                        lambda: kept <= {topic for topic, heard in after.heard.items() if heard[-1].payload}
+                    )
 
         run(main())

@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 
 from tests import processes
-from tests.fleet.mosquitto import FOUND, Broker, needs_broker
-
-PASSWD = FOUND and shutil.which("mosquitto_passwd")
+from tests.fleet.access_list import PASSWD, page_lists
+from tests.fleet.mosquitto import Broker, needs_broker
 
 pytestmark = [
     *needs_broker,
@@ -24,14 +23,6 @@ pytestmark = [
 ]
 
 KEY = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"]
-ACCESS = """
-user teacher
-topic readwrite servolink/#
-
-pattern readwrite servolink/%u/#
-pattern read servolink/_fleet/#
-pattern write servolink/_fleet/reply/#
-"""
 
 
 def certificate(folder: Path, name: str, extension: str) -> None:
@@ -60,7 +51,7 @@ def folder(tmp_path: Path) -> Path:
     hashed = tmp_path / "passwords"
     hashed.write_text("teacher:secret of teacher\nrobot01:secret of robot01\n", encoding="utf-8")
     processes.run([str(PASSWD), "-U", str(hashed)], check=True)
-    (tmp_path / "access").write_text(ACCESS, encoding="utf-8")
+    (tmp_path / "access").write_text(page_lists()[0], encoding="utf-8")
     return tmp_path
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import pytest
 from msgspec import Raw
 
-from servolink.control.channel import Reply
-from servolink.control.messages import Runnable
+from servolink.control import Reply, Runnable
 from servolink.errors import MotionRefused
 from servolink.fleet.pulse import Pulse, PulseLink
 from servolink.fleet.ready_run import ReadyRun
 from servolink.fleet.topics import Prepare
-from servolink.motion.ticket import StopCounter
-from servolink.platforms.time_asleep import SleepCounter, time_with_sleep
-from tests.sleeping import Computer, computer
+from servolink.motion import StopCounter
+from servolink.support import SleepCounter, time_with_sleep
+from tests.support.sleeping import Computer, computer
 
 __all__ = ["computer"]
 

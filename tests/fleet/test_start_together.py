@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import pytest
 
-from servolink.control.messages import Runnable
+from servolink.control import Runnable
 from servolink.fleet import client as fleet_client
 from servolink.fleet import together
 from servolink.fleet.controller import Controller
 from servolink.fleet.start_servos import start_servos
 from servolink.fleet.stop_boards import stop_all
-from servolink.hub.methods import prepared
-from servolink.protocol.records import Action, Macro, MacroCommand, Step
+from servolink.protocol import Action, Macro, MacroCommand, Step
 from tests.fleet.bridged import LIMIT, bridged, run
 from tests.fleet.mosquitto import Broker, needs_broker
 
@@ -55,24 +56,31 @@ def test_boards_start_together_when_they_are_told_to(broker: Broker) -> None:
 
 def test_a_stop_before_the_moment_cancels_the_start(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
     async def main() -> None:
-        loop, moment = asyncio.get_running_loop(), asyncio.Event()
+        loop = asyncio.get_running_loop()
+        at, call_at = loop.time() + 0.9, loop.call_at
         moments: list[float] = []
+        timers: list[Callable[[], object]] = []
+        """What happens at these moments, which come after the stop however slow this machine is."""
 
-        async def wait(at: float) -> None:
-            moments.append(at)
-            await moment.wait()
+        def held(when: float, callback: Callable[..., object], *arguments: Any, **options: Any) -> asyncio.TimerHandle:
+            if when in {at - 0.05, at}:
+                moments.append(when)
+                timers.append(partial(callback, *arguments))
+                when += 60
+            return call_at(when, callback, *arguments, **options)
 
-        monkeypatch.setattr(prepared, "_until", wait)
+        monkeypatch.setattr(loop, "call_at", held)
         async with bridged(broker, "run") as (far, hub):
             await hub.board.add_action(Action(7, "Wave", (Step(1, 60, 10),)))
             wave = {"type": "action", "id": "Wave"}
             await far.call("prepare", params={"start": "s1", "run": wave})
-            at = loop.time() + 0.9
             await far.publish("servolink/rex/start", {"id": "s1", "at": at})
-            await far.until(lambda: bool(moments))
+            await far.until(lambda: bool(timers))
             await far.publish("servolink/rex/stop", {"id": "now"})
             assert (await far.result("now"))["ok"]
-            moment.set()
+            timers[0]()
+            await far.until(lambda: len(timers) == 2)
+            timers[1]()
             error = (await far.result("s1"))["error"]
             assert error["data"]["kind"] == "MotionRefused"
             assert "stopped since this was prepared" in error["message"]

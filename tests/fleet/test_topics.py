@@ -8,8 +8,9 @@ import msgspec
 import pytest
 
 from servolink.errors import InvalidAddress
-from servolink.fleet.topics import MOTION, SESSION_METHODS, Command, Result, Topics, schema
-from servolink.hub.methods.control_session import METHODS
+from servolink.fleet.topics import METHODS as OWN
+from servolink.fleet.topics import Command, Result, Topics, needs_pulse, schema, scope_of
+from servolink.hub import METHODS
 
 
 def test_a_board_has_topics_below_the_prefix() -> None:
@@ -48,22 +49,47 @@ def test_a_topic_of_something_else_is_of_no_board(topic: str) -> None:
 @pytest.mark.parametrize(
     ("topic", "is_allowed"),
     [
-        ("servolink/rex/result", True),
-        (Topics().reply("laptop-1"), True),
+        ("servolink/rex/result/laptop-1", True),
+        ("servolink/rex/result/the teacher/laptop-1", True),
+        ("servolink/rex/result", False),
+        ("servolink/rex/result/", False),
+        ("servolink/rex/result/../fido\0", False),
+        ("servolink/rex/result/" + "x" * 201, False),
+        ("servolink/fido/result/servolink/rex/result/a", False),
+        ("servolink/fido/result/laptop-1", False),
+        ("servolink/_fleet/result/laptop-1", False),
+        ("servolink/_fleet/reply/laptop-1", False),
         ("servolink/_fleet/stop", False),
-        ("servolink/_fleet/reply/", False),
         ("servolink/fido/cmd", False),
         ("servolink/fido/state", False),
         ("homeassistant/device/x/config", False),
         ("servolink/", False),
         ("servolink/#", False),
-        ("servolink/+/result", False),
+        ("servolink/+/result/laptop-1", False),
+        ("servolink/rex/result/#", False),
         ("servolink/a\0b", False),
         ("servolink/" + "x" * 400, False),
     ],
 )
-def test_results_are_sent_only_where_they_are_heard(topic: str, is_allowed: bool) -> None:
-    assert Topics().may_answer(topic) is is_allowed
+def test_a_board_answers_below_its_own_result_only(topic: str, is_allowed: bool) -> None:
+    assert Topics().may_answer("rex", topic) is is_allowed
+
+
+def test_a_board_answers_below_a_prefix_like_a_topic() -> None:
+    topics = Topics("school/result/room1")
+    assert topics.may_answer("rex", f"school/result/room1/rex/{topics.reader('teacher', 'w')}")
+    assert not topics.may_answer("rex", "school/result/room1/fido/result/w")
+
+
+def test_the_topic_of_a_result_says_whose_it_is() -> None:
+    assert Topics().parse("servolink/rex/result/teacher/laptop-1") == ("rex", "result/teacher/laptop-1")
+    assert Topics().parse("servolink/_fleet/result/teacher/laptop-1") is None
+
+
+@pytest.mark.parametrize("user", [None, "", "a/b", "+", "#", "$SYS", "a\0", "x" * 200])
+def test_a_user_whom_no_topic_can_carry_reads_with_all_of_these(user: str | None) -> None:
+    assert Topics().reader(user, "w") == "result/-/w"
+    assert Topics().reader("the teacher", "w") == "result/the teacher/w"
 
 
 def test_a_result_has_only_the_fields_that_say_something() -> None:
@@ -78,13 +104,30 @@ def test_an_id_is_a_short_word(command_id: str) -> None:
         msgspec.convert({"id": command_id, "method": "status"}, Command)
 
 
-def test_the_methods_of_a_fleet_are_those_of_the_control_interface() -> None:
-    assert set(METHODS) >= SESSION_METHODS
+FROM_AFAR = """
+    battery board.facts board.state cancel move prepare project.apply project.backups project.export project.plan
+    project.rollback records.delete records.get records.list records.put release run servo.set servos.list
+    servos.parameters status stop
+"""
+
+
+def test_only_these_methods_come_from_afar() -> None:
+    assert {name for name in {*METHODS, *OWN} if scope_of(name).from_afar} == set(FROM_AFAR.split())
 
 
 def test_each_method_that_begins_a_motion_needs_an_expiry_from_afar() -> None:
     timed = {name for name, method in METHODS.items() if "until" in getattr(method.params, "__struct_fields__", ())}
-    assert timed - SESSION_METHODS == MOTION - {"prepare"}
+    moving = {name for name, method in METHODS.items() if method.scope.moves and method.scope.from_afar}
+    assert {name for name in timed if scope_of(name).from_afar} == {
+        each for each in moving if not needs_pulse(METHODS[each].scope)
+    }
+    assert moving - timed == {"project.apply", "project.rollback"}
+    assert scope_of("prepare").moves
+
+
+def test_a_method_of_another_version_counts_as_one_that_moves_and_never_comes_from_afar() -> None:
+    assert scope_of("servo.spin").moves
+    assert not scope_of("servo.spin").from_afar
 
 
 def test_the_schema_defines_all_that_it_refers_to() -> None:

@@ -20,7 +20,7 @@ from servolink.fleet.broker import Denied
 from servolink.fleet.client import Fleet, connect
 from servolink.fleet.pending_command import PendingCommand
 from servolink.fleet.topics import Stored
-from servolink.project.project_file import load_project, project_to_form
+from servolink.project import ProjectFile, load_project
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.fleet.patience import LIMIT, have_answered, patience_ends
 from tests.fleet.stand_in import Refused, StandIn, stand_ins
@@ -325,7 +325,7 @@ def test_a_full_board_says_so_and_the_others_are_done(broker: Broker) -> None:
             assert {board: str(error) for board, error in outcomes.failed.items()} == {
                 "fido": "fido: the board is full"
             }
-            assert boards[0].commands[0].params["project"] == json.loads(json.dumps(project_to_form(HUMANOID)))
+            assert boards[0].commands[0].params["project"] == json.loads(json.dumps(ProjectFile(HUMANOID).form()))
 
     asyncio.run(main())
 
@@ -346,7 +346,7 @@ def test_fail_fast_begins_no_further_board(broker: Broker) -> None:
 def test_contents_are_written_to_files(broker: Broker, tmp_path: Path) -> None:
     async def main() -> None:
         async with stand_ins(broker, "rex", "fido") as (rex, fido), fleet_of(broker) as fleet:
-            rex.answers["project.export"] = lambda params: {"project": project_to_form(HUMANOID)}
+            rex.answers["project.export"] = lambda params: {"project": ProjectFile(HUMANOID).form()}
             fido.answers["project.export"] = lambda params: {"project": {"schema": 1, "actions": "\x1b"}}
             outcomes = await fleet.export(tmp_path / "boards")
             assert load_project(outcomes.done["rex"]) == HUMANOID.sorted()
