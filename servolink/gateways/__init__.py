@@ -1,1 +1,7 @@
-"""Gateways to programs of other kinds: language models and Foxglove, each as one more program of a hub."""
+"""Doors for other protocols: `models`, `foxglove` and `metrics`; each is one more program of a hub, or of a fleet."""
+
+from __future__ import annotations
+
+from servolink.gateways.supervisor import Supervisor, supervised
+
+__all__ = ["Supervisor", "supervised"]

@@ -1,4 +1,4 @@
-"""Supervisor: motions asked for by a model or by another program, which a person allows one by one.
+"""Supervisor: motions of a model or another program, allowed one by one by a person.
 
 Role, limits, lease and dead man's switch are those of the hub. On top of these, a permission is for one motion, lasts
 10 s and ends with a stop, and no motion lasts longer than 10 s.
@@ -7,6 +7,7 @@ Role, limits, lease and dead man's switch are those of the hub. On top of these,
 from __future__ import annotations
 
 import asyncio
+import secrets
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import asynccontextmanager, suppress
 from typing import Any, Final, NamedTuple
@@ -14,24 +15,12 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from msgspec import Raw
 
-from servolink.client.board import Board
-from servolink.client.captions import servo_targets
-from servolink.client.collect import collect
-from servolink.client.connect import connect
-from servolink.control.channel import RpcChannel, open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.messages import Answer, Tighten
-from servolink.control.notifications import StoppedNotice
-from servolink.control.roles import RoleName
-from servolink.control.share_address import this_program
-from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError
-from servolink.escaping import escape
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.motion.ticket import StopCounter, Ticket
-from servolink.project.record_lookup import name_of
-from servolink.project.speed import RecordRun
-from servolink.protocol.record_types import ACTION, RecordType
-from servolink.protocol.servos import ALL_SERVOS
+from servolink.client import Board, collect, connect, servo_targets
+from servolink.control import Answer, Greeting, RoleName, RpcChannel, StoppedNotice, Tighten, open_channel, this_program
+from servolink.errors import MotionRefused, Reason, RequestRefused, ServolinkError, escape
+from servolink.motion import INTERVAL_UNIT, StopCounter, Ticket
+from servolink.project import RecordRun, name_of
+from servolink.protocol import ACTION, ALL_SERVOS, RecordType
 
 LONGEST: Final = 10.0
 """Longest motion in seconds, with the time for sending."""
@@ -64,7 +53,7 @@ class Permission(NamedTuple):
 
     motion: SupervisedMotion
     ticket: Ticket
-    """Ticket from the moment of the question: a later stop voids the permission."""
+    """Ticket from the moment of the request: a later stop voids the permission."""
 
 
 class Question(NamedTuple):
@@ -72,8 +61,9 @@ class Question(NamedTuple):
 
     motion: SupervisedMotion
     ticket: Ticket
-    """Ticket from the moment of the question: a later stop voids the question."""
+    """Ticket from the moment of the request: a later stop voids the question."""
     number: int
+    """Random, so that no other client can answer the question."""
 
     @property
     def text(self) -> str:
@@ -82,7 +72,7 @@ class Question(NamedTuple):
 
 
 class Supervisor:
-    """Program of a hub that checks motions, and carries out those that are allowed."""
+    """Program of a hub for motions, which are checked, and carried out if allowed."""
 
     def __init__(
         self, hub: str, board: Board, channel: RpcChannel, *, may_move: bool, log: Callable[[str], None]
@@ -99,7 +89,6 @@ class Supervisor:
         self._stops = StopCounter()
         self._stopped = asyncio.Event()
         self._question: Question | None = None
-        self._questions = 0
         self._is_moving = False
         channel.on_notification = self._hear
         channel.on_end = lambda: self._stop("the hub has ended")
@@ -108,9 +97,9 @@ class Supervisor:
         self, targets: Mapping[str, float], duration: float | None, speed: float | None
     ) -> SupervisedMotion:
         """Return a movement to angles in degrees. Raise MotionRefused for one beyond the limits, or without effect."""
-        seconds = await self.board.move(dict(targets), duration=duration, speed=speed, dry_run=True)
         by_id = await servo_targets(self.board, targets)
         await self._refuse_idle(by_id)
+        seconds = await self.board.move(dict(targets), duration=duration, speed=speed, dry_run=True)
         angles = ", ".join(f"{escape(servo)} to {angle:g} degrees" for servo, angle in targets.items())
         params = {"targets": {str(servo_id): angle for servo_id, angle in by_id.items()}, "duration": seconds}
         return _checked(SupervisedMotion("move", params, f"move servo {angles}", seconds))
@@ -139,13 +128,23 @@ class Supervisor:
         params = {"servo": "all", "start": True, "hold": True}
         return SupervisedMotion("servo.set", params, "hold and start all servos", 0.0)
 
-    def ask(self, motion: SupervisedMotion) -> Question:
-        """Return a question for a person, in place of any earlier one. Raise RequestRefused if motions are off."""
+    def ticket(self) -> Ticket:
+        """Return the ticket of a motion that is requested now, and has still to be checked."""
+        return self._stops.ticket()
+
+    def ask(self, motion: SupervisedMotion, ticket: Ticket | None = None) -> Question:
+        """Return a question for a person, in place of any earlier one; `ticket` is that of the request, None for now.
+
+        Raise RequestRefused if motions are off, MotionRefused if a stop came since the request.
+        """
         if not self.may_move:
             raise RequestRefused(f"not moved: {motion.text}; motions are off here, --allow-motion turns them on")
-        self._questions += 1
-        self._question = Question(motion, self._stops.ticket(until=self._now() + OPEN), self._questions)
-        return self._question
+        number = secrets.randbelow(1 << 53)  # a model that could guess it would answer for the person
+        requested = self.ticket() if ticket is None else ticket
+        question = Question(motion, msgspec.structs.replace(requested, until=self._now() + OPEN), number)
+        self._check_stops(question)
+        self._question = question
+        return question
 
     def answer(self, number: int, *, is_yes: bool) -> Permission:
         """Return the permission for the motion of a question; each question is answered once.
@@ -160,12 +159,12 @@ class Supervisor:
         self._check(question)
         return Permission(question.motion, msgspec.structs.replace(question.ticket, until=self._now() + PERMITTED))
 
-    async def ask_in_studio(self, motion: SupervisedMotion) -> Permission:
-        """Return the permission of a person at a page of the studio that shows this board.
+    async def ask_in_studio(self, motion: SupervisedMotion, ticket: Ticket | None = None) -> Permission:
+        """Return the permission of a person at a page of the studio that shows this board; `ticket` is as for `ask`.
 
         Raise MotionRefused for a no and without an answer, NotFound without a page that may move the robot.
         """
-        question = self.ask(motion)
+        question = self.ask(motion, ticket)
         try:
             answer = await self._channel.call("question.ask", **_asked(motion))
         except asyncio.CancelledError:
@@ -175,9 +174,9 @@ class Supervisor:
             raise self._refused(motion, str(error), error.reason) from error
         return self.answer(question.number, is_yes=msgspec.json.decode(answer, type=Answer).is_yes)
 
-    def permit_unasked(self, motion: SupervisedMotion) -> Permission:
-        """Return a permission without a question, for `--no-ask`."""
-        return self.answer(self.ask(motion).number, is_yes=True)
+    def permit_unasked(self, motion: SupervisedMotion, ticket: Ticket | None = None) -> Permission:
+        """Return a permission without a question, for `--no-ask`; `ticket` is as for `ask`."""
+        return self.answer(self.ask(motion, ticket).number, is_yes=True)
 
     def is_valid(self, permission: Permission) -> bool:
         """Return whether the motion of a permission could begin now."""
@@ -223,7 +222,7 @@ class Supervisor:
         self._log(f"{motion.text}: done")
 
     async def stop(self) -> None:
-        """Stop all servos, whichever program moves them. Raise OutcomeUnknown if they do not report it."""
+        """Stop all servos, also for other programs. Raise OutcomeUnknown without a report of all servos."""
         self._stop("a stop came first")
         self._log("stop of all servos")
         await self._channel.call("stop")
@@ -249,11 +248,13 @@ class Supervisor:
 
     def _check(self, asked: Permission | Question) -> None:
         """Raise MotionRefused if a stop came since, or if the time is over."""
-        motion, ticket = asked.motion, asked.ticket
-        if not self._stops.holds(ticket):
-            raise self._refused(motion, self._stops.reason, Reason.STOP)
-        if self._now() > ticket.until:
-            raise self._refused(motion, "the permission is too old; ask again")
+        self._check_stops(asked)
+        if self._now() > asked.ticket.until:
+            raise self._refused(asked.motion, "the permission is too old; ask again")
+
+    def _check_stops(self, asked: Permission | Question) -> None:
+        if not self._stops.holds(asked.ticket):
+            raise self._refused(asked.motion, self._stops.reason, Reason.STOP)
 
     def _refused(self, motion: SupervisedMotion, why: str, reason: Reason = Reason.OTHER) -> MotionRefused:
         self._log(f"{motion.text}: {why}")

@@ -6,6 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.fleet.conftest import broker
+
+__all__ = ["broker"]
+
 
 @pytest.fixture(autouse=True)
 def _folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,17 +10,22 @@ from typing import Any
 import msgspec
 from msgspec import Raw
 
-from servolink.client.board import Board
-from servolink.client.connect import connect
-from servolink.connection.taps import Tap
-from servolink.control.channel import open_channel
-from servolink.control.greeting import Greeting
+from servolink.client import Board, connect
+from servolink.connection import Tap
+from servolink.control import Greeting, open_channel
 from servolink.gateways.supervisor import Supervisor, supervised
 from servolink.hub import serve_board
-from servolink.protocol.codec import PACKETS
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.records import Action, Macro, MacroCommand, ServoParameter, Step
-from servolink.protocol.servos import SetAngleUnitRequest, SetServoParameterRequest
+from servolink.protocol import (
+    PACKETS,
+    Action,
+    FrameParser,
+    Macro,
+    MacroCommand,
+    ServoParameter,
+    SetAngleUnitRequest,
+    SetServoParameterRequest,
+    Step,
+)
 
 GUARD = 240.0
 """Seconds after which a test has failed."""

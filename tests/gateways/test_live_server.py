@@ -1,6 +1,6 @@
 """The robot live in Foxglove, seen by a bare client of its protocol, and in a file by its reader.
 
-Modules: servolink.gateways.live_channels, servolink.twin.pose, servolink.cli.recordings.foxglove_live.
+Modules: servolink.gateways.foxglove.live_channels, servolink.twin.body, servolink.cli.recordings.foxglove_live.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 import re
 import signal
 import struct
-import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import partial
@@ -23,12 +22,10 @@ import aiohttp
 import pytest
 from mcap.reader import make_reader
 
-from servolink.client.connect import connect
-from servolink.recorder.channels import CHANNELS, Event, ServosRead, ServoState
-from servolink.recorder.reading import Recording
-from servolink.twin.body import body_of
-from servolink.twin.pose import posed
+from servolink.client import connect
+from servolink.recorder import CHANNELS, Event, Recording, ServosRead, ServoState
 from tests.cli.programs import call, finished, started
+from tests.extras import hide
 from tests.gateways.robots import GUARD, RobotSeen, supervised_robot
 from tests.recorder.files import write
 from tests.twin.figures import DEMO, template
@@ -37,9 +34,10 @@ pytest.importorskip("foxglove", reason="in the extra foxglove")
 
 import foxglove
 
-from servolink.gateways import live_server
-from servolink.gateways.live_channels import LiveChannels
-from servolink.gateways.live_server import MOVE, PublishedTargets, follow_hub, follow_recording, serving
+from servolink.gateways.foxglove import live_server
+from servolink.gateways.foxglove.live_channels import LiveChannels
+from servolink.gateways.foxglove.live_server import MOVE, PublishedTargets, serving
+from servolink.twin import Body
 
 PROTOCOL = "foxglove.sdk.v1"
 _DATA = 1  # opcode of messages, in both directions
@@ -119,7 +117,7 @@ async def live(
         channels = LiveChannels(context, template("humanoid-16"))
         listener = PublishedTargets(channels, supervisor if may_move else None, 60.0, ask)
         async with serving(listener, context, "127.0.0.1", 0, may_move=may_move) as port:
-            following = asyncio.create_task(follow_hub("rex", channels))
+            following = asyncio.create_task(channels.follow_hub("rex"))
             try:
                 yield robot, port
             finally:
@@ -228,9 +226,9 @@ def test_without_permission_nobody_can_publish() -> None:
 
 
 def test_a_pose_keeps_the_lower_foot_flat() -> None:
-    body = body_of(template("humanoid-16"))
+    body = Body.of(template("humanoid-16"))
     at = next(number for number, part in enumerate(body.parts) if part.name in body.feet)
-    rest, bow = posed(body, {}), posed(body, dict.fromkeys(range(7, 17), 20))
+    rest, bow = body.posed({}), body.posed(dict.fromkeys(range(7, 17), 20))
     feet = [number for number, part in enumerate(body.parts) if part.name in body.feet]
     kept = [number for number in feet if max(map(abs, map(float.__sub__, bow[number].z, rest[number].z))) < 1e-9]
     assert kept
@@ -286,12 +284,11 @@ async def test_a_recording_keeps_its_pace_and_long_silences_are_cut(tmp_path: Pa
     taken: list[float] = []
     loop = asyncio.get_running_loop()
 
-    class Channels:
+    class Channels(LiveChannels):
         def take(self, time: int, message: Any) -> None:
             taken.append(loop.time())
 
-    found: Any = Channels()
-    await follow_recording(Recording(file), found, 2.0)
+    await Channels(foxglove.Context(), None).follow_recording(Recording(file), 2.0)
     assert [round(at - taken[0], 2) for at in taken] == [0.0, 0.25, 1.25]
 
 
@@ -299,7 +296,7 @@ def test_wrong_usage_and_a_missing_extra_are_explained(capsys: pytest.CaptureFix
     assert "needs a terminal" in call(capsys, "foxglove", "--allow-motion").err
     assert "has none" in call(capsys, "foxglove", "--allow-motion", "--recording", "x.mcap").err
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "servolink.gateways.live_channels", None)
+        hide("foxglove", "servolink.gateways.foxglove", patch)
         found = call(capsys, "foxglove", "--board", "virtual://")
     assert found.code == 1
     assert re.search(r"pip install '\.\[foxglove\]'", found.err)

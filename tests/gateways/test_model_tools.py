@@ -1,6 +1,7 @@
 """Tools for language models, called with the client of the SDK: what they say, who is asked, and what moves.
 
-Modules: servolink.gateways.figure_picture, servolink.gateways.model_serving, servolink.cli.together.language_models.
+Modules: servolink.gateways.models.figure_picture, servolink.gateways.models.model_serving,
+servolink.cli.together.language_models.
 """
 
 from __future__ import annotations
@@ -17,9 +18,9 @@ from typing import Any
 
 import pytest
 
-from servolink.project.project_file import read_project_file
-from servolink.protocol.records import Action, Step
+from servolink.protocol import Action, Step
 from tests.cli.programs import call, environment, finished, started
+from tests.extras import hide
 from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
 from tests.processes import start
 from tests.twin.figures import DEMO
@@ -34,7 +35,8 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp.shared.exceptions import MCPError
 from mcp_types import ElicitResult
 
-from servolink.gateways.model_tools import ModelTools
+from servolink.gateways.models.model_tools import ModelTools
+from servolink.project import ProjectFile
 
 LOOKING = {"servos", "info", "records", "record", "check_move", "check_run", "plan", "stop"}
 MOVING = {"move", "run", "start"}
@@ -64,7 +66,7 @@ async def model(
     **options: Any,
 ) -> AsyncIterator[tuple[RobotSeen, Any]]:
     """Offer the tools of a robot to a client; yield the robot and the client."""
-    file = None if project is None else read_project_file(project)
+    file = None if project is None else ProjectFile.read(project)
     async with asyncio.timeout(GUARD), supervised_robot(**options) as (robot, supervisor):
         robot.motions.clear()
         server = ModelTools(supervisor, file, asks=asks).server()
@@ -184,6 +186,21 @@ def test_a_person_at_a_page_is_asked_for_a_client_that_cannot_ask(is_yes: bool) 
             await robot.until(lambda: heard[-1] == {"name": "question.over", "number": 1} or robot.motions != [])
             await asyncio.sleep(0)
             assert len(robot.motions) == is_yes
+
+    asyncio.run(main())
+
+
+def test_a_model_answers_no_question_in_place_of_the_person() -> None:
+    async def main() -> None:
+        yes = ElicitResult(action="accept")
+        async with model(mode="auto") as (robot, client), page_that_answers(None) as heard:
+            asking = asyncio.create_task(said(client, "move", targets={"1": 5}, duration=0.05))
+            await robot.until(lambda: any(each["name"] == "question" for each in heard))
+            for number in "10":  # the first question of a server that counts
+                answered = await client.call_tool("start", {}, input_responses={number: yes})
+                assert "is not open any more" in answered.content[0].text
+            asking.cancel()
+        assert robot.motions == []
 
     asyncio.run(main())
 
@@ -334,9 +351,10 @@ def test_http_needs_the_token_and_a_host_of_this_machine() -> None:
                         {**good, "Authorization": "Bearer x"},
                         {**good, "Host": "evil.example"},
                         {**good, "Origin": "http://evil.example"},
+                        {**good, "Origin": "http://127.0.0.1:1"},  # a page of another program on this machine
                     )
                 ]
-            assert codes == [401, 401, 421, 403]
+            assert codes == [401, 401, 421, 403, 403]
 
     asyncio.run(main())
 
@@ -364,8 +382,7 @@ def test_on_http_too_an_end_stops_what_was_moved(end: str) -> None:
 
 def test_without_the_extra_the_command_says_how_to_install_it(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(sys.modules, "servolink.gateways.model_serving", None)
-        patch.setitem(sys.modules, "servolink.gateways.model_tools", None)
+        hide("mcp", "servolink.gateways.models", patch)
         found = call(capsys, "mcp", "--board", "virtual://")
     assert found.code == 1
     assert "pip install '.[mcp]'" in found.err

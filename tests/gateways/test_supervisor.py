@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ConnectionLost, MotionRefused, NotFound, RequestRefused
 from servolink.gateways import supervisor as module
 from servolink.gateways.supervisor import Permission, SupervisedMotion, Supervisor
-from servolink.protocol.record_types import ACTION, MACRO
+from servolink.protocol import ACTION, MACRO
 from tests.gateways.robots import GUARD, RobotSeen, page_that_answers, shared_robot, supervised_robot
 
 FAR = SupervisedMotion("move", {"targets": {"1": 90}, "duration": 5.0}, "move servo 1 to 90 degrees", 5.0)
@@ -75,6 +75,18 @@ def test_a_stop_voids_questions_and_permissions(by_another: bool) -> None:
             supervisor.answer(question.number, is_yes=True)
         with pytest.raises(MotionRefused, match="stop"):
             await supervisor.perform(permission)
+        assert robot.motions == []
+
+    on_robot(use)
+
+
+def test_a_stop_while_a_motion_is_checked_voids_the_request() -> None:
+    async def use(robot: RobotSeen, supervisor: Supervisor) -> None:
+        ticket = supervisor.ticket()
+        await supervisor.stop()
+        for ask in (supervisor.ask, supervisor.permit_unasked):
+            with pytest.raises(MotionRefused, match="stop"):
+                ask(FAR, ticket)
         assert robot.motions == []
 
     on_robot(use)

@@ -10,10 +10,8 @@ from typing import Final, NamedTuple, TypeAlias
 
 from PIL import Image, ImageDraw
 
-from servolink.project.figure import Figure
-from servolink.twin.body import Solid, body_of
-from servolink.twin.placement import Placement, Vector, plus, times
-from servolink.twin.pose import posed
+from servolink.project import Figure
+from servolink.twin import Body, Placement, Solid, Vector, plus, times
 
 SIZE: Final = 640
 """Width and height of a picture, in pixels."""
@@ -41,8 +39,8 @@ def draw_figure(figure: Figure, angles: Mapping[int, float]) -> bytes:
 
     Raise TwinError for a figure without a possible body.
     """
-    body = body_of(figure)
-    places = posed(body, angles)
+    body = Body.of(figure)
+    places = body.posed(angles)
     drawn = [
         _on_plane(face, _TONES[solid.tone])
         for part, place in zip(body.parts, places, strict=True)

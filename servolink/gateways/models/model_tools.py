@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from functools import wraps
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -19,19 +20,15 @@ from mcp_types import (  # pyright: ignore[reportMissingImports]
 )
 from pydantic import Field  # pyright: ignore[reportMissingImports]
 
-from servolink.errors import NotFound, ProjectError, ServolinkError
-from servolink.escaping import escape
-from servolink.gateways.figure_picture import draw_figure
+from servolink.client import servos_of
+from servolink.errors import NotFound, ProjectError, ServolinkError, escape
+from servolink.gateways.models.figure_picture import draw_figure
 from servolink.gateways.supervisor import LONGEST, Permission, SupervisedMotion, Supervisor
-from servolink.json_text import write_json
-from servolink.project.project_file import ProjectFile, parse_project_file
-from servolink.project.record_lookup import find
-from servolink.project.summary import plan_rows
-from servolink.protocol.json_form import record_to_json
-from servolink.protocol.record_types import ACTION, MACRO, RecordType
-from servolink.twin.body import body_of
-from servolink.twin.forecast import forecast
-from servolink.twin.simulation import is_installed
+from servolink.motion import Ticket
+from servolink.project import ProjectFile
+from servolink.protocol import ACTION, MACRO, RecordType, record_to_json
+from servolink.support import write_json
+from servolink.twin import Body, forecast, is_installed
 
 _ASKED_IN_CALL = "2025-11-25"  # last version of the protocol with questions during a call; later ones repeat the call
 _MOST_PROJECT = 1024 * 1024  # characters of JSON, as in the messages of a hub
@@ -142,21 +139,24 @@ class ModelTools:
         """Return what a project file would change on the board. Nothing is written; a person can apply the file."""
         file = self._file(project)
         plan = await self._board.plan_project(file.project, unchecked=file.unchecked)
-        changes = [dict(zip(("record", "on_the_board", "afterwards"), row, strict=True)) for row in plan_rows(plan)]
+        changes = [dict(zip(("record", "on_the_board", "afterwards"), row, strict=True)) for row in plan.rows()]
         return {"changes": changes, "estimated_seconds": plan.seconds}
 
     async def forecast(self, kind: Kind, name: Name, project: ProjectText = None) -> dict[str, Any]:
         """Return whether the robot stands or falls in an action or macro of a project, by a simulation of its body."""
         file = self._file(project)
-        record = find(file.project, str(name), (_KINDS[kind],))
-        body = body_of(self._figure() if file.figure is None else file.figure)
+        record = file.project.find(str(name), (_KINDS[kind],))
+        body = Body.of(self._figure() if file.figure is None else file.figure)
         found = await asyncio.to_thread(forecast, file.project, body, [record])
         return {**found[0].as_dict(), "assumptions": list(body.assumptions)}
 
     async def stop(self) -> str:
         """Stop all servos at once. They hold their angles, and ignore movements until the tool start."""
         await self._supervisor.stop()
-        return "all servos report that they are stopped and held"
+        listed: frozenset[int] = frozenset()
+        with suppress(ServolinkError):
+            listed = await servos_of(self._supervisor.board).all.listed()
+        return f"{'all' if listed else 'the'} servos report that they are stopped and held"
 
     async def move(self, ctx: Context, targets: Targets, duration: Duration = None, speed: Speed = None) -> Any:
         """Move servos together, after a person has said yes; return at the end of the movement."""
@@ -176,18 +176,19 @@ class ModelTools:
             ((number, answer),) = answers.items()
             permission = self._supervisor.answer(int(number), is_yes=getattr(answer, "action", "") == "accept")
         else:
+            ticket = self._supervisor.ticket()  # a stop may come while the board is read
             motion = await check()
             if not self._asks:
-                permission = self._supervisor.permit_unasked(motion)
+                permission = self._supervisor.permit_unasked(motion, ticket)
             else:
-                asked = await self._ask(ctx, motion)
+                asked = await self._ask(ctx, motion, ticket)
                 if not isinstance(asked, Permission):
                     return asked
                 permission = asked
         await self._supervisor.perform(permission)
         return f"{permission.motion.text}: done"
 
-    async def _ask(self, ctx: Context, motion: SupervisedMotion) -> Any:
+    async def _ask(self, ctx: Context, motion: SupervisedMotion, ticket: Ticket) -> Any:
         """Return the permission of a person, or the request that makes the client ask and call again.
 
         A client that cannot ask leaves it to the studio.
@@ -196,14 +197,14 @@ class ModelTools:
         form = None if capabilities is None else capabilities.elicitation
         if form is None or (form.form is None and form.url is not None):
             try:
-                return await self._supervisor.ask_in_studio(motion)
+                return await self._supervisor.ask_in_studio(motion, ticket)
             except NotFound as error:
                 raise ToolError(
                     f"not moved: {motion.text}; a person must be asked; this client cannot ask (no elicitation), "
                     f"and no page can: run `servolink studio --board share://{self._supervisor.hub}`, use another "
                     "client, or start the server with --no-ask"
                 ) from error
-        question = self._supervisor.ask(motion)
+        question = self._supervisor.ask(motion, ticket)
         schema: dict[str, Any] = {"type": "object", "properties": {}}
         if str(ctx.protocol_version) > _ASKED_IN_CALL:
             params = ElicitRequestFormParams(message=question.text, requested_schema=schema)
@@ -214,7 +215,7 @@ class ModelTools:
     def _file(self, text: str | None) -> ProjectFile:
         """Return the project in a text, or that of the robot. Raise ProjectError without any."""
         if text is not None:
-            return parse_project_file(text)
+            return ProjectFile.parse(text)
         if self._project is None:
             raise ProjectError("no project: give one as JSON text, or start the server with --project FILE")
         return self._project

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
+import time
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
@@ -10,20 +12,31 @@ from typing import Any, Final
 import foxglove  # pyright: ignore[reportMissingImports]
 from foxglove import channels, messages  # pyright: ignore[reportMissingImports]
 
+from servolink import recorder
 from servolink.errors import RecordingError
-from servolink.project.figure import Figure
-from servolink.recorder import channels as recorded
-from servolink.recorder.channels import CommandDone, Event, Message, ProblemFound, ServosRead
-from servolink.recorder.reading import Entry, is_problem
-from servolink.twin.body import Body, BodyPart, Solid, body_of
-from servolink.twin.placement import Placement, Vector
-from servolink.twin.pose import posed
+from servolink.project import Figure
+from servolink.recorder import (
+    CommandDone,
+    Entry,
+    Event,
+    Message,
+    ProblemFound,
+    ReadingsFeed,
+    Recording,
+    ServosRead,
+    is_problem,
+    tapping,
+)
+from servolink.twin import Body, BodyPart, Placement, Solid, Vector
 
 WORLD: Final = "world"
 """Frame of the floor below the robot: x points forward, y to the robot's left, z up."""
 JOINTS, TRANSFORMS, SCENE, LOG = "/joint_states", "/tf", "/scene", "/log"
 
 _LAST = 0xFFFF_FFFF  # seconds since 1970 that a time stamp holds; a recording may have any
+_LONGEST_PAUSE = 1.0  # seconds between two messages of a recording; longer silences are cut short
+HZ: Final = 25.0
+"""Readings of the servos per second."""
 _RECORDED = ("/servos", "/events", "/commands", "/problems")
 _TONES = {
     "shell": (0.84, 0.86, 0.89),
@@ -38,7 +51,7 @@ class LiveChannels:
 
     def __init__(self, context: Any, figure: Figure | None) -> None:
         """Log to all sinks of a Foxglove context. Raise TwinError for a figure without a possible body."""
-        self._body: Body | None = None if figure is None else body_of(figure)
+        self._body: Body | None = None if figure is None else Body.of(figure)
         self._recorded = {
             topic: foxglove.Channel(topic, message_encoding="json", schema=_schema(topic), context=context)
             for topic in _RECORDED
@@ -51,10 +64,10 @@ class LiveChannels:
 
     def take(self, time: int, message: Message) -> None:
         """Log a message of a recording or of a hub, at `time` (nanoseconds since 1970)."""
-        topic = recorded.TOPICS[type(message)]
+        topic = recorder.TOPICS[type(message)]
         if topic not in self._recorded:
             return
-        self._recorded[topic].log(recorded.encode(message), log_time=time)
+        self._recorded[topic].log(recorder.encode(message), log_time=time)
         if isinstance(message, ServosRead):
             self._take_servos(time, message)
         else:
@@ -80,7 +93,7 @@ class LiveChannels:
         stamp = _stamp(time)
         self._joints.log(messages.JointStates(timestamp=stamp, joints=joints), log_time=time)
         if self._body is not None:
-            places = zip(parts, posed(self._body, angles), strict=True)
+            places = zip(parts, self._body.posed(angles), strict=True)
             moved = [_transform(stamp, part, place) for part, place in places]
             self._transforms.log(messages.FrameTransforms(transforms=moved), log_time=time)
 
@@ -97,6 +110,28 @@ class LiveChannels:
             case _:
                 return
         self._log.log(messages.Log(timestamp=_stamp(time), level=level, message=text, name="servolink"), log_time=time)
+
+    async def follow_hub(self, hub: str) -> None:
+        """Log all that a hub tells, until the hub ends. Raise OpenError without such a hub."""
+        loop = asyncio.get_running_loop()
+
+        def take(seconds: float, message: Any) -> None:
+            self.take(time.time_ns() - round((loop.time() - seconds) * 1e9), message)
+
+        async with tapping(hub) as source:
+            await source.begin(take, ReadingsFeed(take, HZ))
+            await source.ended.wait()
+
+    async def follow_recording(self, recording: Recording, speed: float) -> None:
+        """Log the messages of a recording with their own times, at `speed` times its pace, once."""
+        loop = asyncio.get_running_loop()
+        due, before = loop.time(), 0.0
+        for entry in recording.entries():
+            due += min((entry.seconds - before) / speed, _LONGEST_PAUSE)
+            before = entry.seconds
+            if (pause := due - loop.time()) > 0:
+                await asyncio.sleep(pause)
+            self.take(entry.time, entry.message)
 
 
 def written_to(path: Path, context: Any, *, replace: bool = False) -> Any:
@@ -123,8 +158,8 @@ def convert(entries: Iterable[Entry[Message]], figure: Figure | None, path: Path
 
 
 def _schema(topic: str) -> Any:
-    name, encoding = recorded.SCHEMA_NAMES[topic], recorded.SCHEMA_ENCODING
-    return foxglove.Schema(name=name, encoding=encoding, data=recorded.schema(topic))
+    name, encoding = recorder.SCHEMA_NAMES[topic], recorder.SCHEMA_ENCODING
+    return foxglove.Schema(name=name, encoding=encoding, data=recorder.schema(topic))
 
 
 def _stamp(time: int) -> Any:

@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from threading import BoundedSemaphore
 from typing import Any, Final, TypeAlias
 
 import foxglove  # pyright: ignore[reportMissingImports]
 from foxglove.websocket import Capability, ServerListener, StatusLevel  # pyright: ignore[reportMissingImports]
 
-from servolink.errors import OpenError, ServolinkError
-from servolink.escaping import escape
-from servolink.gateways.live_channels import SCENE, LiveChannels
+from servolink.errors import ServolinkError, escape
+from servolink.gateways.foxglove.live_channels import SCENE, LiveChannels
 from servolink.gateways.supervisor import Supervisor
-from servolink.json_text import read_json
-from servolink.recorder.hub_source import tapping
-from servolink.recorder.reading import Recording
-from servolink.recorder.readings import ReadingsFeed
-from servolink.tasks import Tasks
+from servolink.support import Tasks, read_json
+from servolink.transports import NetworkPlace, Stranger, Strangers, forward, listen
 
 MOVE: Final = "/servolink/move"
 """Channel on which programs publish targets: an object with degrees by servo, id or caption."""
-HZ: Final = 25.0
-"""Readings of the servos per second."""
 
 _MOST_BYTES = 65_536  # of a published target
 _MOST_CHANNELS = 256  # on which programs publish targets
 _MOST_WAITING = 64  # messages that the event loop has not taken yet; further messages are dropped
-_LONGEST_PAUSE = 1.0  # seconds between two messages of a recording; longer silences are cut short
+_HANDSHAKE_LIMIT = 10.0  # seconds until a program must have sent its handshake
+_END_OF_HEAD = b"\r\n\r\n"
+_UPGRADE = re.compile(rb"\r\nupgrade: *websocket *\r\n", re.IGNORECASE)
+_FILES = 3  # of a program: its connection, and both ends of the connection with the server of the SDK
 
 Ask: TypeAlias = Callable[[str], Awaitable[bool]]
 """Asks a person a question, and returns whether the answer is yes."""
@@ -128,46 +126,28 @@ async def serving(
 ) -> AsyncIterator[int]:
     """Serve a Foxglove context in this context; yield the port. Raise OpenError for an address in use."""
     capabilities = [Capability.ClientPublish] if may_move else []
-    try:
-        server = foxglove.start_server(
-            name="servolink",
-            host=host,
-            port=port,
-            capabilities=capabilities,
-            supported_encodings=["json"] if may_move else None,
-            server_listener=listener,
-            context=context,
-        )
-    except RuntimeError as error:
-        raise OpenError(f"cannot listen at {host}:{port}: {error}; try another port, or 0") from error
+    server = foxglove.start_server(
+        name="servolink",
+        host="127.0.0.1",
+        port=0,
+        capabilities=capabilities,
+        supported_encodings=["json"] if may_move else None,
+        server_listener=listener,
+        context=context,
+    )
     listener.server = server
+
+    async def converse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, stranger: Stranger) -> None:
+        with suppress(OSError, EOFError, asyncio.LimitOverrunError):
+            head = await reader.readuntil(_END_OF_HEAD)
+            if _UPGRADE.search(head) and stranger.admit("foxglove", Strangers.most_connections(), files=_FILES):
+                await forward(reader, writer, ("127.0.0.1", server.port), begin=head)
+
     try:
-        yield server.port
+        # The server of the SDK has no limit of connections, and gets connections after a handshake only.
+        async with listen(converse, host, port, seconds=_HANDSHAKE_LIMIT) as place:
+            yield NetworkPlace.parse(place)[1]
     finally:
         await listener.close()
         listener.server = None
         await asyncio.to_thread(server.stop)
-
-
-async def follow_hub(hub: str, channels: LiveChannels) -> None:
-    """Log all that a hub tells, until the hub ends. Raise OpenError without such a hub."""
-    loop = asyncio.get_running_loop()
-
-    def take(seconds: float, message: Any) -> None:
-        channels.take(time.time_ns() - round((loop.time() - seconds) * 1e9), message)
-
-    async with tapping(hub) as source:
-        await source.begin(take, ReadingsFeed(take, HZ))
-        await source.ended.wait()
-
-
-async def follow_recording(recording: Recording, channels: LiveChannels, speed: float) -> None:
-    """Log the messages of a recording with their own times, at `speed` times its pace, once."""
-    loop = asyncio.get_running_loop()
-    due, before = loop.time(), 0.0
-    for entry in recording.entries():
-        due += min((entry.seconds - before) / speed, _LONGEST_PAUSE)
-        before = entry.seconds
-        if (pause := due - loop.time()) > 0:
-            await asyncio.sleep(pause)
-        channels.take(entry.time, entry.message)
