@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from importlib.resources import files
 from pathlib import Path
 
 from servolink.errors import ServolinkError
@@ -11,7 +12,7 @@ from servolink.firmware.image import to_uf2
 
 SOURCES = Path(__file__).parent
 """Folder of the C sources, in `core` and `pico`."""
-IMAGE = SOURCES / "servolink-pico.uf2"
+IMAGE = files("servolink.firmware") / "servolink-pico.uf2"
 """Image of this version, compiled when the version was made."""
 
 _COMPILER = "arm-none-eabi-gcc"
@@ -19,7 +20,7 @@ _FLAGS = [  # the same bytes for each build: no paths, no times, no build id
     "-std=c99",
     "-mcpu=cortex-m0plus",
     "-mthumb",
-    "-Os",
+    "-O2",
     "-ffunction-sections",
     "-fdata-sections",
     "-Wall",
@@ -42,13 +43,15 @@ def build(folder: Path) -> Path:
     The folder is made if needed. The same compiler makes the same bytes.
 
     Raises:
-        ServolinkError: The compiler is not installed, or it fails.
+        ServolinkError: The compiler is not installed, or it fails, or this package is not in a folder.
 
     """
     if shutil.which(_COMPILER) is None:
         raise ServolinkError(
             f"{_COMPILER} is not installed; Debian has the packages gcc-arm-none-eabi and libnewlib-arm-none-eabi"
         )
+    if not SOURCES.is_dir():
+        raise ServolinkError(f"{SOURCES} is in an archive, which a compiler does not read; unpack servolink first")
     folder = folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
     elf, binary = folder / "servolink-pico.elf", folder / "servolink-pico.bin"

@@ -7,10 +7,10 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from servolink.discovery.search import search
+from servolink.boards import search
 from servolink.errors import OpenError
-from servolink.platforms.drives import mounted_drives
-from servolink.transports.device_info import DeviceInfo
+from servolink.support import mounted_drives
+from servolink.transports import DeviceInfo
 
 USB_ID = (0x2E8A, 0x000A)
 """USB vendor id and product id of the firmware.
@@ -52,8 +52,8 @@ async def wait_for_drive(seconds: float, notify: Callable[[], object]) -> Path:
     while not drives:
         if loop.time() > until:
             raise OpenError(
-                "no Pico in boot mode was found: hold the button BOOTSEL while you plug the Pico in; if the drive "
-                f"{_BOARD} is mounted elsewhere, add --drive FOLDER"
+                "no Pico in boot mode was found: hold the button BOOTSEL while you plug the Pico in (one with the chip "
+                f"RP2040; a Pico 2 has another); if the drive {_BOARD} is mounted elsewhere, add --drive FOLDER"
             )
         await asyncio.sleep(_PAUSE)
         drives = await asyncio.to_thread(find_drives)

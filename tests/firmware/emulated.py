@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,10 @@ class EmulatedPico:
     resets: int = 0
     is_open: bool = False
     is_erasing: bool = False
+    is_busy: bool = False
+    """Whether flash is being erased or programmed."""
+    longest: int = 0
+    """Most instructions of one turn of the firmware's loop, in the last command."""
     pulses: dict[int, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     """Starts in seconds and widths in microseconds of the pulses at each pin."""
     _epoch: float | None = None
@@ -41,7 +46,15 @@ class EmulatedPico:
     _received: bytes = b""
 
     def command(self, **asked: Any) -> bytes:
-        """Give the bench a command, and return what the board transmitted meanwhile."""
+        """Give the bench a command, and return what the board transmitted meanwhile over its line."""
+        return bytes.fromhex(self._command(asked)[self.line])
+
+    def control(self, setup: bytes, data: bytes = b"") -> bytes | None:
+        """Return the answer to a request to endpoint 0 of USB, None if it is refused."""
+        answer = self._command({"setup": setup.hex(), "data": data.hex()})["control"]
+        return None if answer is None else bytes.fromhex(answer)
+
+    def _command(self, asked: dict[str, Any]) -> Any:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.write(json.dumps(asked) + "\n")
@@ -51,8 +64,8 @@ class EmulatedPico:
         for pin, start, width in answer["pulses"]:
             self.pulses[pin].append((start, width))
         self.now, self.resets, self.is_open = answer["now"], answer["resets"], answer["open"]
-        self.is_erasing = answer["erasing"]
-        return bytes.fromhex(answer[self.line])
+        self.is_erasing, self.is_busy, self.longest = answer["erasing"], answer["busy"], answer["longest"]
+        return answer
 
     def run(self, seconds: float) -> bytes:
         """Let time pass."""
@@ -84,11 +97,16 @@ class EmulatedPico:
 
 
 @contextmanager
-def emulated(image: Path, line: str = "uart", core_hz: int = 6_000_000) -> Iterator[EmulatedPico]:
-    """Start a Pico with an image, which is reached by its UART or by USB. A real core has 48 MHz."""
+def emulated(
+    image: Traversable, line: str = "uart", core_hz: int = 6_000_000, *, power: bool = True
+) -> Iterator[EmulatedPico]:
+    """Start a Pico with an image, which is reached by its UART or by USB. A real core has 48 MHz.
+
+    `power` is whether the pin for it can see that the cable of USB has power, as that of a Pico W cannot.
+    """
     command = ("node", str(FOLDER / "bench.mjs"), str(image), line, str(core_hz))
     process = processes.start(command, stdin=subprocess.PIPE)
     pico = EmulatedPico(process, line)
-    pico.run(0.3)  # time to start, and for the USB host to find the board
+    pico.command(power=power, run=0.3)  # time to start, and for the USB host to find the board
     yield pico
     processes.finish(process)

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import pytest
 
 import servolink
-from servolink.transports.lifecycle import BaseTransport
+from servolink.transports import BaseTransport
 from tests import processes
 
 FIRMWARE = Path(servolink.__file__).parent / "firmware"

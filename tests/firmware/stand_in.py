@@ -18,18 +18,34 @@ from unittest import SkipTest
 
 import msgspec
 
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.joystick import ButtonEventResponse, SetActiveJoystickTableRequest, SubscribeButtonEventRequest
-from servolink.protocol.parser import FrameParser
-from servolink.protocol.record_types import RECORD_TYPES, SERVO_PARAMETER, TABLE
-from servolink.protocol.servos import ALL_SERVOS, SetAngleUnitRequest
-from servolink.protocol.settings import ClearAllDataRequest
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.handlers import RequestContext, Response
-from servolink.virtual.hardware import Hardware
-from servolink.virtual.kind import DEFAULT_KIND
-from servolink.virtual.simulated_servo import ADC, HIGHEST, LOWEST, SimulatedServo
-from servolink.virtual.storage import AnyType, Contents, Record, Storage
+from servolink.protocol import (
+    ALL_SERVOS,
+    RECORD_TYPES,
+    SERVO_PARAMETER,
+    TABLE,
+    ButtonEventResponse,
+    ClearAllDataRequest,
+    FrameParser,
+    SetActiveJoystickTableRequest,
+    SetAngleUnitRequest,
+    SubscribeButtonEventRequest,
+    encode_frame,
+)
+from servolink.virtual import (
+    ADC,
+    HIGHEST,
+    LOWEST,
+    AnyType,
+    BoardKind,
+    Contents,
+    Hardware,
+    Record,
+    RequestContext,
+    Response,
+    SimulatedServo,
+    Storage,
+    VirtualBoard,
+)
 from tests.firmware.host import PERIOD, HostBoard, load
 
 FOLDER = "SERVOLINK_FIRMWARE_TESTS"
@@ -158,7 +174,7 @@ class CoreStorage(Storage):
         self.core = core
         self.is_read = False
         self.chosen = 0
-        super().__init__(DEFAULT_KIND)
+        super().__init__(BoardKind.DEFAULT)
 
     @property
     def contents(self) -> Contents:
@@ -326,7 +342,7 @@ def install() -> None:
     def made(board: VirtualBoard, *arguments: Any, **options: Any) -> None:
         _VIRTUAL_INIT(board, *arguments, **options)
         timing = {name: getattr(board.kind, name) for name in _TIMING}
-        is_described = msgspec.structs.replace(DEFAULT_KIND, **timing) == board.kind
+        is_described = msgspec.structs.replace(BoardKind.DEFAULT, **timing) == board.kind
         if is_described and board.codec.byte_order == "little" and 0 < len(board.servos) <= BOARD_SERVOS:
             core = Core(functions, board)
             board.servos.update((servo_id, CoreServo(servo, core)) for servo_id, servo in board.servos.items())

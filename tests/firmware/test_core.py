@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from servolink.protocol.parser import FrameParser
+from servolink.protocol import FrameParser
 from tests.firmware.conversations import frame
 from tests.firmware.host import PERIOD, HostBoard, needs_compiler
 from tests.protocol.declared import DATA
@@ -97,14 +97,43 @@ def test_a_request_within_a_damaged_frame_is_found(board: HostBoard) -> None:
     assert [each[0] for each in answers(board.ask(bytes(damaged)))] == [20011]
 
 
-def test_a_frame_that_never_ends_delays_a_stop_by_a_quarter_second(ready: HostBoard) -> None:
+def test_a_frame_that_never_ends_delays_a_stop_by_ten_milliseconds_and_its_answer_more(ready: HostBoard) -> None:
     ready.receive(move((1, 90, 200)))
     ready.run(0.5)
     ready.receive(frame(10050, bytes(60_000))[:20] + STOP)
-    ready.run(0.26)
+    assert ready.run(0.022) == b""
     stopped = ready.pulses[0]
-    ready.run(1)
+    assert answers(ready.run(1)) == [(20031, STOP[8:-1])], "after a quarter second"
     assert 1500 < ready.pulses[0] == stopped < 2500
+
+
+def test_all_stops_within_half_a_frame_act_and_the_strongest_counts(ready: HostBoard) -> None:
+    stops = [frame(20030, bytes([servo, servo % 2, 0 if servo % 2 else 1])) for servo in range(1, 17)]
+    ready.receive(move(*((servo, 90, 200) for servo in range(1, 17))))
+    ready.run(0.5)
+    ready.receive(frame(10050, bytes(60_000))[:20] + b"".join(stops) + frame(20030, b"\1\0\1") + STOP[:-1] + b"\0")
+    ready.run(0.022)
+    stopped = list(ready.pulses)
+    assert [not width for width in stopped] == [servo % 2 == 1 for servo in range(1, 17)]
+    ready.run(0.1)
+    assert ready.pulses == stopped
+
+
+def test_a_stop_within_a_whole_frame_is_its_content(ready: HostBoard) -> None:
+    ready.receive(move((1, 90, 200)))
+    ready.receive(frame(10050, RELEASE * 3) + frame(10050, STOP))
+    ready.run(2.1)
+    assert ready.pulses[0] == 2500
+
+
+@pytest.mark.parametrize("end", range(-8, 9, 4))
+def test_a_stop_that_has_acted_does_not_stop_what_comes_later(ready: HostBoard, end: int) -> None:
+    ready.detach()  # so that it is known where the bytes are: the stop is at the end of those that can be kept
+    filled = 65535 + 9 + 8192 + end - len(STOP)
+    ready.receive(frame(10050, bytes(40_000)) + frame(10050, bytes(filled - 40_000 - 18)) + STOP)
+    ready.receive(READY + move((1, 90, 20)))
+    ready.run(0.5)
+    assert ready.pulses[0] == 2500
 
 
 def test_any_flood_takes_a_time_in_proportion_to_its_length(board: HostBoard) -> None:
@@ -176,6 +205,18 @@ def test_a_correction_shifts_the_next_movement(ready: HostBoard) -> None:
     assert struct.unpack_from("<h", answers(ready.ask(frame(20020, b"\x04")))[0][1], 2) == (0,)
 
 
+@pytest.mark.parametrize("correction", [-32677, 32677, 32678])
+def test_a_correction_as_large_as_can_be_shifts_the_angle_and_does_not_wrap_it(
+    ready: HostBoard, correction: int
+) -> None:
+    assert answers(ready.ask(frame(30110, struct.pack("<HBh32s", 1, 4, correction, b""))))[0][1] == b"\1"
+    for asked in (-32768, 0, 32767):
+        ready.receive(move((4, asked, 0)))
+        ready.run(0.05)
+        told = struct.unpack_from("<h", answers(ready.ask(frame(20020, b"\4")))[0][1], 2)[0]
+        assert told == (ready.pulses[3] - 1500) * 0.09 - correction
+
+
 @pytest.mark.parametrize(("request_", "width"), [(STOP, 1750.0), (RELEASE, 0.0)])
 def test_stop_and_release_act_at_once_and_end_the_macro(ready: HostBoard, request_: bytes, width: float) -> None:
     ready.ask(add_action(1, (1, 90, 100)))
@@ -219,6 +260,52 @@ def test_an_incomplete_macro_or_a_circle_is_refused(ready: HostBoard, commands: 
     assert ready.pulses == [1500] * 16
 
 
+def _chain(board: HostBoard, first: int, count: int, *last: tuple[int, int, int, int]) -> None:
+    """Add macros that call each other in turn; the last one has other commands."""
+    for number in range(first, first + count - 1):
+        board.ask(add_macro(number, (number + 1, 2, 100, 1)))
+    board.ask(add_macro(first + count - 1, *last))
+
+
+def test_levels_of_macros_are_counted_on_every_path(ready: HostBoard) -> None:
+    ready.ask(add_action(2, (1, 90, 0)))
+    _chain(ready, 100, 10, (2, 0, 100, 1))
+    _chain(ready, 200, 10, (100, 2, 100, 1))  # 20 levels, though each chain is short enough
+    ready.ask(add_macro(1, (100, 2, 100, 1), (200, 2, 100, 1), (2, 0, 100, 1)))
+    for _ in range(2):
+        assert [answers(ready.ask(run_macro(each)))[0][1] for each in (1, 200)] == [b"\0"] * 2
+    assert answers(ready.ask(run_macro(204)))[0][1] == b"\1", "which has 16"
+    assert answers(ready.ask(run_macro(203)))[0][1] == b"\0"
+    ready.run(0.2)
+    assert ready.pulses[0] == 2500, "the deepest one has run"
+    ready.ask(add_macro(1, (205, 2, 100, 1), (204, 2, 100, 1)))
+    assert answers(ready.ask(run_macro(1)))[0][1] == b"\0"
+    ready.ask(add_macro(1, (205, 2, 100, 1), (100, 2, 100, 1)))
+    assert answers(ready.ask(run_macro(1)))[0][1] == b"\1"
+
+
+def test_what_was_found_of_a_macro_is_forgotten_when_actions_change(ready: HostBoard) -> None:
+    ready.ask(add_macro(1, (2, 2, 100, 1)))
+    ready.ask(add_macro(2, (5, 0, 100, 1)))
+    for change, result in (
+        (add_action(4), b"\0"),
+        (add_action(5), b"\1"),
+        (frame(30040, struct.pack("<i", 5)), b"\0"),
+        (add_macro(2), b"\1"),
+        (frame(10020), b"\0"),
+    ):
+        ready.ask(change)
+        assert [answers(ready.ask(run_macro(1)))[0][1] for _ in range(2)] == [result] * 2
+
+
+def test_the_last_step_of_a_servo_counts(ready: HostBoard) -> None:
+    ready.receive(move((1, -90, 0), (2, 45, 0), (1, 90, 100)))
+    ready.run(0.02)
+    assert ready.pulses[0] == pytest.approx(1500, abs=25), "no jump to the first one"
+    ready.run(1.1)
+    assert ready.pulses[:2] == [2500, 2000]
+
+
 def test_a_running_macro_sees_the_records_as_they_were(ready: HostBoard) -> None:
     ready.ask(add_action(1, (1, 90, 30)))
     ready.ask(add_action(2, (1, -90, 30)))
@@ -241,6 +328,9 @@ def test_a_running_macro_sees_the_records_as_they_were(ready: HostBoard) -> None
         add_macro(1, (1, 0, 100, -1)),
         add_macro(1, (-1, 1, 100, 1)),
         frame(30110, struct.pack("<HBh32s", 1, 17, 0, b"")),
+        frame(30110, struct.pack("<HBh32s", 1, 1, -32768, b"")),
+        frame(30110, struct.pack("<HBh32s", 1, 16, -32678, b"")),
+        frame(30110, struct.pack("<HBh32sBh32s", 2, 1, 0, b"", 2, 32679, b"")),
         frame(40050, struct.pack("<i", 1)),
         frame(40070, b"\2"),
     ],
@@ -262,6 +352,15 @@ def test_buttons_tell_of_press_long_press_and_release_after_a_subscription(board
     assert _press(board, 0.01) == [], "shorter than it may bounce"
     assert _press(board, 0.5) == [(40081, b"\3\0\0\0\1"), (40081, b"\3\0\0\0\4")]
     assert [content[4] for _, content in _press(board, 1.2)] == [1, 2, 4]
+
+
+def test_buttons_that_are_pressed_together_all_tell_of_it(board: HostBoard) -> None:
+    board.ask(frame(40070, b"\1"))
+    board.fields.pressed = 0xFF
+    pressed = answers(board.run(0.5))
+    board.fields.pressed = 0
+    assert sorted(pressed) == [(40081, bytes([button, 0, 0, 0, 1])) for button in range(1, 9)]
+    assert sorted(answers(board.run(0.5))) == [(40081, bytes([button, 0, 0, 0, 4])) for button in range(1, 9)]
 
 
 @pytest.mark.parametrize("uninterruptible", [0, 1])

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from servolink.protocol.parser import FrameParser
+from servolink.protocol import FrameParser
 from tests.firmware.conversations import PACKETS, content, frame
 from tests.firmware.host import FLASH, HostBoard, needs_compiler
 from tests.sampling import every

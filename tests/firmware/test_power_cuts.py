@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from servolink.client.connect import connect
+from servolink.client import connect
 from servolink.errors import ServolinkError
-from servolink.protocol.frame import encode_frame
-from servolink.protocol.parser import FrameParser
+from servolink.protocol import FrameParser, encode_frame
 from tests.firmware.conversations import frame
 from tests.firmware.host import HostBoard, HostTransport, needs_compiler
 from tests.firmware.test_flash import stored

@@ -12,9 +12,9 @@ from typing import Any, TypeAlias
 
 import pytest
 
-from servolink.protocol.parser import FrameParser
+from servolink.protocol import FrameParser
 from servolink.testing import FakeBoard, run
-from servolink.transports.registry import create
+from servolink.transports import create
 from tests.firmware.conversations import MAGIC, conversation, frame
 from tests.firmware.host import HostBoard, needs_compiler
 
@@ -51,6 +51,16 @@ def _is_listed(asked: bytes, virtual: Answers, firmware: Answers) -> bool:
         is_odd = not (1 <= asked[8] <= 16 or asked[8] == 255) or max(asked[9:-1]) > 1
         return is_odd and len(virtual) == 1 and not firmware
     return False
+
+
+def _moves_on_at_once(asked: bytes) -> bool:
+    """Return whether a request moves a servo in no time and then again, a difference that is listed."""
+    asked = asked[asked.rfind(MAGIC) :]
+    if int.from_bytes(asked[4:6], "little") != 20050 or len(asked) % 5:  # no list of steps between 9 bytes and a sum
+        return False
+    steps = list(struct.iter_unpack("<Bhh", asked[9:-1]))
+    jumps = [(at, servo) for at, (servo, _, interval) in enumerate(steps) if not interval]
+    return any(servo == later[0] or 255 in {servo, later[0]} for at, servo in jumps for later in steps[at + 1 :])
 
 
 class _Virtual:
@@ -91,10 +101,12 @@ async def _compare(board: HostBoard, seed: int) -> None:
         return one, other
 
     await both(_READY + _TO_ZERO, 3)
+    is_comparable = True
     for asked, is_damaged in conversation(random.Random(seed), _LENGTH):
         one, other = await both(asked, 0.5)
         comparable = [[_comparable(*answer) for answer in answers] for answers in (one, other)]
         assert comparable[0] == comparable[1] or _is_listed(asked, one, other), (seed, asked.hex(), one, other)
+        is_comparable &= not _moves_on_at_once(asked)
         if (10011, b"\0") in one:
             break  # the virtual board speaks the old protocol now
         if is_damaged:  # how long half a frame is kept is one of the differences
@@ -102,7 +114,8 @@ async def _compare(board: HostBoard, seed: int) -> None:
             board.detach()
             await virtual.attach()
     else:
-        _compare_angles(board, *await both(_ALL_SERVOS, 15))
+        if is_comparable:
+            _compare_angles(board, *await both(_ALL_SERVOS, 15))
     await virtual.detach()
 
 

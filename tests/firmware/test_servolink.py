@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 import servolink
-from servolink.client.board import Board
-from servolink.client.connect import connect
+from servolink.client import Board, connect
 from servolink.firmware.compiling import IMAGE
 from tests import processes
 from tests.cli.terminals import in_pipe

@@ -3,8 +3,9 @@
    The core has no heap, no clock, no interrupts and no floating point. Everything outside comes through `struct
    board_ports` and the times that callers pass. All times are microseconds of one clock that never goes backwards.
 
-   No function blocks, whatever the host sends or fails to read, and whatever the flash is doing. A stop or a release
-   acts within the call of `board_receive` that brings its last byte. */
+   No function blocks, whatever the host sends or fails to read, whatever is stored and whatever the flash is doing: the
+   work of each call has a bound, and what is left is done by the next ones. A stop or a release acts within 10 ms of its
+   last byte, and in its turn if that comes earlier. */
 
 #ifndef SERVOLINK_BOARD_H
 #define SERVOLINK_BOARD_H
@@ -71,8 +72,12 @@ void board_start(struct board *board, const struct board_settings *settings, con
 /* Do what is due: macros, pulses, buttons, flash. Call it as often as possible, at least every 2 ms. */
 void board_tick(struct board *board, uint64_t now);
 
-/* Bytes from the host, cut anywhere. All are accepted. */
-void board_receive(struct board *board, uint64_t now, const uint8_t *bytes, size_t size);
+/* How many bytes `board_receive` has room for. Less than a whole frame only while requests wait for their turn. */
+size_t board_room(const struct board *board);
+
+/* Bytes from the host, cut anywhere, no more than there is room for. At most one request acts; true if more than that is
+   to be done, which the next calls do, also those without bytes, and each tick. */
+bool board_receive(struct board *board, uint64_t now, const uint8_t *bytes, size_t size);
 
 /* Copy up to `size` bytes for the host to `bytes` and return how many. Responses are made while they are copied. */
 size_t board_transmit(struct board *board, uint8_t *bytes, size_t size);

@@ -5,10 +5,17 @@
 
 #define BANK_KIND 0x53U
 
-static uint32_t checksum(uint32_t sum, const uint8_t *bytes, uint32_t size) { /* CRC-32 */
+#define SUMMED 1024U /* bytes whose checksum is made in one step */
+
+static uint32_t checksum(uint32_t sum, const uint8_t *bytes, uint32_t size) { /* CRC-32, by four bits */
+    static const uint32_t table[16] = {
+        0x00000000, 0x1db71064, 0x3b6e20c8, 0x26d930ac, 0x76dc4190, 0x6b6b51f4, 0x4db26158, 0x5005713c,
+        0xedb88320, 0xf00f9344, 0xd6d6a3e8, 0xcb61b38c, 0x9b64c2b0, 0x86d3d2d4, 0xa00ae278, 0xbdbdf21c,
+    };
     for (uint32_t i = 0; i < size; i++) {
         sum ^= bytes[i];
-        for (int bit = 0; bit < 8; bit++) sum = sum >> 1 ^ (0xedb88320U & (0U - (sum & 1U)));
+        sum = sum >> 4 ^ table[sum & 15U];
+        sum = sum >> 4 ^ table[sum & 15U];
     }
     return sum;
 }
@@ -75,16 +82,25 @@ void flash_load(struct board *board) {
     }
 }
 
+/* Go on making the header of a record with its checksum. True: it is there. */
+static bool make_header(struct flash *flash, const struct record *record) {
+    if (flash->summed == 0) {
+        flash->header = *record;
+        flash->header.mark = 0;
+        flash->header.died = header_sum(&flash->header, flash->generation + flash->copying);
+    }
+    uint32_t part = record->size - flash->summed;
+    if (part > SUMMED) part = SUMMED;
+    flash->header.died = checksum(flash->header.died, record_content(record) + flash->summed, part);
+    flash->summed += part;
+    return flash->summed == record->size;
+}
+
 /* Begin to program the next part of a record. True: all of it was programmed. */
 static bool program(struct board *board, uint32_t bank, uint32_t offset, const struct record *record) {
     struct flash *flash = &board->flash;
     uint32_t size = record_units(record->size) * UNIT;
-    if (flash->done == 0) {
-        flash->header = *record;
-        flash->header.mark = 0;
-        uint32_t generation = flash->generation + flash->copying;
-        flash->header.died = checksum(header_sum(&flash->header, generation), record_content(record), record->size);
-    }
+    if (flash->done == 0 && !make_header(flash, record)) return false;
     if (flash->done == size) return true;
     const uint8_t *bytes = flash->done ? (const uint8_t *)record + flash->done : (const uint8_t *)&flash->header;
     uint32_t at = offset + flash->done;
@@ -120,7 +136,7 @@ static void copy_step(struct board *board) {
         flash->spare_checked = 0;
         board->records.written = flash->moment;
     }
-    flash->done = 0;
+    flash->summed = flash->done = 0;
 }
 
 /* Check the next page of the spare bank, and begin to erase its sector unless it is blank. */
@@ -149,7 +165,7 @@ void flash_step(struct board *board) {
     if (record && record_units(record->size) * UNIT <= bank_size(board) - flash->tail) {
         if (!program(board, flash->bank, flash->tail, record)) return;
         flash->tail += flash->done;
-        flash->done = 0;
+        flash->summed = flash->done = 0;
         board->records.written = record->born;
     } else if (flash->spare_checked < bank_size(board)) {
         prepare_spare(board);

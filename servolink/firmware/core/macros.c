@@ -4,12 +4,13 @@
 
 #include <string.h>
 
-#define COMMANDS_AT_ONCE 4U    /* commands of a macro in one tick, so that a tick is short */
+#define COMMANDS_AT_ONCE 4U    /* commands of a macro in one tick, so that a tick is short, */
+#define STEPS_AT_ONCE 4096U    /* and steps of their actions after which no other one follows */
 #define SLOWEST UINT32_C(0x40000000) /* limit of a scale: 16,384 times as slow */
 #define LONG_PRESS 1000000U
 
 enum { RUN_ACTION, WAIT, RUN_MACRO };
-enum { UNCHECKED, BEING_CHECKED, COMPLETE };
+enum { UNCHECKED, TOO_MANY = 0xfe, BROKEN = 0xff }; /* marks, and what is found; others are the levels of a macro */
 enum { PRESS = 1, LONG = 2, UP = 4 };
 
 void macro_end(struct board *board) {
@@ -17,88 +18,81 @@ void macro_end(struct board *board) {
     board->run.next = 0;
 }
 
-/* False: too many are nested. */
-static bool call(struct board *board, int32_t id, uint32_t scale) {
+/* There is room for the call, as the levels were counted. */
+static void call(struct board *board, int32_t id, uint32_t scale) {
     struct run *run = &board->run;
-    if (run->depth == MACRO_DEPTH) return false;
     run->calls[run->depth++] = (struct call){id, scale, 0, 0};
-    return true;
 }
 
-/* Place of a record in the index, which is built for the check of a macro: looking for each record would take too long. */
-static uint16_t *find_slot(struct board *board, uint32_t kind, int32_t id) {
-    uint32_t at = ((uint32_t)id * 2654435761U >> 16) + kind;
-    for (;; at++) {
-        uint16_t *slot = &board->run.index[at % INDEX_SIZE];
-        if (*slot == 0) return slot;
-        const struct record *record = &board->records.log[*slot - 1];
-        if (record->kind == kind && record->id == id) return slot;
-    }
-}
-
-static void build_index(struct board *board) {
-    struct records *records = &board->records;
-    memset(board->run.index, 0, sizeof board->run.index);
-    for (uint32_t at = 0; at < records->used; at += record_units(records->log[at].size)) {
-        struct record *record = &records->log[at];
-        if (record->died != NEVER || (record->kind != ACTION && record->kind != MACRO)) continue;
-        record->mark = UNCHECKED;
-        *find_slot(board, record->kind, record->id) = (uint16_t)(at + 1);
-    }
-}
-
-/* True if all that a macro names is there, and it does not call itself. */
-static bool is_complete(struct board *board, struct record *macro, uint32_t depth) {
-    if (macro->mark != UNCHECKED || depth == MACRO_DEPTH) return macro->mark == COMPLETE;
-    macro->mark = BEING_CHECKED;
-    const uint8_t *content = record_content(macro);
-    for (uint32_t i = 0; i < get_u16(content + 36); i++) {
-        const uint8_t *command = content + 38 + 12 * i;
+/* Levels of a macro with those that it calls on its deepest path; BROKEN if something that it names is missing or if it
+   calls itself, TOO_MANY if there are more than `most`. Marks keep what was found until actions or macros change, so each
+   macro is looked through once; but not that there are too many levels, as another path may have room for them. */
+static uint32_t levels(struct board *board, struct record *macro, uint32_t most) {
+    if (macro->mark == BROKEN) return BROKEN;
+    if (macro->mark > most || most == 0) return TOO_MANY;
+    if (macro->mark != UNCHECKED) return macro->mark;
+    macro->mark = BROKEN; /* for a macro that calls itself */
+    board->work += get_u16(record_content(macro) + 36) * 12U;
+    uint32_t deepest = 0;
+    const uint8_t *command = record_content(macro) + 38;
+    for (const uint8_t *end = command + 12 * get_u16(command - 2); command < end; command += 12) {
         if (command[4] == WAIT) continue;
-        uint16_t slot = *find_slot(board, command[4] == RUN_MACRO ? MACRO : ACTION, get_i32(command));
-        if (slot == 0) return false;
-        if (command[4] == RUN_MACRO && !is_complete(board, &board->records.log[slot - 1], depth + 1)) return false;
+        const struct record *named = record_current(board, command[4] == RUN_MACRO ? MACRO : ACTION, get_i32(command));
+        if (!named) return BROKEN;
+        if (command[4] == RUN_ACTION) continue;
+        uint32_t found = named->mark;
+        if (found == UNCHECKED || found >= most) {
+            found = levels(board, &board->records.log[named - board->records.log], most - 1U);
+        }
+        if (found == TOO_MANY) macro->mark = UNCHECKED;
+        if (found > MACRO_DEPTH) return found;
+        if (found > deepest) deepest = found;
     }
-    macro->mark = COMPLETE;
-    return true;
+    macro->mark = (uint8_t)(deepest + 1U);
+    return macro->mark;
+}
+
+/* True if all that a macro names is there, and it calls neither itself nor too many levels, on any path. */
+static bool is_complete(struct board *board, const struct record *macro) {
+    struct records *records = &board->records;
+    for (uint32_t i = 0; !records->is_checked && i < records->count; i++) records->log[records->index[i]].mark = UNCHECKED;
+    records->is_checked = true;
+    struct record *checked = &records->log[macro - records->log];
+    bool is_complete = levels(board, checked, MACRO_DEPTH) <= MACRO_DEPTH;
+    if (!is_complete) checked->mark = BROKEN; /* as no path to it has more room */
+    return is_complete;
 }
 
 bool macro_start(struct board *board, int32_t id) {
-    build_index(board);
-    uint16_t slot = *find_slot(board, MACRO, id);
-    if (slot == 0 || !is_complete(board, &board->records.log[slot - 1], 0)) return false;
+    const struct record *macro = record_current(board, MACRO, id);
+    if (!macro || !is_complete(board, macro)) return false;
     macro_end(board);
     board->run.moment = board->records.newest;
     board->run.due = board->now;
     board->run.uninterruptible = false;
-    return call(board, id, 65536);
+    call(board, id, 65536);
+    return true;
 }
 
-/* Longest interval of an action, in microseconds. */
-static uint64_t action_duration(const uint8_t *content) {
-    uint32_t longest = 0;
-    for (uint32_t i = 0; i < get_u16(content + 36); i++) {
-        uint32_t interval = get_u16(content + 38 + 5 * i + 3);
-        if (interval > longest) longest = interval;
-    }
-    return longest * UINT64_C(10000);
-}
-
-/* Execute a command once. False: too many macros are nested. */
-static bool execute(struct board *board, const uint8_t *command, uint32_t scale) {
+/* Execute a command once, and return how many steps that were. */
+static uint32_t execute(struct board *board, const uint8_t *command, uint32_t scale) {
     struct run *run = &board->run;
     int32_t id = get_i32(command);
     uint64_t duration = 0;
-    if (command[4] == RUN_MACRO) return call(board, id, scale);
+    uint32_t steps = 0;
+    if (command[4] == RUN_MACRO) {
+        call(board, id, scale);
+        return steps;
+    }
     if (command[4] == WAIT) {
         duration = get_u32(command) * UINT64_C(1000);
     } else {
         const uint8_t *content = record_content(record_find(board, ACTION, id, run->moment));
-        servos_move(board, run->due, content + 38, get_u16(content + 36), scale);
-        duration = action_duration(content);
+        steps = get_u16(content + 36);
+        duration = servos_move(board, run->due, content + 38, steps, scale) * UINT64_C(10000);
     }
     run->due += (duration >> 16) * scale + ((duration & 0xffff) * scale >> 16);
-    return true;
+    return steps;
 }
 
 static void end_of_run(struct board *board) {
@@ -109,7 +103,8 @@ static void end_of_run(struct board *board) {
 
 void macro_step(struct board *board) {
     struct run *run = &board->run;
-    for (uint32_t i = 0; i < COMMANDS_AT_ONCE && run->depth && run->due <= board->now; i++) {
+    uint32_t steps = 0;
+    for (uint32_t i = 0; i < COMMANDS_AT_ONCE && steps < STEPS_AT_ONCE && run->depth && run->due <= board->now; i++) {
         struct call *top = &run->calls[run->depth - 1];
         const uint8_t *content = record_content(record_find(board, MACRO, top->macro, run->moment));
         if (top->command == get_u16(content + 36)) {
@@ -124,15 +119,14 @@ void macro_step(struct board *board) {
         }
         top->repeated++;
         uint64_t scale = (uint64_t)top->scale * 100U / command[5];
-        if (!execute(board, command, (uint32_t)(scale < SLOWEST ? scale : SLOWEST))) macro_end(board);
+        steps += execute(board, command, (uint32_t)(scale < SLOWEST ? scale : SLOWEST));
     }
 }
 
 /* Table that was set; the only one, if none was set or that one was deleted. */
 const struct record *active_table(const struct board *board) {
-    uint32_t moment = board->records.newest;
-    const struct record *active = record_find(board, ACTIVE_TABLE, 0, moment);
-    const struct record *table = active ? record_find(board, TABLE, get_i32(record_content(active)), moment) : NULL;
+    const struct record *active = record_current(board, ACTIVE_TABLE, 0);
+    const struct record *table = active ? record_current(board, TABLE, get_i32(record_content(active))) : NULL;
     if (table) return table;
     for (const struct record *record = NULL; (record = record_next(board, record));) {
         if (record->kind != TABLE || record->died != NEVER) continue;
@@ -168,6 +162,7 @@ static void button_event(struct board *board, uint32_t id, uint32_t event) {
     }
 }
 
+/* One event in a period, as it may start a macro, which must be checked. That of another button comes in the next one. */
 void buttons_period(struct board *board) {
     uint32_t pressed = board->ports->buttons(board->ports->context);
     for (uint32_t i = 0; i < board->settings->buttons; i++) {
@@ -178,9 +173,11 @@ void buttons_period(struct board *board) {
         if (is_stable && is_pressed != button->pressed) {
             *button = (struct button){board->now, is_pressed, is_pressed, false};
             button_event(board, i + 1, is_pressed ? PRESS : UP);
+            return;
         } else if (button->pressed && !button->is_long && board->now - button->since >= LONG_PRESS) {
             button->is_long = true;
             button_event(board, i + 1, LONG);
+            return;
         }
     }
 }

@@ -2,9 +2,14 @@
 
 #include "state.h"
 
-static void put(struct output *output, uint32_t byte) {
+/* Place in the ring for the next byte. */
+static uint32_t place(const struct output *output) {
     uint32_t at = output->head + output->used;
-    output->bytes[at < OUTPUT_SIZE ? at : at - OUTPUT_SIZE] = (uint8_t)byte;
+    return at < OUTPUT_SIZE ? at : at - OUTPUT_SIZE;
+}
+
+static void put(struct output *output, uint32_t byte) {
+    output->bytes[place(output)] = (uint8_t)byte;
     output->sum = (uint8_t)(output->sum + byte);
     output->used++;
 }
@@ -21,7 +26,18 @@ void output_number(struct board *board, uint32_t value, uint32_t size) {
 }
 
 void output_bytes(struct board *board, const uint8_t *bytes, uint32_t size) {
-    for (uint32_t i = 0; i < size; i++) put(&board->output, bytes[i]);
+    struct output *output = &board->output;
+    for (uint32_t part; size; bytes += part, size -= part) {
+        uint8_t *to = &output->bytes[place(output)], sum = output->sum;
+        part = (uint32_t)(output->bytes + OUTPUT_SIZE - to);
+        if (part > size) part = size;
+        for (uint32_t i = 0; i < part; i++) {
+            to[i] = bytes[i];
+            sum = (uint8_t)(sum + bytes[i]);
+        }
+        output->sum = sum;
+        output->used += part;
+    }
 }
 
 bool output_begin(struct board *board, uint32_t id, uint32_t length) {

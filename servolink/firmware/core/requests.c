@@ -31,7 +31,7 @@ static void respond_bytes(struct board *board, const struct request *request, co
 }
 
 static const struct record *current(const struct board *board, uint32_t kind, int32_t id) {
-    return record_find(board, kind, id, board->records.newest);
+    return record_current(board, kind, id);
 }
 
 /* 1 */
@@ -49,7 +49,7 @@ static void clear_all(HANDLER) {
 
 static void query_memory(HANDLER) {
     if (!begin(board, request, 8)) return;
-    output_number(board, BOARD_MEMORY - records_live(board), 4);
+    output_number(board, BOARD_MEMORY - board->records.live * UNIT, 4);
     output_number(board, BOARD_MEMORY, 4);
     output_end(board);
 }
@@ -198,7 +198,8 @@ static void query_parameters(HANDLER) {
     }
 }
 
-/* Parameters of all servos are one record, so that a request with many of them is one change. */
+/* Parameters of all servos are one record, so that a request with many of them is one change. Stored ones that are no
+   longer possible, as the settings in the image have changed, are dropped. */
 static void add_parameters(HANDLER) {
     const struct record *old = current(board, SERVO_PARAMETERS, 0);
     const uint8_t *lists[2] = {old ? record_content(old) : NULL, content};
@@ -206,11 +207,12 @@ static void add_parameters(HANDLER) {
     for (uint32_t list = 0; list < 2; list++) {
         for (uint32_t i = 0; lists[list] && i < get_u16(lists[list]); i++) {
             const uint8_t *parameter = lists[list] + 2 + 35 * i;
-            if (parameter[0] < 1 || parameter[0] > board->settings->servos) {
+            if (servo_allows(board, parameter[0], get_i16(parameter + 1))) {
+                of_servo[parameter[0] - 1] = parameter;
+            } else if (lists[list] == content) {
                 respond_result(board, request, 0);
                 return;
             }
-            of_servo[parameter[0] - 1] = parameter;
         }
     }
     uint8_t merged[2 + 35 * BOARD_SERVOS] = {0};
@@ -249,7 +251,7 @@ static void subscribe(HANDLER) {
     respond_result(board, request, is_valid);
 }
 
-static const struct request REQUESTS[] = {
+static const struct request REQUESTS[] = { /* by id */
     {10010, 1, 0, 0, 0, 0, set_mode},
     {10020, 0, 0, 0, 0, 0, clear_all},
     {10030, 0, 0, 0, 0, 0, query_memory},
@@ -284,8 +286,15 @@ static const struct request REQUESTS[] = {
 };
 
 const struct request *request_find(uint32_t id) {
-    for (uint32_t i = 0; i < sizeof REQUESTS / sizeof REQUESTS[0]; i++) {
-        if (REQUESTS[i].id == id) return &REQUESTS[i];
+    uint32_t low = 0, high = sizeof REQUESTS / sizeof REQUESTS[0];
+    while (low < high) {
+        uint32_t middle = (low + high) / 2U;
+        if (REQUESTS[middle].id == id) return &REQUESTS[middle];
+        if (REQUESTS[middle].id < id) {
+            low = middle + 1U;
+        } else {
+            high = middle;
+        }
     }
     return NULL;
 }

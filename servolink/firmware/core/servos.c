@@ -11,13 +11,21 @@ uint32_t servos_named(const struct board *board, uint32_t id) {
     return id >= 1 && id <= board->settings->servos ? 1U << (id - 1) : 0;
 }
 
+bool servo_allows(const struct board *board, uint32_t id, int16_t correction) {
+    if (id < 1 || id > board->settings->servos) return false;
+    const struct board_range *range = &board->settings->ranges[id - 1U];
+    return range->least - correction >= INT16_MIN && range->greatest - correction <= INT16_MAX;
+}
+
 void servos_adjust(struct board *board) {
     for (uint32_t i = 0; i < BOARD_SERVOS; i++) board->servos[i].adjusted = 0;
-    const struct record *parameters = record_find(board, SERVO_PARAMETERS, 0, board->records.newest);
+    const struct record *parameters = record_current(board, SERVO_PARAMETERS, 0);
     if (!parameters) return;
     const uint8_t *content = record_content(parameters);
     for (uint32_t i = 0; i < get_u16(content); i++) {
-        board->servos[content[2 + 35 * i] - 1].adjusted = get_i16(content + 3 + 35 * i);
+        const uint8_t *parameter = content + 2 + 35 * i;
+        int16_t correction = get_i16(parameter + 1);
+        if (servo_allows(board, parameter[0], correction)) board->servos[parameter[0] - 1U].adjusted = correction;
     }
 }
 
@@ -87,12 +95,21 @@ static void move(struct board *board, uint64_t start, uint32_t index, int32_t va
     servo->duration = start + duration < servo->soft_until ? servo->soft_until - start : duration;
 }
 
-/* Begin the steps of an action together. `scale` stretches their intervals, in 1/65536. */
-void servos_move(struct board *board, uint64_t start, const uint8_t *steps, uint32_t count, uint32_t scale) {
-    for (uint32_t i = 0; i < count; i++, steps += 5) {
-        if (steps[0] < 1 || steps[0] > board->settings->servos) continue;
-        move(board, start, steps[0] - 1U, get_i16(steps + 1), get_u16(steps + 3) * UINT64_C(10000) * scale >> 16);
+/* Begin the steps of an action together, the last one of each servo. `scale` stretches their intervals, in 1/65536. Returns
+   the longest interval, in 10 ms, without that. */
+uint32_t servos_move(struct board *board, uint64_t start, const uint8_t *steps, uint32_t count, uint32_t scale) {
+    const uint8_t *of_servo[BOARD_SERVOS] = {NULL};
+    uint32_t longest = 0;
+    for (const uint8_t *step = steps; step < steps + 5 * count; step += 5) {
+        uint32_t index = step[0] - 1U, interval = get_u16(step + 3);
+        if (interval > longest) longest = interval;
+        if (index < board->settings->servos) of_servo[index] = step;
     }
+    for (uint32_t i = 0; i < BOARD_SERVOS; i++) {
+        const uint8_t *step = of_servo[i];
+        if (step) move(board, start, i, get_i16(step + 1), get_u16(step + 3) * UINT64_C(10000) * scale >> 16);
+    }
+    return longest;
 }
 
 void servos_period(struct board *board) {

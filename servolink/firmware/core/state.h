@@ -10,7 +10,7 @@
 #define UNIT 16U                                     /* records occupy whole units, the first one is their header */
 #define LOG_UNITS ((BOARD_MEMORY + 1024U) / UNIT)    /* some more, as deletions are records too until they are in flash */
 #define MACRO_DEPTH 16U
-#define INDEX_SIZE (BOARD_MEMORY / 32U) /* twice as many as there can be actions and macros */
+#define MOST_RECORDS (BOARD_MEMORY / 64U + 4U) /* that are live: the content of most has at least 38 bytes */
 #define ALL_SERVOS 255U
 #define NEVER UINT32_MAX
 
@@ -19,19 +19,31 @@ enum kind { ACTION = 1, MACRO, TABLE, SERVO_PARAMETERS, PROJECT_ID, ACTIVE_TABLE
 
 /* Header of a record, in the log in RAM and in flash. A record was there at change n if born <= n < died. */
 struct record {
-    uint8_t kind, mark; /* mark: of the check of a macro; 0 in flash */
+    uint8_t kind, mark; /* mark: of the check of a macro, until records change; 0 in flash */
     uint16_t size; /* bytes of content, which follow the header */
     int32_t id;
     uint32_t born; /* number of the change that added it */
     uint32_t died; /* number of the change that replaced or deleted it, or NEVER; in flash: checksum */
 };
 
+/* Stop or release of a servo that is among the bytes received: the last one, at least as much as all of them. */
+struct stop {
+    uint32_t at;
+    uint64_t time; /* of the first one */
+    bool is_start, is_hold;
+};
+
 /* Bytes received and not yet understood, as running sums: byte i is the difference of sums[i + 1] and sums[i]. The sum of
    any part is a difference too, so rejecting a frame costs the same whatever its length. */
 struct input {
     uint32_t head, tail; /* bytes head to tail are there */
+    uint32_t hopeless;   /* a frame that begins before this place is not waited for */
+    uint32_t begun;      /* place after the last magic */
+    uint32_t recent;     /* last four bytes */
     uint64_t last;       /* time of the last byte */
-    uint8_t sums[INPUT_SIZE + 1U];
+    uint32_t stops;      /* bits of the servos with a stop */
+    struct stop stop[BOARD_SERVOS];
+    uint8_t sums[INPUT_SIZE + 4U];
 };
 
 /* Frames to transmit, in a ring. Each follows the number of the change that must be in flash before it is transmitted, and
@@ -45,8 +57,13 @@ struct output {
 
 struct records {
     uint32_t used;    /* units */
+    uint32_t live;    /* units of the records that did not die */
     uint32_t newest;  /* number of the last change */
     uint32_t written; /* number of the last change that is in flash */
+    bool is_checked;  /* the marks of macros are those of the records as they are */
+    uint32_t count;
+    int32_t ids[MOST_RECORDS]; /* of the live records, sorted */
+    uint16_t index[MOST_RECORDS]; /* their places in the log */
     struct record log[LOG_UNITS];
 };
 
@@ -54,7 +71,8 @@ struct records {
 struct flash {
     uint32_t bank, tail, generation;
     uint32_t spare_checked; /* bytes of the spare bank that are blank */
-    uint32_t done;          /* bytes of the record that is being written which are written */
+    uint32_t summed;        /* bytes that are in the checksum of the record that is being written */
+    uint32_t done;          /* bytes of that record which are written */
     bool copying;           /* records are being copied to the spare bank */
     uint32_t copied;        /* number of the last record that was copied */
     uint32_t moment;        /* number of the last change to be copied */
@@ -86,7 +104,6 @@ struct run {
     bool uninterruptible;
     int32_t next; /* macro that starts when this one has ended, or 0 */
     struct call calls[MACRO_DEPTH];
-    uint16_t index[INDEX_SIZE]; /* 1 + place in the log of actions and macros, by kind and id */
 };
 
 struct button {
@@ -99,6 +116,7 @@ struct board {
     const struct board_ports *ports;
     uint64_t now;    /* time of the call that is being made */
     uint64_t period; /* time of the next period */
+    uint32_t work;   /* bytes of requests and commands of macros that were looked through since the last tick */
     bool subscribed;
     struct servo servos[BOARD_SERVOS];
     struct button buttons[BOARD_BUTTONS];
@@ -125,6 +143,9 @@ struct request {
 };
 const struct request *request_find(uint32_t id);
 
+/* input.c: judge and act, for a time that has a bound. True if something may be left to be done at once. */
+bool input_step(struct board *board);
+
 /* output.c: a response is begun, its content put, and ended; false if there is no room, and nothing may follow. */
 bool output_begin(struct board *board, uint32_t id, uint32_t length);
 void output_number(struct board *board, uint32_t value, uint32_t size);
@@ -132,7 +153,9 @@ void output_bytes(struct board *board, const uint8_t *bytes, uint32_t size);
 void output_end(struct board *board);
 
 /* records.c */
+void copy_words(uint8_t *to, const uint8_t *from, uint32_t size); /* both at whole words; `to` may overlap the end of `from` */
 const struct record *record_next(const struct board *board, const struct record *record); /* NULL: the first; or the end */
+const struct record *record_current(const struct board *board, uint32_t kind, int32_t id);
 const struct record *record_find(const struct board *board, uint32_t kind, int32_t id, uint32_t moment);
 static inline const uint8_t *record_content(const struct record *record) { return (const uint8_t *)(record + 1); }
 static inline uint32_t record_units(uint32_t size) { return 1U + (size + UNIT - 1U) / UNIT; }
@@ -140,7 +163,6 @@ static inline bool record_visible(const struct record *record, uint32_t moment) 
     return record->born <= moment && moment < record->died;
 }
 bool records_change(struct board *board, uint32_t kind, int32_t id, const uint8_t *content, uint32_t size);
-uint32_t records_live(const struct board *board); /* bytes */
 
 /* flash.c */
 void flash_load(struct board *board);
@@ -148,10 +170,11 @@ void flash_step(struct board *board);
 
 /* servos.c */
 uint32_t servos_named(const struct board *board, uint32_t id); /* bits of the servos that an id means */
+bool servo_allows(const struct board *board, uint32_t id, int16_t correction); /* and its angles stay numbers of 16 bits */
 void servos_adjust(struct board *board);
 int32_t servo_value(const struct board *board, uint32_t index);
 void servo_set(struct board *board, uint32_t index, bool is_start, bool is_hold);
-void servos_move(struct board *board, uint64_t start, const uint8_t *steps, uint32_t count, uint32_t scale);
+uint32_t servos_move(struct board *board, uint64_t start, const uint8_t *steps, uint32_t count, uint32_t scale);
 void servos_period(struct board *board);
 
 /* macros.c */

@@ -5,6 +5,7 @@
 
 #define ERASE_DURATION 45000U
 #define PROGRAM_DURATION 400U
+#define PACKET 64U /* bytes that come together */
 
 static void pulse(void *context, unsigned servo, uint32_t nanoseconds) {
     ((struct hardware *)context)->pulses[servo] = nanoseconds;
@@ -98,7 +99,11 @@ void hardware_tick(struct hardware *hardware) { board_tick(hardware->board, hard
 void hardware_detach(struct hardware *hardware) { board_detach(hardware->board); }
 
 void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t size) {
-    board_receive(hardware->board, hardware->now, bytes, size);
+    for (size_t part; size; bytes += part, size -= part) {
+        part = size < PACKET ? size : PACKET;
+        bool is_left = board_receive(hardware->board, hardware->now, bytes, part);
+        while (is_left) is_left = board_receive(hardware->board, hardware->now, NULL, 0);
+    }
 }
 
 size_t hardware_transmit(struct hardware *hardware, uint8_t *bytes, size_t size) {

@@ -32,7 +32,7 @@ void hardware_start(struct hardware *hardware);
 /* Power is lost: an operation in flash stays half done, as the random number has it. */
 void hardware_cut(struct hardware *hardware, uint32_t random);
 
-/* The core's functions at the time `now`. */
+/* The core's functions at the time `now`, which takes no time: all that was received has acted, but half a frame. */
 void hardware_detach(struct hardware *hardware);
 void hardware_tick(struct hardware *hardware);
 void hardware_receive(struct hardware *hardware, const uint8_t *bytes, size_t size);

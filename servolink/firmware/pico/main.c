@@ -89,6 +89,7 @@ static void start_pins(void) {
     for (uint32_t pin = 0; pin < BOARD_SERVOS; pin++) REG(IO_BANK0 + 8U * pin + 4U) = PULSE_FUNCTION;
     for (uint32_t i = 0; i < settings.buttons; i++) REG(PADS_BANK0 + 4U + 4U * BUTTON_PINS[i]) = 0x4a; /* pulled up */
     REG(PADS_BANK0 + 4U + 4U * BATTERY_PIN) = 0x80; /* analog */
+    REG(PADS_BANK0 + 4U + 4U * VBUS_PIN) = 0x46; /* pulled down, as nothing drives it on a Pico W */
     REG(ADC) = 1;
 }
 
@@ -113,20 +114,18 @@ static void uart_interrupt(void) {
 
 static void serve_uart(bool is_used, uint64_t now) {
     uint8_t bytes[64];
-    uint32_t size = 0;
-    while (size < sizeof bytes && received_head != received_tail) bytes[size++] = received[received_head++ % sizeof received];
+    uint32_t size = 0, most = sizeof bytes;
+    if (is_used && board_room(&board) < most) most = 0;
+    while (size < most && received_head != received_tail) bytes[size++] = received[received_head++ % sizeof received];
     if (!is_used) return;
-    board_receive(&board, now, bytes, size);
+    if (size) board_receive(&board, now, bytes, size);
     while (!(REG(UART0 + 0x18U) & 1U << 5) && board_transmit(&board, bytes, 1)) REG(UART0) = bytes[0];
 }
 
 static void serve(void) {
-    bool was_usb = false;
     for (;;) {
         uint64_t now = microseconds();
         bool is_usb = usb_poll(&board, now);
-        if (is_usb != was_usb) board_detach(&board);
-        was_usb = is_usb;
         if (settings.buttons < BOARD_BUTTONS) serve_uart(!is_usb, now);
         board_tick(&board, now);
     }

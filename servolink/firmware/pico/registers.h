@@ -28,6 +28,8 @@
 #define SIO 0xd0000000U
 #define NVIC 0xe000e100U
 
+#define VBUS_PIN 24U /* high while the host gives power; a Pico W has something else there */
+
 /* flash.c: the ports of the core; `flash_id` is 8 bytes that differ from chip to chip. */
 #define FLASH_SIZE (3U * BOARD_MEMORY)
 void flash_start(void);
@@ -37,7 +39,8 @@ void flash_program(void *context, uint32_t offset, const uint8_t *bytes, uint32_
 bool flash_busy(void *context);
 void flash_read(void *context, uint32_t offset, uint8_t *bytes, uint32_t size);
 
-/* usb.c: a serial port. True while a program has it open. */
+/* usb.c: a serial port. True while it is the line to the board: a program has it open, and its host is there and awake. Half
+   a frame, unsent responses and the subscription are forgotten when that changes. */
 void usb_start(void);
 bool usb_poll(struct board *board, uint64_t now);
 
