@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.control.messages import NoParams
-from servolink.control.roles import Role
-from servolink.project.blocks import Blocks, blocks_to_json, checked_blocks
-from servolink.protocol.json_errors import convert
+from servolink.control import NoParams, Role, Touches
+from servolink.project import Blocks
+from servolink.protocol import convert
 from servolink.studio.kept import read_kept, write_kept
 from servolink.studio.studio_methods import METHODS, PageCaller
 
@@ -44,16 +43,16 @@ class BlocksSave(Struct, forbid_unknown_fields=True):
     same blocks count as saved, as a page that did not hear so sends them again."""
 
 
-@METHODS.add("studio.blocks.get", Role.WATCH)
+@METHODS.add("studio.blocks.get", Role.WATCH, touches=Touches.NOTHING)
 async def blocks_get(caller: PageCaller, params: NoParams) -> BlocksNow:
     """Return the blocks of the board, null for none."""
     return _now(await asyncio.to_thread(_read, caller.hub))
 
 
-@METHODS.add("studio.blocks.save", Role.EDIT, in_order=True, finishes=True)
+@METHODS.add("studio.blocks.save", Role.EDIT, touches=Touches.BOARD, in_order=True, finishes=True)
 async def blocks_save(caller: PageCaller, params: BlocksSave) -> BlocksSaved:
     """Keep the blocks, unless another page has changed them. EncodeError names the faulty place in the blocks."""
-    blocks = checked_blocks(params.blocks)
+    blocks = params.blocks.checked()
     now = _now(blocks)
     async with _turn:
         kept = _now(await asyncio.to_thread(_read, caller.hub))
@@ -65,10 +64,10 @@ async def blocks_save(caller: PageCaller, params: BlocksSave) -> BlocksSaved:
 
 
 def _read(board: str) -> Blocks | None:
-    return read_kept("blocks", board, lambda value: checked_blocks(convert(value, Blocks)))
+    return read_kept("blocks", board, lambda value: convert(value, Blocks).checked())
 
 
 def _now(blocks: Blocks | None) -> BlocksNow:
     if blocks is None:
         return BlocksNow(None, "")
-    return BlocksNow(blocks_to_json(blocks), sha256(msgspec.json.encode(blocks)).hexdigest()[:16])
+    return BlocksNow(blocks.to_json(), sha256(msgspec.json.encode(blocks)).hexdigest()[:16])

@@ -7,15 +7,11 @@ from typing import Literal
 
 from msgspec import Struct
 
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.messages import NoParams
-from servolink.control.roles import Role
-from servolink.doctor import Finding
-from servolink.doctor.examine import checks_before_opening
-from servolink.doctor.system import SystemFacts
+from servolink.control import Code, NoParams, Role, RpcError, Touches
+from servolink.doctor import Finding, SystemFacts, checks_before_opening
 from servolink.errors import InvalidAddress
 from servolink.studio.links import LinkAddress, LinkRole
-from servolink.studio.studio_methods import METHODS, PageCaller, check_local
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 _OF_THE_HUB = "in use"
 
@@ -47,7 +43,7 @@ class LinkChange(Struct, forbid_unknown_fields=True):
     action: Literal["revoke", "renew"]
 
 
-@METHODS.add("studio.doctor", Role.EDIT)
+@METHODS.add("studio.doctor", Role.EDIT, touches=Touches.NOTHING)
 async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
     """Examine the connection to the board without opening the port: a hub has the port open."""
     try:
@@ -59,17 +55,15 @@ async def doctor(caller: PageCaller, params: DoctorAsk) -> DoctorReport:
     return DoctorReport(tuple(shown))
 
 
-@METHODS.add("studio.links", Role.EDIT)
+@METHODS.add("studio.links", Role.EDIT, touches=Touches.HOST)
 def links(caller: PageCaller, params: NoParams) -> LinkList:
-    """Return the links for other machines. Pages opened through a link are refused."""
-    check_local(caller)
+    """Return the links for other machines."""
     return _links(caller)
 
 
-@METHODS.add("studio.links.change", Role.EDIT)
+@METHODS.add("studio.links.change", Role.EDIT, touches=Touches.HOST)
 def links_change(caller: PageCaller, params: LinkChange) -> LinkList:
     """Revoke a link, which also closes the pages opened through the link, or make a new link."""
-    check_local(caller)
     known = caller.studio.links
     if known is None:
         raise RpcError(Code.FORBIDDEN, "the studio is not open to others", remedy="start it with --allow-host")

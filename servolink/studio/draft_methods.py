@@ -8,8 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.messages import NoParams
-from servolink.control.roles import Role
+from servolink.control import NoParams, Role, Touches
 from servolink.errors import ProjectError
 from servolink.studio.drafts import MOST_RECORDS, Edit, Kept
 from servolink.studio.studio_methods import METHODS, PageCaller, Studio
@@ -37,13 +36,13 @@ class DraftSaved(Struct, frozen=True):
     """Kept edits of other pages that won over edits of this page, which were not saved."""
 
 
-@METHODS.add("studio.draft.get", Role.WATCH)
+@METHODS.add("studio.draft.get", Role.WATCH, touches=Touches.NOTHING)
 async def draft_get(caller: PageCaller, params: NoParams) -> DraftNow:
     """Return the unwritten edits. From now on, `studio.draft` reports edits of other pages."""
     return DraftNow(await caller.studio.drafts_of(caller.hub).kept())
 
 
-@METHODS.add("studio.draft.save", Role.EDIT, in_order=True, finishes=True)
+@METHODS.add("studio.draft.save", Role.EDIT, touches=Touches.BOARD, in_order=True, finishes=True)
 async def draft_save(caller: PageCaller, params: DraftSave) -> DraftSaved:
     """Keep each edit, unless another page has edited the record since the revision known to the page."""
     saved, conflicts = await caller.studio.drafts_of(caller.hub).save(params.edits, caller.page.who)

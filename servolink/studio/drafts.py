@@ -17,16 +17,9 @@ from typing import Annotated, Any, Literal, TypeAlias, cast
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.errors import EncodeError, ProjectError
-from servolink.escaping import escape
-from servolink.files import is_name, read_file, reason, write_atomically
-from servolink.json_text import MAX_SIZE
-from servolink.platforms.locks import lock
-from servolink.platforms.user_folders import user_folder
-from servolink.protocol.json_errors import convert
-from servolink.protocol.json_form import json_type
-from servolink.protocol.record_types import STORED_TYPES
-from servolink.tasks import computed
+from servolink.errors import EncodeError, ProjectError, escape
+from servolink.protocol import STORED_TYPES, convert, json_type
+from servolink.support import MAX_SIZE, computed, is_name, lock, read_file, reason, user_folder, write_atomically
 
 MOST_RECORDS = 4096
 """Most records in a draft, discarded edits included."""

@@ -6,22 +6,21 @@ from typing import Any
 
 from msgspec import Struct
 
-from servolink.control.messages import NoParams
-from servolink.control.roles import Role
-from servolink.project.figure import Figure, checked_figure, figure_from_json, figure_to_json
+from servolink.control import NoParams, Role, Touches
+from servolink.project import Figure
 from servolink.studio.kept import read_kept, write_kept
 from servolink.studio.studio_methods import METHODS, PageCaller
-from servolink.tasks import computed
+from servolink.support import computed
 
 
 def read_figure(board: str) -> Figure | None:
     """Return the figure of a board by name; None for a missing or unreadable figure."""
-    return read_kept("figures", board, figure_from_json)
+    return read_kept("figures", board, Figure.from_json)
 
 
 def write_figure(board: str, figure: Figure | None) -> None:
     """Keep the figure of a board, None for none. Raise ProjectError if saving fails."""
-    write_kept("figures", board, None if figure is None else figure_to_json(figure))
+    write_kept("figures", board, None if figure is None else figure.to_json())
 
 
 class FigureNow(Struct, frozen=True):
@@ -38,14 +37,14 @@ class FigureSave(Struct, forbid_unknown_fields=True):
     """None for a template of the page."""
 
 
-@METHODS.add("studio.figure.get", Role.WATCH)
+@METHODS.add("studio.figure.get", Role.WATCH, touches=Touches.NOTHING)
 @computed
 def figure_get(caller: PageCaller, params: NoParams) -> FigureNow:
     """Return the figure of the robot, null for none."""
     return _now(read_figure(caller.hub))
 
 
-@METHODS.add("studio.figure.save", Role.EDIT, in_order=True, finishes=True)
+@METHODS.add("studio.figure.save", Role.EDIT, touches=Touches.HOST, in_order=True, finishes=True)
 async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
     """Keep the figure of the robot. EncodeError names the faulty place in the figure."""
     now = await computed(_save)(caller.hub, params.figure)
@@ -54,10 +53,10 @@ async def figure_save(caller: PageCaller, params: FigureSave) -> FigureNow:
 
 
 def _save(board: str, figure: Figure | None) -> FigureNow:
-    figure = None if figure is None else checked_figure(figure)
+    figure = None if figure is None else figure.checked()
     write_figure(board, figure)
     return _now(figure)
 
 
 def _now(figure: Figure | None) -> FigureNow:
-    return FigureNow(None if figure is None else figure_to_json(figure))
+    return FigureNow(None if figure is None else figure.to_json())

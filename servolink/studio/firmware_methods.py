@@ -7,16 +7,16 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.roles import Role
-from servolink.firmware import compiling, image
+from servolink.control import Role, Touches
+from servolink.firmware import IMAGE, SERVOS, from_uf2, read_settings, to_uf2, with_settings
 from servolink.studio.studio_methods import METHODS, PageCaller
-from servolink.tasks import computed
+from servolink.support import computed
 
 
 class FirmwareAsk(Struct, forbid_unknown_fields=True):
     """Number of servos of the board."""
 
-    servos: Annotated[int, Meta(ge=1, le=image.SERVOS)] = image.SERVOS
+    servos: Annotated[int, Meta(ge=1, le=SERVOS)] = SERVOS
 
 
 class Firmware(Struct, frozen=True):
@@ -27,10 +27,10 @@ class Firmware(Struct, frozen=True):
     """UF2 blocks, in base64."""
 
 
-@METHODS.add("studio.firmware", Role.EDIT)
+@METHODS.add("studio.firmware", Role.EDIT, touches=Touches.HOST)
 @computed
 def firmware(caller: PageCaller, params: FirmwareAsk) -> Firmware:
     """Return the firmware as `servolink firmware install` writes it onto a Pico."""
-    binary = image.from_uf2(compiling.IMAGE.read_bytes())
-    settings = replace(image.read_settings(binary), servos=params.servos)
-    return Firmware(compiling.IMAGE.name, image.to_uf2(image.with_settings(binary, settings)))
+    binary = from_uf2(IMAGE.read_bytes())
+    settings = replace(read_settings(binary), servos=params.servos)
+    return Firmware(IMAGE.name, to_uf2(with_settings(binary, settings)))

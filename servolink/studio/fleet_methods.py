@@ -7,12 +7,11 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.messages import NoParams, Runnable
-from servolink.control.roles import Role
+from servolink.control import NoParams, Role, Runnable, Touches
 from servolink.errors import NotFound
-from servolink.fleet.roster import MOST_BOARDS
+from servolink.fleet import MOST_BOARDS
 from servolink.studio.fleet_view import FleetTiles, FleetView, RunnableName
-from servolink.studio.studio_methods import METHODS, PageCaller, check_local
+from servolink.studio.studio_methods import METHODS, PageCaller
 
 Boards = Annotated[list[Annotated[str, Meta(max_length=64)]], Meta(max_length=MOST_BOARDS)]
 
@@ -81,47 +80,44 @@ class FleetStopped(Struct, frozen=True):
     """Boards that no message can reach."""
 
 
-@METHODS.add("studio.fleet", Role.WATCH)
+@METHODS.add("studio.fleet", Role.WATCH, touches=Touches.NOTHING)
 async def fleet_tiles(caller: PageCaller, params: FleetAsk) -> FleetTiles:
     """Return the boards that have changed since an earlier answer, as soon as one has."""
     return await _fleet_of(caller).changes(params.since)
 
 
-@METHODS.add("studio.fleet.groups", Role.WATCH)
+@METHODS.add("studio.fleet.groups", Role.WATCH, touches=Touches.NOTHING)
 async def fleet_groups(caller: PageCaller, params: NoParams) -> FleetGroups:
     """Return the groups of boards. Raise ServolinkError for a file that cannot be used."""
     fleet = _fleet_of(caller).fleet
     return FleetGroups(dict(await asyncio.to_thread(lambda: fleet.groups)))
 
 
-@METHODS.add("studio.fleet.runnable", Role.EDIT)
+@METHODS.add("studio.fleet.runnable", Role.EDIT, touches=Touches.HOST)
 async def fleet_runnable(caller: PageCaller, params: FleetBoards) -> FleetRunnable:
-    """Return what the boards have to run. Pages opened through a link are refused."""
-    check_local(caller)
+    """Return what the boards have to run."""
     return FleetRunnable(_fleet_of(caller).runnable(params.boards))
 
 
-@METHODS.add("studio.fleet.run", Role.EDIT)
+@METHODS.add("studio.fleet.run", Role.EDIT, touches=Touches.HOST | Touches.MOTION)
 async def fleet_run(caller: PageCaller, params: FleetRunAsk) -> FleetRan:
     """Start an action or a macro on several boards at the same moment, as `servolink fleet run` does.
 
-    Each board checks the run and takes the lease first. If one cannot, nobody starts, unless `anyway`. Pages opened
-    through a link are refused.
+    Each board checks the run and takes the lease first. If one cannot, nobody starts, unless `anyway`.
     """
-    check_local(caller)
     controller = _fleet_of(caller).fleet.controller
-    from servolink.fleet.together import run_by_name  # with paho-mqtt, which a studio without a fleet may lack
+    from servolink.fleet import run_by_name  # with paho-mqtt, which a studio without a fleet may lack
 
     run, boards = params.run, dict.fromkeys(params.boards)
     ran = await run_by_name(controller, boards, run.id, run.type, anyway=params.anyway)
     return FleetRan(ran.started, ran.held_back, ran.failed, ran.may_have_started, tuple(ran.idle_servos))
 
 
-@METHODS.add("studio.fleet.stop", Role.WATCH, is_urgent=True)
+@METHODS.add("studio.fleet.stop", Role.WATCH, touches=Touches.NOTHING, is_urgent=True)
 async def fleet_stop(caller: PageCaller, params: FleetStop) -> FleetStopped:
     """Stop all servos of all boards, or of some, as `servolink fleet stop` does: every page may."""
     controller = _fleet_of(caller).fleet.controller
-    from servolink.fleet.stop_boards import stop_all  # as above
+    from servolink.fleet import stop_all  # as above
 
     found = await stop_all(controller, params.boards)
     return FleetStopped(tuple(found.stopped), found.failed, found.silent, found.offline)

@@ -5,16 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from msgspec import Struct
 
-from servolink.escaping import escape
-from servolink.fleet.roster import BoardSeen
-from servolink.fleet.topics import Stored
-
-if TYPE_CHECKING:
-    from servolink.fleet.client import Fleet
+from servolink.errors import escape
+from servolink.fleet import BoardSeen, Fleet, Stored
 
 MOST_RUNNABLE = 500
 """Most actions and macros offered for several boards."""

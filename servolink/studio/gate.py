@@ -13,7 +13,8 @@ import secrets
 from collections.abc import Iterable
 from typing import TypeAlias
 
-from servolink.control.roles import RoleName
+from servolink.control import RoleName
+from servolink.errors import quote
 
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
 _TOKEN_BYTES = 24
@@ -50,6 +51,11 @@ class Gate:
     def is_ours(self, host: str | None) -> bool:
         """Return whether a request was sent to a name of the studio."""
         return host is not None and host.lower() in self._hosts
+
+    def refusal(self, host: str) -> str:
+        """Return the error for a page at another host: the names under which the studio is reached."""
+        names = ", ".join(sorted(self._hosts))
+        return f"the studio is reached as {names}, not as {quote(host)}; --allow-host adds a name\n"
 
     def is_our_page(self, origin: str | None) -> bool:
         """Return whether a request comes from a page of the studio. Programs other than browsers send no origin."""

@@ -8,12 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from servolink.errors import EncodeError, ProjectError
-from servolink.escaping import escape
-from servolink.files import read_file, reason, write_atomically
-from servolink.json_text import MAX_SIZE, read_json
-from servolink.platforms.user_folders import user_folder
+from servolink.errors import EncodeError, ProjectError, escape
 from servolink.studio.drafts import file_name
+from servolink.support import MAX_SIZE, read_file, read_json, reason, user_folder, write_atomically
 
 T = TypeVar("T")
 _logger = logging.getLogger(__name__)

@@ -8,12 +8,8 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.roles import Role
-from servolink.discovery.names import load_aliases
-from servolink.profiles.listing import profile_names
-from servolink.profiles.profile import BoardProfile
-from servolink.profiles.store import load_profile, save_profile
+from servolink.boards import Aliases, BoardProfile, ProfileFile
+from servolink.control import Code, Role, RpcError, Touches
 from servolink.studio.studio_methods import METHODS, PageCaller
 
 _turn = asyncio.Lock()
@@ -34,7 +30,7 @@ class KeptLimits(Struct, frozen=True):
     angles: dict[int, tuple[float, float]]
 
 
-@METHODS.add("studio.limits.save", Role.EDIT, in_order=True, finishes=True)
+@METHODS.add("studio.limits.save", Role.EDIT, touches=Touches.HOST, in_order=True, finishes=True)
 async def limits_save(caller: PageCaller, params: AngleLimits) -> KeptLimits:
     """Keep the angle limits of a servo in the profile of the board, in force when the board is shared again.
 
@@ -47,15 +43,15 @@ async def limits_save(caller: PageCaller, params: AngleLimits) -> KeptLimits:
 
 
 def _save(name: str, params: AngleLimits) -> dict[int, tuple[float, float]]:
-    if name not in load_aliases() and name not in profile_names():
+    if name not in Aliases.load() and name not in ProfileFile.names():
         raise RpcError(
             Code.INVALID_REQUEST,
             "limits are kept by the name of a board, and this board has no name",
             remedy="in a terminal: `servolink name NAME ADDRESS`, then `servolink studio --board NAME`",
         )
-    profile = load_profile(name) or BoardProfile()
+    profile = ProfileFile(name).load() or BoardProfile()
     angles = {servo: pair for servo, pair in profile.limits.angles.items() if servo != params.servo}
     if params.low is not None and params.high is not None:
         angles[params.servo] = params.low, params.high
-    save_profile(name, replace(profile, limits=replace(profile.limits, angles=angles)))
+    ProfileFile(name).save(replace(profile, limits=replace(profile.limits, angles=angles)))
     return angles

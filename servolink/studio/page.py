@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from typing import Annotated
+from hashlib import sha256
+from typing import Annotated, Any, Protocol
 
 import msgspec
-from aiohttp import WSCloseCode, WSMsgType, web
 from msgspec import Meta, Struct
 
-from servolink.control.greeting import VERSION, Greeting, Welcome
-from servolink.control.peer import MOST_BYTES, Peer
-from servolink.control.roles import Role, RoleName
-from servolink.control.share_address import greet
+from servolink.boards import BoardProfile, ProfileInUse
+from servolink.control import Greeting, Origin, Peer, Role, RoleName, Touches, Welcome, greet
 from servolink.errors import OpenError
-from servolink.json_text import read_json
-from servolink.profiles.profile import BoardProfile, ProfileInUse
+from servolink.hub import METHODS as HUB_METHODS
 from servolink.studio import (  # modules that add their methods on import
     block_methods,
     board_methods,
@@ -31,8 +28,9 @@ from servolink.studio import (  # modules that add their methods on import
     robot_methods,
     twin_methods,
 )
-from servolink.studio.gate import Gate
 from servolink.studio.studio_methods import METHODS, MOST_NAME, PageCaller, Studio
+from servolink.support import read_json
+from servolink.transports import Pace
 
 __all__ = [
     "MOST_MESSAGE",
@@ -51,13 +49,16 @@ __all__ = [
     "twin_methods",
 ]
 
-MOST_MESSAGE = MOST_BYTES
+MOST_MESSAGE = Peer.MOST_BYTES
 MOST_UNREAD = 64
 """Most unread messages of the studio to a page; beyond the limit, only the necessary ones are sent."""
-_TOKEN_LIMIT = 5.0  # seconds for the first message
-_MOST_LINE = 8 * MOST_BYTES  # bytes in a line of the hub
-_BAD_TOKEN, _NO_HUB, _MOVING = 4401, 4404, 4410  # codes for closing the socket
+_MOST_LINE = 8 * Peer.MOST_BYTES  # bytes in a line of the hub
+OK, NO_HUB, MOVING = 1000, 4404, 4410
+"""Codes with which a page is disconnected: at the end, without a hub, and as the studio goes on to another board."""
 _OWN = "studio."
+_STOPS = ("stop", "studio.fleet.stop")
+_REFUSED = {name: method for name, method in HUB_METHODS.items() if Touches.HOST in method.scope.touches}
+"""Methods of the hub that are refused to links."""
 
 
 class Hello(Struct, forbid_unknown_fields=True):
@@ -76,35 +77,36 @@ class _Named(Struct):
     method: str = ""
 
 
-async def serve_page(studio: Studio, gate: Gate, messages: web.WebSocketResponse, admit: Callable[[], None]) -> None:
-    """Talk with a page until it is closed, or the hub ends; call `admit` when it shows a token."""
-    hello = await _hello(messages)
-    role = None if hello is None else gate.role_of(hello.token)
-    if hello is None or role is None:
-        await messages.close(code=_BAD_TOKEN, message=b"open the address that the studio prints")
-        return
-    admit()
-    is_link = studio.is_link(hello.token)
+class Line(Protocol):
+    """Messages to a page and back, whatever carries them."""
+
+    async def receive(self) -> str | None:
+        """Return the next message of the page; None once the page is gone."""
+        ...
+
+    async def send(self, text: str) -> None:
+        """Send a message. Raise ConnectionError if the page is gone."""
+
+    async def close(self, code: int, why: str = "") -> None:
+        """Disconnect the page, with a code and a reason of at most 120 bytes."""
+
+
+async def serve_page(studio: Studio, hello: Hello, role: RoleName, line: Line, *, is_link: bool = False) -> None:
+    """Talk with an admitted page until it is closed, or the hub ends."""
     try:
         if hello.leaves and role == "edit" and not is_link:
             await studio.use("", hello.who)
-        async with _connected(studio, hello.who, role) as (welcome, reader, writer):
+        async with _connected(studio, hello, role) as (welcome, reader, writer):
             first = await studio.welcome(welcome, is_link=is_link)
-            await messages.send_str(msgspec.json.encode(first).decode())
-            await _Page(studio, role, hello, welcome, messages, reader, writer, is_link=is_link).talk()
+            await line.send(msgspec.json.encode(first).decode())
+            await _Page(studio, role, hello, welcome, line, reader, writer, is_link=is_link).talk()
     except OpenError as error:
-        await messages.close(code=_NO_HUB, message=str(error).encode()[:120])
-
-
-async def _hello(messages: web.WebSocketResponse) -> Hello | None:
-    with suppress(TimeoutError, msgspec.MsgspecError, TypeError):
-        return msgspec.json.decode(await messages.receive_str(timeout=_TOKEN_LIMIT), type=Hello)
-    return None
+        await line.close(NO_HUB, str(error))
 
 
 @asynccontextmanager
 async def _connected(
-    studio: Studio, who: str, role: RoleName
+    studio: Studio, hello: Hello, role: RoleName
 ) -> AsyncIterator[tuple[Welcome, asyncio.StreamReader, asyncio.StreamWriter | None]]:
     """Connect to the control interface of the hub for a page. Raise OpenError if there is no hub.
 
@@ -112,10 +114,11 @@ async def _connected(
     """
     reader = asyncio.StreamReader(limit=_MOST_LINE)
     if not studio.hub:
-        yield Welcome(servolink=VERSION, session="", name="", url="", role=role), reader, None
+        yield Welcome(servolink=Welcome.VERSION, session="", name="", url="", role=role), reader, None
         return
     protocol = asyncio.StreamReaderProtocol(reader)
-    greeting = Greeting(wants="rpc", who=_name_for_hub(who), role=role)
+    group = sha256(hello.token.encode()).hexdigest()
+    greeting = Greeting(wants="rpc", who=_name_for_hub(hello.who), role=role, group=group)
     pipe, welcome = await greet(studio.hub, greeting, protocol)
     protocol.connection_made(pipe)
     writer = asyncio.StreamWriter(pipe, protocol, reader, asyncio.get_running_loop())
@@ -135,25 +138,37 @@ class _Page:
         role: RoleName,
         hello: Hello,
         welcome: Welcome,
-        messages: web.WebSocketResponse,
+        line: Line,
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter | None,
         *,
         is_link: bool,
     ) -> None:
-        self._messages = messages
+        self._line = line
         self._reader = reader
         self._writer = writer
+        self._pace = Pace(studio.turns[hello.token])
         self._responses: asyncio.Queue[bytes | None] = asyncio.Queue()  # None ends the conversation
         self._ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._code: int = WSCloseCode.OK
+        self._code = OK
         self._studio = studio
         self.token = hello.token
         self.is_link = is_link
         self.who = hello.who
         self.hub = welcome.name
         caller = PageCaller(studio, welcome.url, self, welcome.name, _profile_in(welcome))
-        self._own = Peer(METHODS, lambda: caller, self._respond, self._abort, role=Role.parse(role))
+        methods: dict[str, Any] = {**_REFUSED, **METHODS} if is_link else {**METHODS}
+        origin = Origin.LINK if is_link else Origin.HERE
+        reading = studio.readings[hello.token]
+        self._own = Peer(
+            methods,
+            lambda: caller,
+            self._respond,
+            self._abort,
+            role=Role.parse(role),
+            origin=origin,
+            reading=reading,
+        )
 
     async def talk(self) -> None:
         """Carry messages until one side ends."""
@@ -171,29 +186,33 @@ class _Page:
                 task.cancel()
             await asyncio.wait(tasks)
             await self._own.close()
-        await self._messages.close(code=self._code)
+        await self._line.close(self._code)
 
     async def _from_page(self) -> None:
-        async for message in self._messages:
-            if message.type is not WSMsgType.TEXT:
-                return
-            text: str = message.data
-            if self._writer is None or (method := _method(text)) in METHODS or method.startswith(_OWN):
+        while (text := await self._line.receive()) is not None:
+            await self._pace.keep(len(text), is_stop=len(text) < Peer.LARGE and _method(text) in _STOPS)
+            if self._writer is None or not self._is_for_hub(_method(text)):
                 self._own.receive(text)
             else:
                 # A line for each message; line breaks in JSON occur only between values.
                 self._writer.write(text.replace("\n", " ").replace("\r", " ").encode("utf-8", "surrogatepass") + b"\n")
                 await self._writer.drain()
 
+    def _is_for_hub(self, method: str) -> bool:
+        """Return whether the hub carries out a method; through a link, not an undeclared one of a later hub."""
+        if method in METHODS or method.startswith(_OWN):
+            return False
+        return not self.is_link or (method in HUB_METHODS and method not in _REFUSED)
+
     async def _from_hub(self) -> None:
         with suppress(ConnectionError, ValueError):  # ValueError: a line that is too long
             while line := await self._reader.readline():
-                await self._messages.send_str(line.decode())
+                await self._line.send(line.decode())
 
     async def _from_studio(self) -> None:
         with suppress(ConnectionError):
             while (response := await self._responses.get()) is not None:
-                await self._messages.send_str(response.decode())
+                await self._line.send(response.decode())
                 if self._own.is_paused and self._responses.empty():
                     self._own.resume()
 
@@ -220,7 +239,7 @@ class _Page:
 
     def leave(self) -> None:
         """Disconnect after the messages that wait, so that the page connects again, to another board."""
-        self._code = _MOVING
+        self._code = MOVING
         self._responses.put_nowait(None)
 
     def _abort(self, _reason: str) -> None:

@@ -6,19 +6,13 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from servolink.control.messages import ProjectExported, ProjectForm
-from servolink.control.roles import Role
+from servolink.boards import ProfileInUse
+from servolink.control import ProjectExported, ProjectForm, Role, Touches
 from servolink.errors import ProjectError
-from servolink.json_text import write_json
-from servolink.motion.movement import INTERVAL_UNIT
-from servolink.profiles.profile import ProfileInUse
-from servolink.project.model import Project
-from servolink.project.preflight import preflight
-from servolink.project.project_file import ProjectFile, parse_project_file, project_from_form, project_to_form
-from servolink.project.transfer.backups import BackupStore
-from servolink.project.validate import Diagnostic, validate_project
+from servolink.motion import INTERVAL_UNIT
+from servolink.project import BackupStore, Diagnostic, Project, ProjectFile, preflight, validate_project
 from servolink.studio.studio_methods import METHODS, PageCaller
-from servolink.tasks import computed
+from servolink.support import computed, write_json
 
 
 class FileText(Struct, forbid_unknown_fields=True):
@@ -60,29 +54,29 @@ class BackupNumber(Struct, forbid_unknown_fields=True):
     number: Annotated[int, Meta(ge=0)]
 
 
-@METHODS.add("studio.file.read", Role.WATCH)
+@METHODS.add("studio.file.read", Role.WATCH, touches=Touches.NOTHING)
 @computed
 def file_read(caller: PageCaller, params: FileText) -> ProjectExported:
     """Return the project in the text of a file. ProjectError names the fault and the place."""
-    return ProjectExported(_form_of(parse_project_file(params.text)))
+    return ProjectExported(_form_of(ProjectFile.parse(params.text)))
 
 
-@METHODS.add("studio.file.write", Role.WATCH)
+@METHODS.add("studio.file.write", Role.WATCH, touches=Touches.NOTHING)
 @computed
 def file_write(caller: PageCaller, params: SomeProject) -> FileContent:
     """Return the text of the file for a project, as `servolink export` writes it."""
-    return FileContent(write_json(_form_of(project_from_form(params.project))))
+    return FileContent(write_json(_form_of(ProjectFile.of_form(params.project))))
 
 
 def _form_of(file: ProjectFile) -> dict[str, Any]:
-    return project_to_form(file.project, unchecked=file.unchecked, figure=file.figure, blocks=file.blocks)
+    return ProjectFile(file.project, unchecked=file.unchecked, figure=file.figure, blocks=file.blocks).form()
 
 
-@METHODS.add("studio.check", Role.WATCH)
+@METHODS.add("studio.check", Role.WATCH, touches=Touches.NOTHING)
 @computed
 def check(caller: PageCaller, params: SomeProject) -> Checked:
     """Return faults and oddities of a project, and movements too fast or too far for the board."""
-    found = findings(project_from_form(params.project).project, caller.profile)
+    found = findings(ProjectFile.of_form(params.project).project, caller.profile)
     ordered = sorted(found, key=lambda one: one.severity != "error")
     return Checked(tuple(Found(one.path, one.text, one.severity) for one in ordered))
 
@@ -98,7 +92,7 @@ def findings(project: Project, profile: ProfileInUse | None) -> list[Diagnostic]
     return found + preflight(project, limits=profile.limits, interval_unit=interval_unit)
 
 
-@METHODS.add("studio.backup", Role.EDIT)
+@METHODS.add("studio.backup", Role.EDIT, touches=Touches.NOTHING)
 @computed
 def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
     """Return the content of a backup. ProjectError for an unknown number or a changed backup."""
@@ -108,4 +102,4 @@ def backup(caller: PageCaller, params: BackupNumber) -> ProjectExported:
         raise ProjectError(f"there is no backup {params.number}; look at the list of backups again")
     project = store.load(path)
     is_odd = any(one.severity == "error" for one in validate_project(project))
-    return ProjectExported(project_to_form(project, unchecked=is_odd))
+    return ProjectExported(ProjectFile(project, unchecked=is_odd).form())

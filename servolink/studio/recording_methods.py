@@ -9,11 +9,9 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.roles import Role
-from servolink.files import open_file, reason
-from servolink.platforms.user_folders import user_folder
+from servolink.control import Code, Role, RpcError, Touches
 from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.support import open_file, reason, user_folder
 
 _PIECE = 256 * 1024
 _NAME = re.compile(r"[\w][\w.-]{0,120}\.mcap", re.ASCII)
@@ -35,7 +33,7 @@ class RecordingPiece(Struct, frozen=True):
     """Size of the whole file in bytes, growing during recording."""
 
 
-@METHODS.add("studio.recording.read", Role.RUN)
+@METHODS.add("studio.recording.read", Role.RUN, touches=Touches.NOTHING)
 async def recording_read(caller: PageCaller, params: RecordingPart) -> RecordingPiece:
     """Return the piece of a recording that begins at `offset`; an empty piece at the end."""
     if not _NAME.fullmatch(params.name):

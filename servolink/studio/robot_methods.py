@@ -8,18 +8,13 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from servolink.control.messages import Done, NoParams
-from servolink.control.roles import Role
-from servolink.discovery.names import Alias, load_aliases
-from servolink.discovery.search import boards, is_same_place, search
-from servolink.doctor import Finding
-from servolink.doctor.examine import checks_before_opening
-from servolink.doctor.system import SystemFacts
-from servolink.errors import ServolinkError
-from servolink.escaping import escape
+from servolink.boards import Aliases, boards, search
+from servolink.control import Done, NoParams, Role, Touches
+from servolink.doctor import Finding, SystemFacts, checks_before_opening
+from servolink.errors import ServolinkError, escape
 from servolink.studio.fleet_view import FleetView
-from servolink.studio.studio_methods import METHODS, PageCaller, check_local
-from servolink.transports.device_info import DeviceInfo
+from servolink.studio.studio_methods import METHODS, PageCaller
+from servolink.transports import DeviceInfo
 
 _SHARED = "share://"
 _MOST_ADDRESS = 500
@@ -72,41 +67,36 @@ class HubName(Struct, forbid_unknown_fields=True):
     name: Annotated[str, Meta(max_length=_MOST_ADDRESS)]
 
 
-@METHODS.add("studio.boards", Role.EDIT)
+@METHODS.add("studio.boards", Role.EDIT, touches=Touches.HOST)
 async def studio_boards(caller: PageCaller, params: NoParams) -> FoundBoards:
-    """Return the boards on this machine without opening any. Pages opened through a link are refused."""
-    check_local(caller)
+    """Return the boards on this machine without opening any."""
     view = caller.studio.fleet
     return FoundBoards(await asyncio.to_thread(_found, caller), () if view is None else _far_boards(view))
 
 
-@METHODS.add("studio.use", Role.EDIT, in_order=True)
+@METHODS.add("studio.use", Role.EDIT, touches=Touches.HOST, in_order=True)
 async def use(caller: PageCaller, params: BoardAddress) -> Done:
     """Connect to a board, and show it on all pages in place of the present board, whose servos are stopped first.
 
     Every page gets the notification `studio.moving`, and is disconnected. Without an address the studio has no board.
-    Pages opened through a link are refused.
     """
-    check_local(caller)
     hub = await caller.studio.robots.open(params.url) if params.url else ""
     await caller.studio.use(hub, caller.page.who)
     return Done()
 
 
-@METHODS.add("studio.share", Role.EDIT, in_order=True)
+@METHODS.add("studio.share", Role.EDIT, touches=Touches.HOST, in_order=True)
 async def share(caller: PageCaller, params: BoardAddress) -> HubName:
-    """Connect to a board for other programs, beside the present board. Pages opened through a link are refused."""
-    check_local(caller)
+    """Connect to a board for other programs, beside the present board."""
     return HubName(await caller.studio.robots.open(params.url))
 
 
-@METHODS.add("studio.give_back", Role.EDIT, in_order=True)
+@METHODS.add("studio.give_back", Role.EDIT, touches=Touches.HOST, in_order=True)
 async def give_back(caller: PageCaller, params: HubName) -> Done:
     """End the sharing of a board by the studio, so that its port is free; pages that show the board leave it first.
 
-    The content of a new virtual board is lost. Pages opened through a link are refused.
+    The content of a new virtual board is lost.
     """
-    check_local(caller)
     if params.name == caller.studio.hub:
         await caller.studio.use("", caller.page.who)
     await caller.studio.robots.give_back(params.name)
@@ -131,12 +121,12 @@ def _tcp(claimed: str | None) -> str:
 
 def _found(caller: PageCaller) -> tuple[FoundBoard, ...]:
     try:
-        aliases = load_aliases()
+        aliases = Aliases.load()
     except ServolinkError:  # `servolink use` says what is wrong with the file
-        aliases = {}
+        aliases = Aliases()
     found = boards(search())
     ours = {caller.url, f"{_SHARED}{caller.studio.hub}"} - {"", _SHARED}
-    named = {name: next((one for one in found if _is_called(one, alias)), None) for name, alias in aliases.items()}
+    named = {name: next((one for one in found if alias.fits(one)), None) for name, alias in aliases.items()}
     names = {one.url: name for name, one in named.items() if one is not None}
     absent = [(DeviceInfo(aliases[name].url), name) for name, one in named.items() if one is None]
     places = [one for one in absent if not aliases[one[1]].serial_number]
@@ -144,12 +134,6 @@ def _found(caller: PageCaller) -> tuple[FoundBoard, ...]:
         _described(caller, one, name, is_ours=one.url in ours)
         for one, name in [*((one, names.get(one.url, "")) for one in found), *places]
     )
-
-
-def _is_called(board: DeviceInfo, alias: Alias) -> bool:
-    if alias.serial_number:
-        return alias.identity.fits(board.identity)
-    return any(is_same_place(alias.url, url) for url in (board.url, board.shares) if url)
 
 
 def _described(caller: PageCaller, board: DeviceInfo, name: str, *, is_ours: bool) -> FoundBoard:

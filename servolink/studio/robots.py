@@ -11,16 +11,13 @@ from typing import Any
 
 import msgspec
 
-from servolink.client.board import Board
-from servolink.control.channel import RpcChannel, open_channel
-from servolink.control.greeting import Greeting
-from servolink.control.status import HubStatus
-from servolink.discovery import hubs
-from servolink.errors import OpenError, Reason, ServolinkError
-from servolink.escaping import escape
+from servolink.boards import running_hubs
+from servolink.client import Board
+from servolink.control import Greeting, HubStatus, RpcChannel, open_channel
+from servolink.errors import OpenError, Reason, ServolinkError, escape
 from servolink.hub import serve_board
-from servolink.project.project_file import parse_project
-from servolink.protocol.record_types import RECORD_TYPES
+from servolink.project import ProjectFile
+from servolink.protocol import RECORD_TYPES
 
 VIRTUAL = "virtual://?servos=16"
 """Address of a new virtual board with the demo: some actions, macros and buttons."""
@@ -89,14 +86,14 @@ def _name_for(address: str) -> str | None:
     """Return a free name for the hub of a virtual board; None for the name of any other board."""
     if not address.startswith("virtual:"):
         return None
-    taken = {hub.url for hub in hubs.candidates()}
+    taken = {hub.url for hub in running_hubs()}
     names = (f"virtual-{number}" if number > 1 else "virtual" for number in count(1))
     return next(name for name in names if f"{_SHARED}{name}" not in taken)
 
 
 async def _store_demo(board: Board) -> None:
     """Store the demo on a new virtual board."""
-    demo = parse_project((files("servolink.studio") / "demo.servolink.json").read_bytes())
+    demo = ProjectFile.parse((files("servolink.studio") / "demo.servolink.json").read_bytes()).project
     for kind in RECORD_TYPES:
         for record in getattr(demo, kind.field):
             await board.request(kind.add(record))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Iterable, Sequence
 from contextlib import asynccontextmanager, suppress
-from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 from socket import socket
@@ -14,20 +13,31 @@ from typing import Any
 from aiohttp import web
 
 from servolink.errors import OpenError
-from servolink.files import read_file, write_atomically
-from servolink.listeners.accept import accepting
-from servolink.listeners.tcp import listening_sockets
-from servolink.platforms.user_folders import user_folder
-from servolink.studio.connections import HEADERS, Connections, PageConnection
 from servolink.studio.docs_pages import docs_page, page_names
 from servolink.studio.draft_methods import follow_drafts
 from servolink.studio.drafts import file_name
 from servolink.studio.gate import Gate
-from servolink.studio.page import MOST_MESSAGE, serve_page
-from servolink.studio.page_files import PageFile, page_files
+from servolink.studio.static_files import PageFile, page_files
 from servolink.studio.studio_methods import Studio
-from servolink.tasks import computed
+from servolink.studio.web_socket import serve_web_socket
+from servolink.support import computed, read_file, user_folder, write_atomically
+from servolink.transports import HttpServing, NetworkPlace
 
+HEADERS = {
+    # Forbids other origins, inline code and frames.
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
+        "connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Cache-Control": "no-cache",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+}
+"""Headers of each response."""
 _WRONG_HOST = 421
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -44,16 +54,17 @@ async def serve_studio(
     listening = await _listening(studio, host, port)
     used: int = listening[0].getsockname()[1]
     gate = Gate(used, allowed_hosts, _own_host([each.getsockname()[0] for each in listening]))
-    connections = Connections()
     runner = web.AppRunner(application(studio, gate), handle_signals=False, shutdown_timeout=1.0)
     try:
         await runner.setup()
         assert runner.server is not None  # noqa: S101 - narrows the type
-        async with accepting(listening, partial(connections.serve, runner.server)), _beside(follow_drafts(studio)):
-            yield gate, used
+        serving = HttpServing(runner.server, HEADERS)
+        async with serving.accepting(listening), _beside(follow_drafts(studio)):
+            try:
+                yield gate, used
+            finally:
+                await runner.cleanup()
     finally:
-        connections.close()
-        await runner.cleanup()
         for each in listening:
             each.close()
 
@@ -71,8 +82,8 @@ async def _beside(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
 async def _listening(studio: Studio, host: str, port: int) -> list[socket]:
     for last in last_ports(studio.hub) if port == 0 else []:
         with suppress(OpenError):
-            return await listening_sockets(host, last)
-    listening = await listening_sockets(host, port)
+            return await NetworkPlace(host, last).listen()
+    listening = await NetworkPlace(host, port).listen()
     if port == 0:
         keep_port(studio.hub, listening[0].getsockname()[1])
     return listening
@@ -96,10 +107,7 @@ def application(studio: Studio, gate: Gate) -> web.Application:
     async def talk(request: web.Request) -> web.StreamResponse:
         if not gate.is_our_page(request.headers.get("Origin")):
             raise web.HTTPForbidden(text="this is not a page of the studio\n")
-        messages = web.WebSocketResponse(max_msg_size=MOST_MESSAGE, compress=False, heartbeat=15)
-        await messages.prepare(request)
-        await serve_page(studio, gate, messages, _connection(request).admit)
-        return messages
+        return await serve_web_socket(studio, gate, request, HttpServing.connection_of(request).stranger)
 
     async def show(request: web.Request) -> web.StreamResponse:
         if (name := request.match_info["name"]) not in page_names():
@@ -112,12 +120,6 @@ def application(studio: Studio, gate: Gate) -> web.Application:
     for path, file in files.items():
         app.router.add_get(path, _sending(file))
     return app
-
-
-def _connection(request: web.Request) -> PageConnection:
-    connection = request.protocol
-    assert isinstance(connection, PageConnection)  # noqa: S101 - narrows the type
-    return connection
 
 
 def _sending(file: PageFile) -> _Handler:
@@ -133,9 +135,9 @@ def _sending(file: PageFile) -> _Handler:
 def _checked(gate: Gate) -> Callable[..., Awaitable[web.StreamResponse]]:
     @web.middleware
     async def check(request: web.Request, handler: _Handler) -> web.StreamResponse:
-        _connection(request).heard()
+        await HttpServing.connection_of(request).heard()
         if not gate.is_ours(request.headers.get("Host")):
-            return web.Response(status=_WRONG_HOST, text="the studio is not reached under this name\n", headers=HEADERS)
+            return web.Response(status=_WRONG_HOST, text=gate.refusal(request.host), headers=HEADERS)
         try:
             response = await handler(request)
         except web.HTTPException as error:

@@ -10,11 +10,11 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from servolink.discovery.resolving import resolve_board
+from servolink.boards import resolve_board
 from servolink.errors import OpenError
-from servolink.platforms.user_folders import user_folder
 from servolink.studio.robots import VIRTUAL, Robots
 from servolink.studio.studio_methods import Studio
+from servolink.support import user_folder
 
 
 @asynccontextmanager

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 import asyncio
+from collections import defaultdict
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
+from typing import Annotated, NamedTuple, Protocol
 
 import msgspec
 from msgspec import Meta, Struct
 
-from servolink.control.error_codes import Code, RpcError
-from servolink.control.greeting import Welcome
-from servolink.control.messages import NoParams
-from servolink.control.peer import Methods
-from servolink.control.roles import Role, RoleName
-from servolink.discovery import announcements
+from servolink.boards import ProfileInUse, announced_boards
+from servolink.control import Methods, NoParams, Peer, Role, RoleName, Touches, Welcome
 from servolink.errors import OpenError, Reason
-from servolink.profiles.profile import ProfileInUse
 from servolink.studio.drafts import Drafts
+from servolink.studio.fleet_view import FleetView
 from servolink.studio.gate import Token
 from servolink.studio.links import Links
 from servolink.studio.robots import Robots, stop_before_leaving
 from servolink.studio.studio_twin import Twin
-from servolink.twin.simulation import is_installed
-
-if TYPE_CHECKING:
-    from servolink.studio.fleet_view import FleetView
+from servolink.twin import is_installed
 
 MOST_NAME = 60
 """Characters of the name of a page."""
@@ -79,6 +73,10 @@ class Studio:
         self.fleet: FleetView | None = None
         """Boards at a broker; None without a broker."""
         self.twin = Twin()
+        self.turns = defaultdict[Token, asyncio.Lock](asyncio.Lock)
+        """Turns of the messages that are paced, by the token of their pages."""
+        self.readings = defaultdict[Token, asyncio.Semaphore](lambda: asyncio.Semaphore(Peer.MOST_READING))
+        """Requests without changes that are carried out at the same time, likewise."""
         self._turn = asyncio.Lock()
         self.begin(hub)
 
@@ -137,7 +135,7 @@ class Studio:
 
 def _is_virtual(address: str) -> bool:
     """Return whether a board is simulated, as far as this machine knows."""
-    return address.startswith("virtual:") or any(one.url == address for one in announcements.candidates())
+    return address.startswith("virtual:") or any(one.url == address for one in announced_boards())
 
 
 class Welcomed(Struct, frozen=True):
@@ -153,7 +151,7 @@ class Welcomed(Struct, frozen=True):
     """Whether the board is virtual, so that nothing real moves."""
     profile: msgspec.Raw
     is_link: bool
-    """Whether the page was opened through a link, so that it chooses no robot and runs nothing on a fleet."""
+    """Whether the page was opened through a link, so that it changes nothing of this computer, and no other board."""
     has_fleet: bool
     """Whether the studio sees a fleet."""
 
@@ -194,23 +192,15 @@ class PageCaller(NamedTuple):
 METHODS: Methods[PageCaller] = Methods()
 
 
-def check_local(caller: PageCaller) -> None:
-    """Raise RpcError for a page that was opened through a link."""
-    if caller.page.is_link:
-        raise RpcError(
-            Code.FORBIDDEN, "this page was opened through a link", remedy="use the page on the machine of the studio"
-        )
-
-
-@METHODS.add("rename", Role.WATCH)  # in place of the hub's, which gives any name
-@METHODS.add("studio.rename", Role.WATCH)
+@METHODS.add("rename", Role.WATCH, touches=Touches.SESSION)  # in place of the hub's, which gives any name
+@METHODS.add("studio.rename", Role.WATCH, touches=Touches.SESSION)
 def rename(caller: PageCaller, params: PageName) -> PageName:
     """Change the name of the page for people."""
     caller.page.rename(params.who)
     return params
 
 
-@METHODS.add("studio.about", Role.WATCH)
+@METHODS.add("studio.about", Role.WATCH, touches=Touches.NOTHING)
 def about(caller: PageCaller, params: NoParams) -> About:
     """Return the version of servolink, and whether this computer has physics for a twin."""
     return About(version("servolink"), is_installed())

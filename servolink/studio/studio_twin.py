@@ -13,17 +13,10 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 from servolink.errors import ProjectError
-from servolink.project.figure import Figure, checked_figure, figure_to_json
-from servolink.project.model import Project
-from servolink.project.record_lookup import by_type, dependency_order
-from servolink.project.single_record import project_of
-from servolink.protocol.record_types import ACTION, MACRO, type_of
-from servolink.protocol.records import Action, Macro
-from servolink.tasks import computed
-from servolink.twin.jobs import FRAME, Frame, Judged, Reached, judge, play, pull
-from servolink.twin.placement import Vector
-from servolink.twin.trial import Fall
-from servolink.twin.worker import Worker
+from servolink.project import Figure, Project, dependency_order, project_of
+from servolink.protocol import ACTION, MACRO, Action, Macro, RecordType
+from servolink.support import computed
+from servolink.twin import Fall, Frame, Judged, PhysicsProcess, Reached, Vector
 
 MOST_VERDICTS: Final = 4096
 """Verdicts that are kept, the latest."""
@@ -40,20 +33,20 @@ class Robot:
     @classmethod
     def of(cls, project: Project, figure: Figure) -> Robot:
         """Return the robot of a figure. Raise EncodeError for a figure that cannot be drawn."""
-        return cls(project, json.dumps(figure_to_json(checked_figure(figure))).encode())
+        return cls(project, json.dumps(figure.checked().to_json()).encode())
 
     def key(self, record: Action | Macro) -> bytes:
         """Return a key that changes with the figure, a record of the project, and each record run by it.
 
         Raise ProjectError for a duplicate id in the project.
         """
-        kind = type_of(record)
+        kind = RecordType.of(record)
         return self._keys[kind.field, kind.id_of(record)]
 
     @cached_property
     def _keys(self) -> dict[tuple[str, int], bytes]:
         """Keys of all actions and macros; that of a macro is made from the keys of the records that it runs."""
-        shelves = by_type(self.project)
+        shelves = self.project.by_type()
         macros: dict[int, Macro] = shelves[MACRO.field]
         of_figure = hashlib.sha256(self.figure)
 
@@ -75,7 +68,7 @@ class Twin:
 
     def __init__(self) -> None:
         """Know no verdicts yet."""
-        self._worker = Worker()
+        self._worker = PhysicsProcess()
         self._verdicts = dict[bytes, Judged | None]()
         self._turn = asyncio.Lock()
         self._latest = WeakKeyDictionary[object, dict[str, object]]()
@@ -108,7 +101,7 @@ class Twin:
 
     async def _judge(self, robot: Robot, record: Action | Macro) -> Judged | None:
         project = await computed(project_of)(robot.project, record)  # all records take long to pass to the process
-        work = self._worker.run(judge, robot.figure, project, record, is_background=True)
+        work = self._worker.judge(robot.figure, project, record)
         with suppress(ProjectError):
             async with aclosing(work) as pieces:
                 async for piece in pieces:
@@ -126,18 +119,17 @@ class Twin:
         now = asyncio.get_running_loop().time
         due = now()
         project = await computed(project_of)(robot.project, record)
-        async with aclosing(self._worker.run(play, robot.figure, project, record)) as pieces:
+        async with aclosing(self._worker.play(robot.figure, project, record)) as pieces:
             async for piece in pieces:
                 due = max(due, now())  # a slow computer shows the run slowly, and leaves nothing out
                 for frame in piece.frames:
                     await asyncio.sleep(due - now())
-                    due += FRAME
+                    due += Frame.SECONDS
                     yield frame, piece.fall
 
     async def pull(self, figure: bytes, joint: str, move: Vector, start: dict[int, float]) -> Reached:
         """Return the pose after the tip of a joint was pulled, as `servolink.twin.jobs.pull` does."""
-        (reached,) = [each async for each in self._worker.run(pull, figure, joint, move, start)]
-        return reached
+        return await self._worker.pull(figure, joint, move, start)
 
     async def close(self) -> None:
         """End the process with the physics."""

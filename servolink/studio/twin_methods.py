@@ -10,20 +10,14 @@ from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta, Struct
 
-from servolink.control.messages import NoParams, ProjectForm
-from servolink.control.roles import Role
+from servolink.control import NoParams, ProjectForm, Role, Touches
 from servolink.errors import NotFound
-from servolink.project.figure import Figure
-from servolink.project.model import Project
-from servolink.project.project_file import project_from_form
-from servolink.project.record_lookup import by_type
-from servolink.protocol.record_types import ACTION, MACRO, type_of
-from servolink.protocol.records import Action, Macro
+from servolink.project import Figure, Project, ProjectFile
+from servolink.protocol import ACTION, MACRO, Action, Macro, RecordType
 from servolink.studio.studio_methods import METHODS, PageCaller
 from servolink.studio.studio_twin import Robot
-from servolink.tasks import computed
-from servolink.twin.jobs import Judged, Reached
-from servolink.twin.trial import Fall
+from servolink.support import computed
+from servolink.twin import Fall, Judged, Reached
 
 Coordinate: TypeAlias = Annotated[float, Meta(ge=-10_000, le=10_000)]
 ServoId: TypeAlias = Annotated[str, Meta(pattern="^[0-9]{1,3}$")]
@@ -90,7 +84,7 @@ class Verdicts(Struct, frozen=True):
     verdicts: tuple[RecordVerdict, ...]
 
 
-@METHODS.add("studio.twin.try", Role.WATCH)
+@METHODS.add("studio.twin.try", Role.WATCH, touches=Touches.NOTHING)
 async def twin_try(caller: PageCaller, params: TwinRecord, report: Callable[[TwinFrame], None]) -> Tried:
     """Run a record on the twin, and report the robot 50 times a second.
 
@@ -111,27 +105,27 @@ async def twin_try(caller: PageCaller, params: TwinRecord, report: Callable[[Twi
 
 
 def _found(params: TwinRecord) -> tuple[Robot, Action | Macro]:
-    project = project_from_form(params.project).project
+    project = ProjectFile.of_form(params.project).project
     kind = ACTION if params.type == "action" else MACRO
-    record = by_type(project)[kind.field].get(params.id)
+    record = project.by_type()[kind.field].get(params.id)
     if record is None:
         raise NotFound(f"the project has no {kind.label} {params.id}")
     return Robot.of(project, params.figure), record
 
 
-@METHODS.add("studio.twin.stop", Role.WATCH)
+@METHODS.add("studio.twin.stop", Role.WATCH, touches=Touches.NOTHING)
 def twin_stop(caller: PageCaller, params: NoParams) -> None:
     """End the run of this page on the twin."""
     caller.studio.twin.begin(caller.page, "run")
 
 
-@METHODS.add("studio.twin.verdicts", Role.WATCH)
+@METHODS.add("studio.twin.verdicts", Role.WATCH, touches=Touches.NOTHING)
 async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callable[[Verdicts], None]) -> Verdicts:
     """Return the verdicts about all macros and actions, and report those known at once, and each that is made.
 
     The work ends early with the next call of this method by the same page. TwinError says why there is no twin.
     """
-    robot = await computed(lambda: Robot.of(project_from_form(params.project).project, params.figure))()
+    robot = await computed(lambda: Robot.of(ProjectFile.of_form(params.project).project, params.figure))()
     twin = caller.studio.twin
     is_wanted = twin.begin(caller.page, "verdicts")
     records: list[Action | Macro] = [*robot.project.actions, *robot.project.macros]
@@ -149,7 +143,7 @@ async def twin_verdicts(caller: PageCaller, params: TwinProject, report: Callabl
     return Verdicts(tuple(found))
 
 
-@METHODS.add("studio.twin.reach", Role.WATCH)
+@METHODS.add("studio.twin.reach", Role.WATCH, touches=Touches.NOTHING)
 async def twin_reach(caller: PageCaller, params: TwinPull) -> Reached:
     """Return the angles with which a hand, a foot or a head goes where it was pulled, or as near as possible."""
     figure = (await computed(Robot.of)(Project(), params.figure)).figure
@@ -161,7 +155,7 @@ def _verdicts(record: Action | Macro, judged: Judged | None) -> tuple[RecordVerd
     """Return the verdict about a record, if there is one."""
     if judged is None:
         return ()
-    kind = type_of(record)
+    kind = RecordType.of(record)
     return (RecordVerdict(kind.label, kind.id_of(record), judged.verdict, _fall_at(judged.fall)),)
 
 

@@ -8,11 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
 
-from servolink.control.roles import RoleName
-from servolink.fleet.access import broker_access
-from servolink.fleet.join import LocalBoard, LocalFleet
-from servolink.fleet.policy import BoardPolicy, FleetFile
-from servolink.fleet.topics import Topics
+from servolink.control import RoleName
+from servolink.fleet import BoardPolicy, BrokerAccess, FleetFile, LocalBoard, LocalFleet, Topics
 from servolink.studio.robots import VIRTUAL, Robots
 from tests.fleet.mosquitto import Broker
 from tests.processes import LIMIT
@@ -37,7 +34,7 @@ def classroom(broker: Broker, **allowed: RoleName) -> Iterator[Joined]:
         for name in allowed:
             hubs[name] = await robots.open(VIRTUAL)
         policies = FleetFile(boards={name: BoardPolicy(allow) for name, allow in allowed.items()})
-        fleet = LocalFleet(broker_access(broker.url), Topics(), policies, hz=5.0)
+        fleet = LocalFleet(BrokerAccess.of(broker.url), Topics(), policies, hz=5.0)
         members = [LocalBoard(hub, name) for name, hub in hubs.items()]
         joining = asyncio.ensure_future(fleet.join(members, ready.set))
         ended = asyncio.ensure_future(ending.wait())

@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import pytest
 from aiohttp import ClientWebSocketResponse, WSMsgType, WSServerHandshakeError
 from msgspec import inspect
 
-from servolink.control.error_codes import Code
-from servolink.control.peer import Method
-from servolink.control.roles import Role, RoleName
-from servolink.hub.methods.control_session import METHODS as HUB_METHODS
+from servolink.boards import BoardProfile, ProfileFile, SafetyLimits
+from servolink.control import Code, Role, RoleName, Touches
+from servolink.hub import METHODS as HUB_METHODS
+from servolink.studio import page as page_module
+from servolink.studio.links import Links
 from servolink.studio.studio_methods import METHODS as OWN_METHODS
 from tests.studio.serving import Place, run, welcomed
 
@@ -44,13 +46,36 @@ ROLES: dict[RoleName, str] = {
     """,
 }
 """The least role for each method. A method that is not here fails the test: decide who may call it."""
-METHODS: dict[str, Method[Any]] = {**HUB_METHODS, **OWN_METHODS}
+TOUCHES = {
+    "session": """
+        board.hold board.release buttons.subscribe buttons.unsubscribe lease.ask lease.beat lease.give lease.take
+        limits.tighten question.answer question.ask question.show question.withdraw rename servos.ack servos.unwatch
+        servos.watch studio.rename tap.start tap.stop
+    """,
+    "session, motion": "move.end run.prepare run.start stream.begin stream.send",
+    "motion": "move release run servo.set",
+    "motion, board": "project.apply project.rollback",
+    "board": "board.mode records.delete records.put studio.blocks.save studio.draft.save",
+    "host": """
+        recorder.mark recorder.start recorder.stop studio.boards studio.figure.save studio.firmware
+        studio.fleet.runnable studio.give_back studio.limits.save studio.links studio.links.change studio.share
+        studio.use
+    """,
+    "motion, host": "studio.fleet.run",
+}
+"""What each method touches. A method that is not here, and touches something, fails the test."""
+METHODS: dict[str, Any] = {**HUB_METHODS, **OWN_METHODS}
 _DEFECT = -32603
 
 
 def test_each_method_has_the_role_of_the_table() -> None:
     found = {name: str(Role(method.role)) for name, method in METHODS.items()}
     assert found == {name: role for role, names in ROLES.items() for name in names.split()}
+
+
+def test_each_method_touches_what_the_table_says() -> None:
+    found = {name: method.scope.words for name, method in METHODS.items() if method.scope.touches}
+    assert found == {name: words for words, names in TOUCHES.items() for name in names.split()}
 
 
 def example(kind: inspect.Type) -> Any:
@@ -117,6 +142,61 @@ def test_a_link_calls_what_its_role_allows_and_nothing_else(role: RoleName) -> N
                 await answer(owner, "servo.set", {"servo": "all", "start": True, "hold": True})  # it may stop
                 after = await kept(owner)
                 assert after == before
+
+    run(test)
+
+
+def host_files(folder: Path) -> dict[Path, bytes]:
+    """Return the files of this computer, without the drafts and the blocks of boards, and copies of their content."""
+    own = {"drafts", "blocks", "backups", "imports"}
+    found = {path.relative_to(folder): path for path in folder.rglob("*") if path.is_file() and not path.is_socket()}
+    return {name: path.read_bytes() for name, path in found.items() if not own & set(name.parts)}
+
+
+@pytest.mark.parametrize("role", ["edit", "watch"])
+def test_a_link_changes_nothing_of_this_computer_whatever_it_calls(
+    role: RoleName, user: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(user / "config"))
+    ProfileFile("virtual").save(BoardProfile(limits=SafetyLimits(angles={1: (-10, 10)})))
+
+    async def test(place: Place) -> None:
+        place.studio.links = links = Links(place.gate, 80, ("robot.local",))
+        (token,) = [each.address.partition("token=")[2] for each in links.addresses() if each.role == role]
+        async with place.page() as page:
+            await welcomed(page, token)
+            before = host_files(user)
+            assert before
+            refused = dict[str, str]()
+            for name, params in calls():
+                error = (await answer(page, name, params)).get("error", {})
+                if error.get("code") == Code.FORBIDDEN:
+                    refused[name] = error["message"]
+            assert host_files(user) == before
+            assert links.addresses()
+            assert place.studio.hub == "virtual"
+        own = {name for name, method in METHODS.items() if Touches.HOST in method.scope.touches}
+        assert set(refused) >= own
+        if role == "edit":
+            assert set(refused) == own
+            assert set(refused.values()) == {"this page was opened through a link"}
+
+    run(test)
+
+
+def test_a_method_of_a_later_hub_is_not_passed_on_for_a_link(monkeypatch: pytest.MonkeyPatch) -> None:
+    declared = {name: method for name, method in HUB_METHODS.items() if name != "battery"}
+    monkeypatch.setattr(page_module, "HUB_METHODS", declared)
+
+    async def test(place: Place) -> None:
+        place.studio.links = Links(place.gate, 80, ("robot.local",))
+        tokens = [place.gate.new_token("edit")]
+        tokens += [each.address.partition("token=")[2] for each in place.studio.links.addresses()]
+        for token in tokens:
+            async with place.page() as page:
+                await welcomed(page, token)
+                assert ("result" in await answer(page, "battery", {})) == (token == tokens[0])
+                assert "result" in await answer(page, "servos.list", {})
 
     run(test)
 

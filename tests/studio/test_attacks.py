@@ -1,6 +1,7 @@
 """Pages that send too much, read nothing, or show their secret where it does not belong.
 
-Modules: servolink.studio.connections, servolink.studio.page.
+Modules: servolink.transports.listeners.http_connections, servolink.transports.listeners.strangers,
+servolink.studio.page.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from typing import Any
 
 import pytest
-from aiohttp import WSMsgType
+from aiohttp import WSCloseCode, WSMsgType
 
-from servolink.studio import connections
-from servolink.studio.connections import HEADERS, PageConnection
 from servolink.studio.gate import Gate
+from servolink.studio.links import Links
 from servolink.studio.page import MOST_MESSAGE, MOST_UNREAD
+from servolink.studio.server import HEADERS
+from servolink.transports import HttpConnection, HttpServing
+from tests.open_files import allow_files
 from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -70,7 +73,7 @@ async def silent(place: Place, begin: bytes = b"") -> AsyncIterator[asyncio.Stre
 def test_a_connection_that_sends_no_request_is_closed_and_a_page_is_not(
     begin: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "HEAD_LIMIT", 0.05)
+    monkeypatch.setattr(HttpServing, "HEAD_LIMIT", 0.05)
 
     async def test(place: Place) -> None:
         async with place.page() as page:
@@ -105,14 +108,14 @@ FIRST = {
 def test_connections_without_a_token_are_few_whatever_they_send_first(
     first: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "most_connections", lambda: 8)
+    allow_files(monkeypatch, 64)  # 16 strangers
 
     async def test(place: Place) -> None:
         begin = first.replace("{host}", place.address.removeprefix("http://")).encode()
         token = place.gate.new_token("edit")
         async with place.page() as page, AsyncExitStack() as stack:
             await welcomed(page, token)
-            readers = [await stack.enter_async_context(silent(place, begin)) for _ in range(20)]
+            readers = [await stack.enter_async_context(silent(place, begin)) for _ in range(28)]
             for reader in readers[:12]:  # the oldest
                 with suppress(ConnectionError):
                     while await reader.read(1 << 16):
@@ -124,11 +127,42 @@ def test_connections_without_a_token_are_few_whatever_they_send_first(
     run(test)
 
 
-def test_strangers_may_have_a_quarter_of_the_descriptors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("servolink.listeners.accept.most_open_files", lambda: 400)
-    assert connections.Connections()._most == 100
-    monkeypatch.setattr("servolink.listeners.accept.most_open_files", lambda: 1 << 20)
-    assert connections.Connections()._most == connections.MOST_STRANGERS
+def test_pages_of_a_link_are_few_and_leave_room_for_the_owner(monkeypatch: pytest.MonkeyPatch) -> None:
+    allow_files(monkeypatch, 128)
+
+    async def test(place: Place) -> None:
+        place.studio.links = Links(place.gate, 1, ("robot.local",))
+        link = place.studio.links.addresses()[0].address.partition("#token=")[2]
+        async with AsyncExitStack() as stack:
+            pages = [await stack.enter_async_context(place.page()) for _ in range(9)]
+            for page in pages[:8]:
+                await welcomed(page, link)
+            await pages[8].send_json({"token": link})
+            message = await pages[8].receive()
+            assert (message.type, message.data) == (WSMsgType.CLOSE, WSCloseCode.TRY_AGAIN_LATER)
+            assert message.extra == "too many pages are open through this link; close some"
+            owner = await stack.enter_async_context(place.page())
+            await welcomed(owner, place.gate.new_token("edit"))
+            assert (await call(owner, "stop"))["result"] == {}
+            await pages[0].close()
+            later = await stack.enter_async_context(place.page())
+            await welcomed(later, link)
+
+    run(test)
+
+
+def test_pings_of_a_page_are_answered_and_a_flood_of_them_closes_it() -> None:
+    async def test(place: Place) -> None:
+        async with place.http.ws_connect(
+            f"{place.address}/ws", headers={"Origin": place.address}, autoping=False
+        ) as page:
+            await welcomed(page, place.gate.new_token("edit"))
+            await page.ping(b"x")
+            await page.ping()
+            assert (await page.receive()).type is WSMsgType.PONG
+            assert (await page.receive()).type is WSMsgType.CLOSE
+
+    run(test)
 
 
 WRONG = {
@@ -180,7 +214,12 @@ def test_a_connection_that_ends_before_its_response_leaves_no_trace(
     first: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.handler.filters.clear()  # as above
-    monkeypatch.setattr(PageConnection, "heard", lambda connection: connection.transport.abort())
+
+    async def aborted(connection: HttpConnection) -> None:
+        assert connection.transport is not None
+        connection.transport.abort()
+
+    monkeypatch.setattr(HttpConnection, "heard", aborted)
 
     async def test(place: Place) -> None:
         host = place.address.removeprefix("http://")
@@ -238,7 +277,7 @@ def test_a_page_that_floods_and_reads_nothing_is_closed_and_others_are_served() 
         async with place.page() as page, place.page() as other:
             await welcomed(page, token)
             flooding: Any = next(iter(place.studio.pages))
-            flooding._messages.send_str = lambda _: asyncio.Event().wait()  # as long as nothing is read
+            flooding._line.send = lambda _: asyncio.Event().wait()  # as long as nothing is read
             await welcomed(other, token)
             for _ in range(4 * MOST_UNREAD):
                 await page.send_json({"jsonrpc": "2.0", "id": 1, "method": "studio.about"})

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from servolink.platforms.user_folders import user_folder
+from servolink.support import user_folder
 from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from servolink import sync
-from servolink.discovery import hubs
-from servolink.protocol.records import MacroCommand, Step
+from servolink.boards import running_hubs
+from servolink.protocol import MacroCommand, Step
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import Studio, found_by_axe, go, in_browser, opened, running
@@ -51,7 +51,7 @@ def blocks(browser: Any, url: str, size: str = "desktop") -> Iterator[Any]:
 def place(user: Path, browser: Any) -> Iterator[Place]:
     program = BoardProgram(user, "--servos", "4")
     with wire_to(program.url) as wire, running("studio", "--board", wire.url) as url:
-        [hub] = hubs.candidates()
+        [hub] = running_hubs()
         with sync.connect(hub.url) as board, blocks(browser, url) as page:
             yield Place(page, wire, board)
     program.kill()

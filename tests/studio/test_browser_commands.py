@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from servolink import sync
-from servolink.discovery import hubs
-from servolink.project.project_file import load_project
+from servolink.boards import running_hubs
+from servolink.project import load_project
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import DEMO, in_browser, opened, running, show
@@ -58,7 +58,7 @@ def place(chromium: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
         patch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
         program = BoardProgram(folder, "--servos", "16")
         with wire_to(program.url) as wire, running("studio", "--board", wire.url) as url:
-            [hub] = hubs.candidates()
+            [hub] = running_hubs()
             with sync.connect(hub.url) as board:
                 board.apply_project(load_project(DEMO), backup=False)
                 with opened(chromium, url) as page:

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from servolink import sync
-from servolink.fleet.topics import BoardNow
+from servolink.fleet import BoardNow
 from tests.fleet.bridged import TOPICS, far_away
 from tests.fleet.mosquitto import Broker, needs_broker
 from tests.processes import finish, start, until

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.hostile.corpus import PAYLOADS, controls
-from tests.hostile.world import World
+from tests.proofs.hostile.corpus import PAYLOADS, controls
+from tests.proofs.hostile.world import World
 from tests.studio.browser import SCREENS, Studio, in_browser, opened, running, show
 
 pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")
@@ -36,7 +36,7 @@ _CHANGE_ALL = """async () => {
   }));
 }"""
 _STRANGE = (
-    "script:not([src='/app.js']), iframe, object, embed, base, body img, [onerror], [onload], [href^='javascript:' i]"
+    "script:not([src='app.js']), iframe, object, embed, base, body img, [onerror], [onload], [href^='javascript:' i]"
 )
 _MEETS = """() => {
   const labels = [...document.querySelectorAll(".padsvg .lab")].map((label) => label.getBoundingClientRect());

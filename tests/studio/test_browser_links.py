@@ -73,6 +73,31 @@ def test_links_watch_and_drive_until_they_are_revoked(classroom: Classroom, brow
         expect(watching.get_by_text("This page may only watch.")).to_be_visible()
 
 
+OF_THE_OWNER = {
+    "Board": ["Fit a figure", "New link"],
+    "Servos": ["Measure", "Turn it the other way"],
+    "Record": ["Record"],
+}
+"""Buttons by screen that change settings and files of the computer."""
+
+
+def test_a_link_that_drives_is_offered_nothing_of_the_computer(classroom: Classroom, browser: Any) -> None:
+    with opened(browser, classroom.here) as here, opened(browser, classroom.drive) as driving:
+        here.get_by_role("link", name="Board").click()
+        here.get_by_role("button", name="Revoke").last.click()  # so that a new link can be made
+        for screen, buttons in OF_THE_OWNER.items():
+            for page in (here, driving):
+                go(page, screen)
+                expect(page.locator(".rail a[aria-current]")).to_have_text(screen)
+                page.locator(".screen h1, .screen h2, main h2").first.wait_for()
+            for name in buttons:
+                expect(here.get_by_role("button", name=name, exact=True)).to_have_count(1)
+                expect(driving.get_by_role("button", name=name, exact=True)).to_have_count(0)
+        go(driving, "Servos")
+        expect(driving.get_by_role("heading", name="Limits", exact=True)).to_be_visible()
+        assert driving.get_by_label("Lowest angle").count() == 0
+
+
 def test_a_page_has_its_new_name_at_once(classroom: Classroom, browser: Any) -> None:
     with opened(browser, classroom.here) as here, opened(browser, classroom.drive) as other:
         for page in (here, other):

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.project_file import load_project
+from servolink.project import Project, load_project
 from tests.processes import until
 from tests.studio.browser import DEMO, Studio, in_browser, opened, show
 

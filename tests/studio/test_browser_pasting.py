@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from servolink.protocol.records import ServoParameter
+from servolink.protocol import ServoParameter
 from tests.studio.browser import SIZES, Studio, found_by_axe, go, in_browser, new_profile, opened, running
 from tests.studio.node_tools import needs_npm
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from servolink.errors import ServolinkError
-from servolink.gateways.supervisor import supervised
+from servolink.gateways import supervised
 from tests.studio.browser import Studio, in_browser, new_profile, opened
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the extra browser is not installed")

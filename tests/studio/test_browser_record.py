@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from servolink.recorder.channels import Event, ServosRead
-from servolink.recorder.reading import Recording
+from servolink.recorder import Event, Recording, ServosRead
 from tests.processes import until
 from tests.studio.browser import Studio, in_browser, opened, show
 

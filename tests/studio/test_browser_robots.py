@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from servolink import sync
-from servolink.firmware import image
+from servolink.firmware import ImageSettings, from_uf2, read_settings
 from tests.processes import finish, start, until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import (
@@ -165,8 +165,8 @@ def test_the_firmware_of_a_pico_is_saved_from_the_page(nothing: str, browser: An
         with page.expect_download() as download:
             page.get_by_role("button", name="Save the firmware").click()
         assert download.value.suggested_filename == "servolink-pico.uf2"
-        binary = image.from_uf2(Path(download.value.path()).read_bytes())
-        assert image.read_settings(binary) == replace(image.ImageSettings(), servos=6)
+        binary = from_uf2(Path(download.value.path()).read_bytes())
+        assert read_settings(binary) == replace(ImageSettings(), servos=6)
 
 
 def test_an_address_is_typed_and_a_wrong_one_says_why(nothing: str, arm: str, browser: Any) -> None:

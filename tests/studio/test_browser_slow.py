@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from servolink.platforms.user_folders import user_folder
+from servolink.support import user_folder
 from tests.processes import until
 from tests.studio.board_program import BoardProgram
 from tests.studio.browser import Studio, go, in_browser, new_profile, opened, show

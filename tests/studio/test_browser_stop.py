@@ -64,3 +64,26 @@ def test_a_tap_on_stop_reaches_the_board_over_each_dialog(user: Path, browser: A
             dialog.get_by_role("button", name="Close").click()
             expect(dialog).to_have_count(0)
     program.kill()
+
+
+_NO_STORAGE = """() => ["localStorage", "sessionStorage"].forEach(name =>
+  Object.defineProperty(window, name, { get() { throw new DOMException("blocked", "SecurityError"); } }))"""
+
+
+def test_a_page_whose_browser_keeps_nothing_works_and_stops(user: Path, browser: Any) -> None:
+    """Cookies are blocked for the site: reading what the browser keeps is an error."""
+    program = BoardProgram(user, "--servos", "4")
+    profile = browser.new_context(viewport={"width": 1440, "height": 900}, locale="en-GB")
+    profile.add_init_script(f"({_NO_STORAGE})()")
+    with (
+        wire_to(program.url) as wire,
+        running("studio", "--board", wire.url) as url,
+        opened(browser, url, profile=profile) as page,
+    ):
+        for _ in range(2):
+            expect(page.get_by_label("Target of servo 1,")).to_be_enabled()
+            before = wire.count(_SERVO_STATE)
+            page.locator(".stop:visible").click()
+            until(lambda: _STOP_ALL in wire.sent_of(_SERVO_STATE)[before:])  # noqa: B023 - waits here
+            page.reload()
+    program.kill()

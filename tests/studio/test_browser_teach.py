@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.project.project_file import project_to_form
+from servolink.project import ProjectFile
 from tests.processes import until
 from tests.studio.browser import Studio, go, in_browser, opened
 
@@ -79,7 +79,7 @@ def test_two_poses_become_actions_and_a_macro(studio: Studio, browser: Any) -> N
         go(page, "Project")
         page.get_by_role("button", name="Write").first.click()
         until(lambda: "Raise it" in {macro.macro_caption for macro in studio.board.macros()})
-    stored = project_to_form(studio.board.export_project())["actions"]
+    stored = ProjectFile(studio.board.export_project()).form()["actions"]
     first_steps, second_steps = (one["steps"] for one in stored if one["action_caption"].startswith("Raise it"))
     assert [(step["servo_id"], step["interval_ms"]) for step in second_steps] == [(each, 2500) for each in _RIGHT_ARM]
     assert (first_steps[1]["degree"], second_steps[1]["degree"]) == (first, 40)

@@ -6,9 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from servolink.project.mirror import Mirror, other_side, partners_by_caption
-from servolink.protocol.records import ServoParameter, Step
-from servolink.studio.page_files import page_files
+from servolink.project import Mirror, other_side, partners_by_caption
+from servolink.protocol import ServoParameter, Step
+from servolink.studio.static_files import page_files
 from tests.studio.web_code import call_all, needs_node
 
 pytestmark = needs_node

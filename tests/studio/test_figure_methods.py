@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
-from servolink.platforms.user_folders import user_folder
-from servolink.project.figure import figure_from_json
+from servolink.project import Figure
 from servolink.studio.figure_methods import read_figure, write_figure
+from servolink.support import user_folder
 from tests.studio.serving import Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -60,7 +60,7 @@ def test_what_is_no_figure_is_refused(change: dict[str, Any], place_of: str) -> 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"figure": 9}', b"\xff"])
 def test_a_damaged_figure_counts_as_none(content: bytes, caplog: pytest.LogCaptureFixture) -> None:
-    write_figure("robbie", figure_from_json(FIGURE))
+    write_figure("robbie", Figure.from_json(FIGURE))
     assert read_figure("robbie") is not None
     (path,) = (user_folder("data") / "figures").iterdir()
     path.write_bytes(content)

@@ -11,8 +11,7 @@ from typing import Any
 
 import msgspec
 
-from servolink.fleet.roster import Roster
-from servolink.fleet.topics import OFFLINE, ONLINE, BoardNow, Stored
+from servolink.fleet import OFFLINE, ONLINE, BoardNow, Roster, Stored
 from servolink.studio.fleet_view import FleetView
 
 

@@ -7,17 +7,14 @@ from typing import Any
 import pytest
 
 from servolink.errors import ProjectError
-from servolink.project.build import build_project
-from servolink.project.model import Project
-from servolink.project.project_file import project_to_form
-from servolink.project.teaching import PoseRecorder, refuse_duplicate
-from servolink.protocol.records import Action, Macro
+from servolink.project import PoseRecorder, Project, ProjectFile, build_project
+from servolink.protocol import Action, Macro
 from tests.studio.web_code import call_all, needs_node
 
 pytestmark = needs_node
 
 _LESSON = "state/lesson.js"
-_EMPTY: dict[str, Any] = {**project_to_form(Project()), "actions": [], "macros": []}
+_EMPTY: dict[str, Any] = {**ProjectFile(Project()).form(), "actions": [], "macros": []}
 _TIMES = [1.0, 1.204, 1.274, 1.28, 4.0, 900.0]
 _POSES = [{2: 0, 3: 10}, {2: 15, 3: 10}, {2: -90, 3: 0}, {2: -90, 3: 0}, {2: 0, 3: 1}, {2: 0, 3: 0}]
 
@@ -43,7 +40,7 @@ def test_poses_get_the_times_of_the_command_line() -> None:
 
 def test_a_lesson_becomes_the_records_of_the_command_line() -> None:
     (made,) = call_all([(_LESSON, "withLesson", [_EMPTY, "Wave", film()])])
-    expected = project_to_form(build_project(taught().record()))
+    expected = ProjectFile(build_project(taught().record())).form()
     for macro in expected["macros"]:  # the page adds the durations with every edit of its draft
         macro["commands"] = [{**command, "total_interval_ms": 0} for command in macro["commands"]]
     assert made["project"]["actions"] == expected["actions"]
@@ -75,13 +72,13 @@ def test_a_name_must_leave_room_for_the_number() -> None:
 
 
 def form(project: Project) -> dict[str, Any]:
-    whole = project_to_form(project)
+    whole = ProjectFile(project).form()
     return {"actions": whole["actions"], "macros": whole["macros"]}
 
 
 def is_refused(project: Project, name: str) -> bool:
     try:
-        refuse_duplicate(project, name)
+        PoseRecorder.refuse_duplicate(project, name)
     except ProjectError:
         return True
     return False

@@ -12,10 +12,7 @@ from typing import Any
 
 import pytest
 
-from servolink.discovery.names import Alias, save_alias
-from servolink.profiles.profile import BoardProfile, SafetyLimits
-from servolink.profiles.store import load_profile, save_profile
-from servolink.studio import limit_methods
+from servolink.boards import Alias, Aliases, BoardProfile, ProfileFile, SafetyLimits
 from tests.studio.serving import Place, call, run, welcomed
 
 
@@ -32,11 +29,11 @@ async def saved(place: Place, servo: int, low: float | None, high: float | None)
 
 
 def test_limits_are_added_to_the_profile_and_removed_again() -> None:
-    save_profile("virtual", BoardProfile(limits=SafetyLimits(speed_cap=90, angles={1: (-10, 10)})))
+    ProfileFile("virtual").save(BoardProfile(limits=SafetyLimits(speed_cap=90, angles={1: (-10, 10)})))
 
     async def test(place: Place) -> None:
         assert (await saved(place, 3, -20, 30))["result"] == {"angles": {"1": [-10, 10], "3": [-20, 30]}}
-        profile = load_profile("virtual")
+        profile = ProfileFile("virtual").load()
         assert profile is not None
         assert profile.limits == SafetyLimits(speed_cap=90, angles={1: (-10, 10), 3: (-20, 30)})
         assert (await saved(place, 1, None, None))["result"] == {"angles": {"3": [-20, 30]}}
@@ -45,11 +42,11 @@ def test_limits_are_added_to_the_profile_and_removed_again() -> None:
 
 
 def test_a_board_with_a_name_and_no_profile_gets_a_profile() -> None:
-    save_alias("virtual", Alias("tcp://robot:1"))
+    Aliases.save("virtual", Alias("tcp://robot:1"))
 
     async def test(place: Place) -> None:
         assert "result" in await saved(place, 3, -20, 30)
-        assert load_profile("virtual") is not None
+        assert ProfileFile("virtual").load() is not None
 
     run(test)
 
@@ -59,26 +56,28 @@ def test_limits_of_a_board_without_a_name_are_refused_with_a_remedy() -> None:
         error = (await saved(place, 3, -20, 30))["error"]
         assert "has no name" in error["message"]
         assert "servolink name" in error["data"]["remedy"]
-        assert load_profile("virtual") is None
+        assert ProfileFile("virtual").load() is None
         assert "above the highest" in (await saved(place, 3, 30, -20))["error"]["message"]
 
     run(test)
 
 
 def test_pages_that_save_together_keep_the_limits_of_both(monkeypatch: pytest.MonkeyPatch) -> None:
-    save_profile("virtual", BoardProfile())
+    ProfileFile("virtual").save(BoardProfile())
     both = Barrier(2)
 
-    def load_with_another(name: str) -> BoardProfile | None:
+    load = ProfileFile.load
+
+    def load_with_another(file: ProfileFile) -> BoardProfile | None:
         with suppress(BrokenBarrierError):
             both.wait(0.1)
-        return load_profile(name)
+        return load(file)
 
-    monkeypatch.setattr(limit_methods, "load_profile", load_with_another)
+    monkeypatch.setattr(ProfileFile, "load", load_with_another)
 
     async def test(place: Place) -> None:
         await asyncio.gather(*(saved(place, servo, -20, 30) for servo in (3, 4)))
-        profile = load_profile("virtual")
+        profile = ProfileFile("virtual").load()
         assert profile is not None
         assert profile.limits.angles == {3: (-20, 30), 4: (-20, 30)}
 
@@ -87,15 +86,15 @@ def test_pages_that_save_together_keep_the_limits_of_both(monkeypatch: pytest.Mo
 
 def test_limits_belong_to_the_board_of_the_page_also_while_the_studio_changes_it() -> None:
     for name in ("virtual", "other"):
-        save_profile(name, BoardProfile())
+        ProfileFile(name).save(BoardProfile())
 
     async def test(place: Place) -> None:
         async with place.page() as page:
             await welcomed(page, place.gate.new_token("edit"))
             place.studio.begin("other")
             assert "result" in await call(page, "studio.limits.save", servo=3, low=-20, high=30)
-        assert load_profile("other") == BoardProfile()
-        profile = load_profile("virtual")
+        assert ProfileFile("other").load() == BoardProfile()
+        profile = ProfileFile("virtual").load()
         assert profile is not None
         assert profile.limits.angles == {3: (-20, 30)}
 

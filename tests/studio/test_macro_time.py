@@ -8,12 +8,17 @@ from typing import Any
 
 import pytest
 
-from servolink.project.model import Project
-from servolink.project.project_file import project_to_form
-from servolink.project.record_lookup import durations, wrong_durations
-from servolink.project.speed import RecordRun
-from servolink.protocol.json_form import record_from_json, record_to_json
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, MacroPlaying, Step
+from servolink.project import Project, ProjectFile, RecordRun, durations, wrong_durations
+from servolink.protocol import (
+    Action,
+    Macro,
+    MacroCommand,
+    MacroCommandType,
+    MacroPlaying,
+    Step,
+    record_from_json,
+    record_to_json,
+)
 from tests.studio.web_code import call_all, needs_node
 
 pytestmark = needs_node
@@ -47,7 +52,7 @@ def _project() -> Project:
 
 
 PROJECTS = [_project() for _ in range(60)]
-FORMS = [project_to_form(each) for each in PROJECTS]
+FORMS = [ProjectFile(each).form() for each in PROJECTS]
 
 
 def played(project: Project, macro_id: int, slowness: float = 1.0) -> tuple[list[tuple[Any, ...]], float]:
@@ -106,7 +111,7 @@ def test_durations_are_those_of_the_package() -> None:
 def test_a_macro_that_runs_itself_has_no_course() -> None:
     command = MacroCommand(1, MacroCommandType.MACRO.value)
     project = Project(macros=(Macro(1, "one", (command,)), Macro(2, "caller", (command,)), Macro(3, "good")))
-    found = call_all([(_MODULE, "courseOf", [project_to_form(project), macro_id]) for macro_id in (1, 2, 3)])
+    found = call_all([(_MODULE, "courseOf", [ProjectFile(project).form(), macro_id]) for macro_id in (1, 2, 3)])
     assert [course is None for course in found] == [True, True, False]
 
 
@@ -115,7 +120,7 @@ def test_an_edit_keeps_the_durations_of_all_callers_right() -> None:
     step, slow = Step(1, 10, 50), Step(1, 10, 90)
     run, call = MacroCommand(1, 0, 50, 2, 2000), MacroCommand(1, 2, 100, 3, 6000)
     before = Project(actions=(Action(1, "a", (step,)),), macros=(Macro(1, "m", (run,)), Macro(2, "n", (call,))))
-    form = project_to_form(before)
+    form = ProjectFile(before).form()
     after = {**form, "actions": [record_to_json(Action(1, "a", (slow,)))]}
     (found,) = call_all([("state/durations.js", "withDurations", [form, after])])
     macros = tuple(record_from_json(Macro, each) for each in found["macros"])

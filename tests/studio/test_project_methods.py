@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from servolink import Action, Macro, MacroCommand, Project, Step
-from servolink.profiles.profile import BoardProfile, ProfileInUse, SafetyLimits
-from servolink.project.project_file import format_project, parse_project
-from servolink.project.transfer.backups import BackupStore
+from servolink.boards import BoardProfile, ProfileInUse, SafetyLimits
+from servolink.project import BackupStore, ProjectFile
 from servolink.studio.project_methods import findings
 from tests.studio.serving import Place, call, run, welcomed
 
@@ -32,7 +31,7 @@ def test_a_file_is_read_and_written_as_the_command_line_does() -> None:
         project = (await called(place, "studio.file.read", text=TEXT))["result"]["project"]
         assert [one["action_id"] for one in project["actions"]] == [1, 2]
         text = (await called(place, "studio.file.write", project=project))["result"]["text"]
-        assert text == format_project(parse_project(TEXT))
+        assert text == ProjectFile(ProjectFile.parse(TEXT).project).text()
 
     run(test)
 
@@ -106,7 +105,7 @@ def test_movements_are_checked_against_the_limits_of_the_board() -> None:
 
 def test_a_backup_can_be_looked_at() -> None:
     async def test(place: Place) -> None:
-        BackupStore().keep(parse_project(TEXT), "virtual://", "utf-8")
+        BackupStore().keep(ProjectFile.parse(TEXT).project, "virtual://", "utf-8")
         project = (await called(place, "studio.backup", number=1))["result"]["project"]
         assert [one["action_id"] for one in project["actions"]] == [1, 2]
         assert "no backup 2" in (await called(place, "studio.backup", number=2))["error"]["message"]

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from servolink.control.error_codes import Code
-from servolink.control.roles import RoleName
+from servolink.control import Code, RoleName
 from tests.studio.serving import Place, call, run, welcomed
 
 

@@ -14,15 +14,13 @@ from typing import Any
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
-from servolink.client.connect import connect
-from servolink.discovery import names
-from servolink.discovery.names import Alias, save_alias
+from servolink.boards import Alias, Aliases
+from servolink.client import connect
 from servolink.studio.links import Links
 from servolink.studio.robots import VIRTUAL
 from servolink.studio.server import serve_studio
 from servolink.studio.start import studio_for
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.virtual import VirtualBoard, serve
 from tests.studio.serving import LIMIT, Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -204,9 +202,9 @@ def test_a_page_leaves_a_board_whose_hub_has_ended_unless_a_link_opened_it() -> 
 
 
 def test_boards_that_have_a_name_are_listed_by_it(user: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(names, "aliases_path", lambda: user / "boards.toml")
-    save_alias("rex", Alias("tcp://127.0.0.1:1"))
-    save_alias("far", Alias("/dev/ttyACM9", serial_number="7"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(user))
+    Aliases.save("rex", Alias("tcp://127.0.0.1:1"))
+    Aliases.save("far", Alias("/dev/ttyACM9", serial_number="7"))
 
     async def test(place: Place) -> None:
         async with place.page() as page:

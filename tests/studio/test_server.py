@@ -1,6 +1,7 @@
 """The studio lets in pages that were loaded from it and know the token, and carries what they ask to the hub.
 
-Modules: servolink.studio.draft_methods, servolink.studio.start, servolink.studio.studio_methods.
+Modules: servolink.studio.draft_methods, servolink.studio.start, servolink.studio.studio_methods,
+servolink.studio.web_socket.
 """
 
 from __future__ import annotations
@@ -13,16 +14,14 @@ import pytest
 from aiohttp import ClientSession, WSMsgType, WSServerHandshakeError
 
 from servolink.errors import OpenError
-from servolink.hub.serving import serve_board
-from servolink.platforms.user_folders import user_folder
+from servolink.hub import serve_board
 from servolink.studio import draft_methods
-from servolink.studio.connections import HEADERS
 from servolink.studio.robots import VIRTUAL
-from servolink.studio.server import keep_port, last_ports, serve_studio
+from servolink.studio.server import HEADERS, keep_port, last_ports, serve_studio
 from servolink.studio.start import studio_for
 from servolink.studio.studio_methods import Studio
-from servolink.virtual.board import VirtualBoard
-from servolink.virtual.serve import serve
+from servolink.support import user_folder
+from servolink.virtual import VirtualBoard, serve
 from tests.studio.serving import LIMIT, Place, call, run, welcomed
 
 pytestmark = pytest.mark.usefixtures("user")
@@ -55,6 +54,9 @@ def test_another_name_is_misdirected() -> None:
         for path in ("/", "/ws"):
             async with place.http.get(place.address + path, headers={"Host": "evil.example"}) as response:
                 assert response.status == 421
+                text = await response.text()
+                assert place.address.removeprefix("http://") in text
+                assert "not as 'evil.example'; --allow-host adds a name" in text
 
     run(test)
 

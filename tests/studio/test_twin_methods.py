@@ -11,17 +11,11 @@ from typing import Any
 import pytest
 from aiohttp import ClientWebSocketResponse
 
-from servolink.project.figure import figure_to_json
-from servolink.project.model import Project
-from servolink.project.project_file import project_to_form
-from servolink.project.record_lookup import by_type
-from servolink.protocol.records import Action, Macro, MacroCommand, MacroCommandType, Step
-from servolink.studio import studio_methods, studio_twin
+from servolink.project import Project, ProjectFile
+from servolink.protocol import Action, Macro, MacroCommand, MacroCommandType, Step
+from servolink.studio import studio_methods
 from servolink.studio.studio_twin import Robot
-from servolink.twin.body import body_of
-from servolink.twin.jobs import FALLING, FRAME, frame_of
-from servolink.twin.simulation import Physics
-from servolink.twin.trial import RunningTrial
+from servolink.twin import FALLING, Body, Frame, Physics, RunningTrial, frame_of
 from tests.studio.serving import Place, call, run, welcomed
 from tests.studio.web_code import call_all, needs_node
 from tests.twin.figures import lamp, template
@@ -40,9 +34,9 @@ def robot(*records: Action | Macro) -> dict[str, Any]:
     """Return the params of a lamp with records."""
     actions = tuple(one for one in records if isinstance(one, Action))
     macros = tuple(one for one in records if isinstance(one, Macro))
-    figure = figure_to_json(lamp())
+    figure = lamp().to_json()
     figure["joints"][2]["mass"] = 1.5
-    return {"project": project_to_form(Project(actions=actions, macros=macros)), "figure": figure}
+    return {"project": ProjectFile(Project(actions=actions, macros=macros)).form(), "figure": figure}
 
 
 ALL = robot(OVER, STILL, READ, ENDLESS)
@@ -71,8 +65,8 @@ def test_a_run_is_shown_until_the_fall_with_few_bytes_and_ends_when_told() -> No
             texts, answer = await reported(page, "studio.twin.try", **ALL, type="macro", id=3)
             fall = answer["result"]["fall"]
             assert fall["command"] == 2
-            assert len(texts) * FRAME == pytest.approx(fall["seconds"] + FALLING, abs=2 * FRAME)
-            assert sum(map(len, texts)) / (len(texts) * FRAME) < MOST_BYTES / 2
+            assert len(texts) * Frame.SECONDS == pytest.approx(fall["seconds"] + FALLING, abs=2 * Frame.SECONDS)
+            assert sum(map(len, texts)) / (len(texts) * Frame.SECONDS) < MOST_BYTES / 2
             wrong = {"type": "action", "id": 7}, {"type": "action", "id": 1, "figure": {"figure": 1}}
             for params in (*wrong, {"type": "macro", "id": 9}):
                 assert "error" in (await reported(page, "studio.twin.try", **ALL | params))[1]
@@ -89,7 +83,7 @@ def test_a_run_is_shown_until_the_fall_with_few_bytes_and_ends_when_told() -> No
                 if frames == 1:
                     await page.send_json({"jsonrpc": "2.0", "method": "studio.twin.stop"})
             assert message["result"] == {"fall": None}
-            assert frames < STILL.seconds / FRAME + 50, "of 125 frames"
+            assert frames < STILL.seconds / Frame.SECONDS + 50, "of 125 frames"
             assert await angles(page) == before
             assert (await call(page, "status"))["result"]["lease"] is None
 
@@ -135,13 +129,13 @@ def test_verdicts_are_kept_until_a_record_or_the_figure_changes(monkeypatch: pyt
 def test_a_key_changes_with_all_that_a_macro_runs_and_thousands_are_made_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    counted = list[Project]()
+    counted, by_type = list[Project](), Project.by_type
 
     def count(project: Project) -> Any:
         counted.append(project)
         return by_type(project)
 
-    monkeypatch.setattr(studio_twin, "by_type", count)
+    monkeypatch.setattr(Project, "by_type", count)
     chain = [Macro(at, "", (MacroCommand(at + 1, MacroCommandType.MACRO.value),)) for at in range(1, 2000)]
     circle = Macro(5000, "", (MacroCommand(5000, MacroCommandType.MACRO.value), MacroCommand(1)))
 
@@ -158,7 +152,7 @@ def test_a_key_changes_with_all_that_a_macro_runs_and_thousands_are_made_at_once
 
 
 def test_a_hand_that_is_pulled_takes_the_arm_along_and_says_how_far_it_stays_away() -> None:
-    figure = figure_to_json(template("humanoid-16"))
+    figure = template("humanoid-16").to_json()
 
     async def test(place: Place) -> None:
         async with place.page() as page:
@@ -191,7 +185,7 @@ def test_the_page_draws_each_part_where_the_physics_have_it() -> None:
     """The robot has turned in all directions, falling over one foot."""
     figure = template("humanoid-16")
     stumble = Action(1, "Stumble", (Step(8, 60, 20), Step(9, 40, 20), Step(2, 90, 20), Step(14, 30, 20)))
-    trial = RunningTrial(Physics(body_of(figure)), Project(actions=(stumble,)), stumble)
+    trial = RunningTrial(Physics(Body.of(figure)), Project(actions=(stumble,)), stumble)
     while trial.fall is None:
         trial.advance()
     frame, data = frame_of(figure, trial.physics), trial.physics.data

@@ -2,6 +2,7 @@
 
 import { effect, html, render } from "./html.js";
 import { Link } from "./link/link.js";
+import { WorkerLine } from "./link/worker-line.js";
 import { drawFigures } from "./parts/stage.js";
 import { enterOnLeave } from "./parts/typing.js";
 import { App } from "./shell/app.js";
@@ -18,23 +19,25 @@ import { followQuestions } from "./state/questions.js";
 import { follow, welcome } from "./state/robot.js";
 import { showLanguage, who } from "./state/settings.js";
 import { followReach } from "./state/reach.js";
+import { forWindow } from "./state/storage.js";
 import { followTwin } from "./state/twin.js";
 
 const KEY = "servolink.token";
 
-/** Return the token, and remove the token from the address, against copies together with the address. */
+/** Return the token, and remove one that the browser keeps from the address, against copies with the address. */
 function takeToken() {
   const given = new URLSearchParams(location.hash.slice(1)).get("token");
-  if (given) {
-    sessionStorage.setItem(KEY, given);
+  if (given && forWindow.set(KEY, given)) {
     window.history.replaceState(null, "", `${location.pathname}#live`);
   }
-  return given ?? sessionStorage.getItem(KEY) ?? "";
+  return given ?? forWindow.get(KEY) ?? "";
 }
 
 const token = takeToken();
+const isInWorker = document.documentElement.dataset.studio === "worker"; // as the build of the page writes
 const scheme = location.protocol === "https:" ? "wss" : "ws";
-const link = new Link(`${scheme}://${location.host}/ws`, token, who.value);
+const connect = () => (isInWorker ? new WorkerLine() : new WebSocket(`${scheme}://${location.host}/ws`));
+const link = new Link(connect, token, who.value);
 const motion = new Motion(link);
 
 // A new address in the place of an old one: the browser by itself would load nothing.

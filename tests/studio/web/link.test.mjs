@@ -8,7 +8,7 @@ beforeEach(() => (sockets.length = 0));
 
 /** A link whose first connection is open. */
 function connected() {
-  const link = new Link("ws://here/ws", "token", "a page");
+  const link = new Link(() => new WebSocket("ws://here/ws"), "token", "a page");
   link.open();
   sockets[0].welcome();
   return { link, socket: sockets[0] };
@@ -16,7 +16,7 @@ function connected() {
 
 test("the first message names the page, and the first answer is the welcome", () => {
   const states = [];
-  const link = new Link("ws://here/ws", "token", "a page");
+  const link = new Link(() => new WebSocket("ws://here/ws"), "token", "a page");
   link.onState = (state) => states.push(state);
   link.onWelcome = (welcome) => states.push(welcome.session);
   link.open();

@@ -188,6 +188,21 @@ test("a plan is for the draft of its time, and a project with errors has none", 
   assert.equal(plan.plan.value, null);
 });
 
+test("a draft that changes while it is compared is compared again", async () => {
+  const planning = plan.makePlan(link);
+  rename("high");
+  await plan.makePlan(link);
+  for (let times = 0; times < 2; times += 1) {
+    link.taken("studio.check").resolve({ found: [] });
+    await turns();
+    link.taken("project.plan").resolve({ changes: [] });
+    await turns();
+  }
+  await planning;
+  assert.equal(plan.plan.value.of, draft.value);
+  assert.deepEqual([link.taken("studio.check"), plan.isPlanning.value], [null, false]);
+});
+
 test("a plan that fails says why", async () => {
   const planning = plan.makePlan(link);
   link.taken("studio.check").reject(new Error("no board"));

@@ -7,6 +7,8 @@ import { t } from "../texts/text.js";
 /** @typedef {{ code: number, message: string, data?: { kind?: string, remedy?: string } }} ErrorObject */
 /** @typedef {{ session: string, role: "watch" | "run" | "move" | "edit", name: string, url: string, is_virtual: boolean, profile: any, is_link: boolean, has_fleet: boolean }} Welcome */
 
+/** @typedef {import("./worker-line.js").WorkerLine | WebSocket} Line */
+
 const FIRST_PAUSE = 250,
   LONGEST_PAUSE = 4000; // milliseconds
 const BAD_TOKEN = 4401,
@@ -34,15 +36,15 @@ export class LinkLost extends Error {
 /** Connection of the page to a single board, until the page is closed: no other board ever gets a message. */
 export class Link {
   /**
-   * @param {string} url
+   * @param {() => Line} connect opens a line to the studio
    * @param {string} token
    * @param {string} who
    */
-  constructor(url, token, who) {
-    this._url = url;
+  constructor(connect, token, who) {
+    this._connect = connect;
     this._token = token;
     this._who = who;
-    /** @type {WebSocket | null} */
+    /** @type {Line | null} */
     this._socket = null;
     /** @type {Map<number, { resolve: (result: any) => void, reject: (error: Error) => void, onProgress?: (progress: any) => void }>} */
     this._waiting = new Map();
@@ -65,11 +67,11 @@ export class Link {
 
   /** Connect, and connect again after each loss. */
   open() {
-    const socket = (this._socket = new WebSocket(this._url));
+    const socket = (this._socket = this._connect());
     this._isGreeted = false;
     socket.onopen = () =>
       socket.send(JSON.stringify({ token: this._token, who: this._who, leaves: this._leaves || undefined }));
-    socket.onmessage = (event) => {
+    socket.onmessage = (/** @type {{ data: string }} */ event) => {
       const message = JSON.parse(event.data);
       if (this._isGreeted) return this._take(message);
       this._leaves = false;
@@ -80,7 +82,7 @@ export class Link {
       this.onState("open");
       this.onWelcome(message);
     };
-    socket.onclose = (event) => this._lost(event);
+    socket.onclose = (/** @type {{ code: number }} */ event) => this._lost(event);
   }
 
   /** Let the studio leave its board, whose hub has ended, with the next connection, which is tried at once. */
@@ -152,13 +154,13 @@ export class Link {
 
   /** @param {string} next name of the new board */
   _end(next) {
-    const socket = /** @type {WebSocket} */ (this._socket);
+    const socket = /** @type {Line} */ (this._socket);
     socket.onmessage = socket.onclose = null;
     socket.close();
     this.onMoved(/** @type {string} */ (this._board), next);
   }
 
-  /** @param {CloseEvent} event */
+  /** @param {{ code: number }} event */
   _lost(event) {
     this._isGreeted = false;
     const waiting = [...this._waiting.values()];

@@ -1,7 +1,7 @@
 // Text from a board, a file or another person, with everything made visible that could deceive a reader.
 
 // Controls, direction marks, private and unassigned characters, halves of characters, line separators, and letters that
-// are drawn as nothing. The same as in `servolink/escaping.py`.
+// are drawn as nothing. The same as in `servolink/errors.py`.
 const HIDDEN = /[\p{Cc}\p{Cf}\p{Cs}\p{Co}\p{Cn}\p{Zl}\p{Zp}\u034f\u115f\u1160\u17b4\u17b5\u3164\uffa0]/gu;
 const JOINERS = "\u200c\u200d"; // needed inside emoji and several scripts; they only join their neighbours
 

@@ -4,6 +4,7 @@ import { html } from "../html.js";
 import { Icon } from "../parts/icon.js";
 import { safeText } from "../parts/safe-text.js";
 import { StopButton } from "../parts/stop-button.js";
+import { failure, loading } from "../state/loading.js";
 import { battery, boardState, hasBoard, hasFleet, linkState, welcome } from "../state/robot.js";
 import { changeTheme, theme } from "../state/settings.js";
 import { showKeys } from "../state/view.js";
@@ -57,7 +58,8 @@ function BatteryChip() {
 }
 
 function place() {
-  if (linkState.value === "connecting") return t("board.connecting");
+  if (failure.value) return t("board.not_loaded");
+  if (linkState.value === "connecting") return connecting();
   if (linkState.value === "refused") return t("board.refused");
   if (linkState.value === "unshared") return t("board.unshared");
   if (linkState.value !== "open") return t("board.studio_lost");
@@ -72,3 +74,12 @@ const Logo = () => html`<svg viewBox="0 0 32 32" aria-hidden="true">
   <path class="logo-line" d="M13.6 18.6 21 11.4" />
   <circle class="logo-glow" cx="22.4" cy="10" r="2.6" />
 </svg>`;
+
+const MEGABYTE = 1e6;
+
+/** What the page waits for: the studio, or Python that is loaded into the page. */
+function connecting() {
+  if (!loading.value) return t("board.connecting");
+  const { loaded, total } = loading.value;
+  return t("board.loading", { loaded: (loaded / MEGABYTE).toFixed(1), total: (total / MEGABYTE).toFixed(1) });
+}

@@ -86,7 +86,7 @@ const Guide = () => {
   return html`<section class="guide" aria-labelledby="guide-title">
   <h3 id="guide-title">${t("guide.title", { screen: t(ENTRIES.find(({ name }) => name === screen.value)?.title ?? "screen.live") })}</h3>
   <p>${t(/** @type {Key} */ (`guide.${screen.value}`))}</p>
-  <p class="mut">${t("guide.docs")} <a href=${`/docs/${page}`} target="_blank" rel="noopener">${page}</a></p>
+  <p class="mut">${t("guide.docs")} <a href=${`docs/${page}`} target="_blank" rel="noopener">${page}</a></p>
 </section>`;
 };
 

@@ -62,7 +62,7 @@ export const limbs = computed(() => {
 /** Load the templates that come with the studio. */
 export async function loadTemplates() {
   const loaded = await Promise.all(
-    TEMPLATES.map(async (name) => new Figure(await (await fetch(`/figures/${name}.figure.json`)).json())),
+    TEMPLATES.map(async (name) => new Figure(await (await fetch(`figures/${name}.figure.json`)).json())),
   );
   templates.value = loaded;
 }

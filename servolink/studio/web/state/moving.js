@@ -4,6 +4,7 @@ import { effect } from "../html.js";
 import { safeText } from "../parts/safe-text.js";
 import { t } from "../texts/text.js";
 import { welcome } from "./robot.js";
+import { forWindow } from "./storage.js";
 import { toast } from "./toasts.js";
 
 /** @typedef {import("../link/link.js").Link} Link */
@@ -18,7 +19,7 @@ const LASTS = 12_000; // milliseconds
  * @param {Link} link
  */
 export function followMoves(link) {
-  link.on("studio.moving", (notice) => sessionStorage.setItem(KEY, JSON.stringify(notice)));
+  link.on("studio.moving", (notice) => void forWindow.set(KEY, JSON.stringify(notice)));
   link.onMoved = (left, next) => {
     keepTaught(left, next);
     location.reload();
@@ -33,8 +34,8 @@ export function followMoves(link) {
  */
 function keepTaught(left, next) {
   for (const key of TAUGHT) {
-    sessionStorage.setItem(`${key}.${left}`, sessionStorage.getItem(key) ?? "null");
-    sessionStorage.setItem(key, sessionStorage.getItem(`${key}.${next}`) ?? "null");
+    forWindow.set(`${key}.${left}`, forWindow.get(key) ?? "null");
+    forWindow.set(key, forWindow.get(`${key}.${next}`) ?? "null");
   }
 }
 
@@ -43,9 +44,9 @@ function keepTaught(left, next) {
  * @param {string} now name of the board
  */
 function say(now) {
-  const kept = sessionStorage.getItem(KEY);
+  const kept = forWindow.get(KEY);
   if (kept === null) return;
-  sessionStorage.removeItem(KEY);
+  forWindow.remove(KEY);
   /** @type {Moving} */
   const { by, left, is_stopped } = JSON.parse(kept);
   const title = now === "" ? t("robots.left", { name: safeText(left) }) : t("robots.now", { name: safeText(now) });

@@ -44,7 +44,7 @@ export const outcome = signal(
 export const backups = signal(/** @type {Backup[]} */ ([]));
 
 /**
- * Compare the draft with the board, and check it.
+ * Compare the draft with the board, and check it; once more if it changes meanwhile.
  * @param {Link} link
  */
 export async function makePlan(link) {
@@ -65,6 +65,7 @@ export async function makePlan(link) {
     planError.value = textOf(error);
   }
   isPlanning.value = false;
+  if (draft.value !== project) await makePlan(link); // it changed meanwhile, when no other plan could begin
 }
 
 /**

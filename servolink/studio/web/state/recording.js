@@ -27,8 +27,8 @@ const hidden = signal(/** @type {ReadonlySet<number>} */ (new Set()));
 
 /** The servos that are plotted. */
 export const plotted = computed(() => servoIds.value.filter((id) => !hidden.value.has(id)));
-/** Whether this page has the right to record. */
-export const mayRun = computed(() => (welcome.value?.role ?? "watch") !== "watch");
+/** Whether this page has the right to record: into a file of the computer, so through no link. */
+export const mayRun = computed(() => (welcome.value?.role ?? "watch") !== "watch" && !welcome.value?.is_link);
 /** Whether this page may record now. */
 export const mayRecord = computed(() => isLive.value && mayRun.value);
 
@@ -76,7 +76,7 @@ export async function mark(link) {
   const number = (marks.value.at(-1)?.number ?? 0) + 1;
   const time = history.count > 0 ? history.times[(history.count - 1) % LENGTH] : 0;
   marks.value = [...marks.value, { number, time, pose: actualPose() }].slice(-MOST_MARKS);
-  if (!status.value?.is_recording) return;
+  if (!status.value?.is_recording || !mayRun.value) return;
   await link.call("recorder.mark", { text: t("record.mark_number", { number }) }).catch(say);
 }
 

@@ -58,7 +58,7 @@ export const hasBoard = computed(() => welcome.value?.name !== "");
 export const mayEdit = computed(() => welcome.value?.role === "edit");
 /** Whether the studio sees a fleet. */
 export const hasFleet = computed(() => welcome.value?.has_fleet === true);
-/** Whether this page may choose robots: it may edit, and was not opened through a link. */
+/** Whether this page may choose robots, and change limits, figure and files of the computer: no link opened it. */
 export const isLocalEditor = computed(() => welcome.value?.role === "edit" && !welcome.value.is_link);
 /** Whether readings of the robot arrive at present. */
 export const isLive = computed(() => linkState.value === "open" && boardState.value === "connected" && hasBoard.value);

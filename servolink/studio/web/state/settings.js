@@ -2,6 +2,7 @@
 
 import { batch, effect, signal } from "../html.js";
 import { forgetPalette } from "../figure/palette.js";
+import { forBrowser } from "./storage.js";
 import { language, languageOf, load, templates, texts } from "../texts/text.js";
 
 const KEY = "servolink.settings";
@@ -29,19 +30,15 @@ effect(() => {
 /** @returns {Settings} */
 function read() {
   try {
-    return JSON.parse(localStorage.getItem(KEY) ?? "{}");
+    return JSON.parse(forBrowser.get(KEY) ?? "{}");
   } catch {
-    return {}; // damaged, or the browser keeps nothing
+    return {}; // damaged
   }
 }
 
 /** @param {Settings} settings */
 function write(settings) {
-  try {
-    localStorage.setItem(KEY, JSON.stringify(settings));
-  } catch {
-    // the browser keeps nothing, as in a private window: the settings last as long as the page
-  }
+  forBrowser.set(KEY, JSON.stringify(settings));
 }
 
 /** Change between the light and the dark theme. */

@@ -9,6 +9,7 @@ import { capOf } from "./limits.js";
 import { Limp, released } from "./limp.js";
 import { draft, edit } from "./project.js";
 import { actualPose, isLive, isOthers, mayMove, servoIds } from "./robot.js";
+import { forWindow } from "./storage.js";
 import { editToast, toast } from "./toasts.js";
 import { chooseAction, chooseMacro } from "./view.js";
 
@@ -198,9 +199,9 @@ export function endPreview() {
  */
 function read(key, fallback) {
   try {
-    return JSON.parse(sessionStorage.getItem(key) ?? "null") ?? fallback;
+    return JSON.parse(forWindow.get(key) ?? "null") ?? fallback;
   } catch {
-    return fallback; // damaged, or the browser keeps nothing
+    return fallback; // damaged
   }
 }
 
@@ -209,9 +210,5 @@ function read(key, fallback) {
  * @param {unknown} value
  */
 function keep(key, value) {
-  try {
-    sessionStorage.setItem(key, JSON.stringify(value));
-  } catch {
-    // the browser keeps nothing: poses and name last as long as the page
-  }
+  forWindow.set(key, JSON.stringify(value));
 }

@@ -1,5 +1,7 @@
 // Unconfirmed edits, kept in the browser: safe from a reload, a crash, and a lost connection.
 
+import { forBrowser } from "./storage.js";
+
 /** Unconfirmed edits of a kind and a board. @template T */
 export class Unsaved {
   /** @param {string} key in the storage of the browser */
@@ -14,11 +16,11 @@ export class Unsaved {
    * @returns {T | null}
    */
   read() {
+    this._written = forBrowser.get(this._key);
     try {
-      this._written = localStorage.getItem(this._key);
       return JSON.parse(this._written ?? "null");
     } catch {
-      return null; // damaged, or the browser keeps nothing
+      return null; // damaged
     }
   }
 
@@ -28,13 +30,10 @@ export class Unsaved {
    */
   write(edits) {
     const text = edits === null ? null : JSON.stringify(edits);
-    try {
-      if (text !== null) localStorage.setItem(this._key, text);
-      else if (localStorage.getItem(this._key) === this._written) localStorage.removeItem(this._key);
-      this._written = text;
-    } catch {
-      // full, or the browser keeps nothing: the edits are in the studio a moment later
-    }
+    // Where the browser keeps nothing, the edits are in the studio a moment later.
+    if (text !== null) forBrowser.set(this._key, text);
+    else if (forBrowser.get(this._key) === this._written) forBrowser.remove(this._key);
+    this._written = text;
   }
 }
 

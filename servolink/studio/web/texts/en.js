@@ -22,6 +22,8 @@ export const texts = {
 
   "board.in_this_computer": "in this computer",
   "board.connecting": "connecting …",
+  "board.loading": "loading {loaded} of {total} MB",
+  "board.not_loaded": "loading failed; load the page again",
   "board.lost": "lost, looking for it …",
   "board.battery": "Battery",
   "board.studio_lost": "the studio does not answer …",

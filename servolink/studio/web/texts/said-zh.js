@@ -20,8 +20,8 @@ const MESSAGES = {
   "the right to move the servos of {name} was taken from this program: `servolink share --give {again}` gives it back": ["此页面控制 {name} 舵机的权利已被收回，可用命令交还：servolink share --give {again}", "這個頁面操控 {name} 舵機的權利已被收回，可用指令交還：servolink share --give {again}"],
   "{packet} needs the role {needed}, and this program has the role {role}": ["{packet} 需要角色 {needed}，而此页面的角色是 {role}", "{packet} 需要角色 {needed}，而這個頁面的角色是 {role}"],
   "the time by which it was to begin has passed": ["已错过开始的时间", "已錯過應開始的時間"],
-  // servolink/hub/doors/direct.py
   "nothing was moved: {reason}": ["没有移动：{reason}", "沒有移動：{reason}"],
+  // servolink/hub/doors/direct.py
   "{who} has exclusive use of the board": ["{who} 正在独占主板", "{who} 正在獨佔控制板"],
   "nothing was moved: {who} has taken exclusive use of the board": ["没有移动：{who} 正在独占主板", "沒有移動：{who} 正在獨佔控制板"],
   // servolink/hub/methods/prepared.py
@@ -55,9 +55,13 @@ const MESSAGES = {
   "servo {id}: {angle} degrees is outside its limits {limits}": ["舵机 {id}：{angle} 度超出限位 {limits}", "舵機 {id}：{angle} 度超出角度限制 {limits}"],
   "servo {id}: {distance} degrees in {time} s is {speed} degrees/s; its cap is {cap}": ["舵机 {id}：{time} 秒转 {distance} 度即 {speed} 度/秒，上限为 {cap}", "舵機 {id}：{time} 秒轉動 {distance} 度等於每秒 {speed} 度，上限是 {cap}"],
   "servo {id}: limits and speeds are in degrees, and this servo is not set to degrees": ["舵机 {id}：限位和速度以度为单位，而此舵机没有设为度", "舵機 {id}：限制與速度以度為單位，而這顆舵機沒有設為度（Degree）"],
+  "the board has no servo {id}; nothing was moved": ["主板没有舵机 {id}，没有移动", "控制板沒有舵機 {id}，沒有移動"],
+  "servo {id}: {angle} degrees is beyond ±{turn}, and no limits say that it can turn that far; nothing was sent. Add --any-angle (in Python any_angle=True) if it can": ["舵机 {id}：{angle} 度超过 ±{turn} 度，而没有限位说明它能转这么远；没有发送", "舵機 {id}：{angle} 度超過 ±{turn} 度，而沒有角度限制說明它能轉這麼遠；沒有傳送"],
+  "{who} stopped or released and would ignore the movement; nothing was sent. Add --start (in Python start=True, or set_servo before) to start and hold first": ["{who} 已停止或已释放，不会执行动作；没有发送。请先启动并保持", "{who} 已停止或已釋放，不會執行動作；沒有傳送。請先啟動並保持"],
+  "servo {id} is": ["舵机 {id}", "舵機 {id}"],
+  "servos {ids} are": ["舵机 {ids}", "舵機 {ids}"],
   // servolink/motion/set_points.py
   "servo {id}: its limits {low}..{high} allow no whole angle": ["舵机 {id}：限位 {low} 到 {high} 之间没有整数角度", "舵機 {id}：角度限制 {low} 到 {high} 之間沒有整數角度"],
-  "the board has no servo {id}": ["主板没有舵机 {id}", "控制板沒有舵機 {id}"],
   // servolink/transports/lifecycle.py
   "{url}: cannot open it: {reason}": ["{url}：无法打开：{reason}", "{url}：無法開啟：{reason}"],
   "{url}: the connection was lost: {reason}": ["{url}：连接断开：{reason}", "{url}：連線中斷：{reason}"],
@@ -86,6 +90,7 @@ const MESSAGES = {
   "{name} is in exclusive use by {who} ({reason}); change the robot when that is done": ["{who} 正在独占 {name}（{reason}），完成后再更换机器人", "{who} 正在獨佔 {name}（{reason}），完成後再更換機器人"],
   // servolink/studio/studio_methods.py
   "the studio does not use this board any more": ["工作室已不再使用此主板", "studio 已不再使用這塊控制板"],
+  // servolink/control/scope.py
   "this page was opened through a link": ["此页面是通过链接打开的", "這個頁面是透過連結開啟的"],
   "use the page on the machine of the studio": ["请使用运行工作室的电脑上的页面", "請改用執行 studio 的電腦上的頁面"],
   // servolink/studio/limit_methods.py
@@ -192,7 +197,6 @@ const MESSAGES = {
   "nothing came at all: is the board on, is this its port, is it a data cable, are baud rate and byte order right? `servolink doctor` finds out": ["什么也没有收到：主板是否通电？端口对吗？是数据线吗？波特率和字节序对吗？可用 `servolink doctor` 检查", "什麼都沒有收到：控制板有通電嗎？連接埠對嗎？是傳輸線嗎？傳輸速率與位元組順序對嗎？可用 `servolink doctor` 檢查"],
   "the hub has sent it several times and got no response either: the board may not know it or what it asks about, or the line is bad": ["hub 多次发送也没有应答：主板可能不认识这个请求或其内容，或者线路不良", "hub 傳送多次也沒有回應：控制板可能不認得這個請求或其內容，或者線路不良"],
   // servolink/hub/hub.py
-  "nothing was moved: {who} has taken the board alone": ["没有移动：{who} 正在独占主板", "沒有移動：{who} 正在獨佔控制板"],
   "{url} refused to run what was prepared": ["{url} 拒绝运行已准备的内容", "{url} 拒絕執行已準備的內容"],
   // servolink/hub/methods/streaming.py
   "nothing was moved: this program has no stream {number}; begin one": ["没有移动：此页面的连续控制已结束，请重新开始", "沒有移動：這個頁面的連續操控已結束，請重新開始"],
@@ -235,8 +239,10 @@ const MESSAGES = {
   // servolink/project/project_file.py
   "is not a project file: a JSON object is needed, not {value}": ["不是项目文件：需要 JSON 对象，而不是 {value}", "不是專案檔：需要 JSON 物件，而不是 {value}"],
   "{version} is newer than {known}, the newest this servolink reads; update servolink": ["版本 {version} 比此 servolink 能读取的 {known} 新，请更新 servolink", "版本 {version} 比這個 servolink 能讀取的 {known} 新，請更新 servolink"],
-  // servolink/project/record_lookup.py
+  // servolink/project/model.py
   "{kind} {id} '{name}'": ["{kind} {id}“{name}”", "{kind} {id}「{name}」"],
+  // servolink/project/record_lookup.py
+  // servolink/project/model.py
   "{kind} {id} exists twice; remove a copy, or change an id": ["{kind} {id} 出现了两次，请删除一份或更改编号", "{kind} {id} 出現了兩次，請刪除一份或更改編號"],
   // servolink/project/speed.py
   "step {number} asks servo {id} {how}": ["第 {number} 步要求舵机 {id} {how}", "第 {number} 步要求舵機 {id} {how}"],

@@ -22,6 +22,8 @@ export const texts = {
 
   "board.in_this_computer": "本机",
   "board.connecting": "正在连接…",
+  "board.loading": "正在加载 {loaded} / {total} MB",
+  "board.not_loaded": "加载失败，请重新加载页面",
   "board.lost": "断开，正在重连…",
   "board.battery": "电量",
   "board.studio_lost": "工作室没有应答…",

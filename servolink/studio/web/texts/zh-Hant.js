@@ -22,6 +22,8 @@ export const texts = {
 
   "board.in_this_computer": "在這台電腦上",
   "board.connecting": "連線中…",
+  "board.loading": "載入中 {loaded} / {total} MB",
+  "board.not_loaded": "載入失敗，請重新載入頁面",
   "board.lost": "連線中斷，正在尋找…",
   "board.battery": "剩餘電量",
   "board.studio_lost": "studio 沒有回應…",

@@ -5,7 +5,7 @@ import { Icon } from "../../parts/icon.js";
 import { safeText } from "../../parts/safe-text.js";
 import { figure, ownFigure, saveFigure } from "../../state/figure.js";
 import { beginFit, fit } from "../../state/fitting.js";
-import { isLive, lease, programs, servoIds, welcome } from "../../state/robot.js";
+import { isLive, isLocalEditor, lease, programs, servoIds, welcome } from "../../state/robot.js";
 import { renamePage, who } from "../../state/settings.js";
 import { toast } from "../../state/toasts.js";
 import { said } from "../../texts/said.js";
@@ -39,7 +39,6 @@ export function BoardScreen({ link, motion }) {
 function FigureCard({ link }) {
   const known = figure.value,
     isOwn = ownFigure.value !== null;
-  const mayEdit = welcome.value?.role === "edit";
   const useTemplate = () => {
     const before = ownFigure.value,
       action = { label: t("edit.undo"), run: () => save(link, before) };
@@ -50,7 +49,7 @@ function FigureCard({ link }) {
     <div class="pad0 stack">
       <p class="mut">${t(known === null ? "figure.none" : isOwn ? "figure.is_own" : "figure.is_template")}</p>
       ${
-        mayEdit &&
+        isLocalEditor.value &&
         html`<div class="row wrap">
         <button class="btn s" disabled=${!isLive.value} onClick=${beginFit}><${Icon} name="live" />${t("figure.fit")}</button>
         ${isOwn && html`<button class="btn s" onClick=${useTemplate}>${t("figure.use_template")}</button>`}

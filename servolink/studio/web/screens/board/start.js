@@ -4,7 +4,7 @@ import { html } from "../../html.js";
 import { Icon } from "../../parts/icon.js";
 import { Note } from "../../parts/note.js";
 import { safeText } from "../../parts/safe-text.js";
-import { welcome } from "../../state/robot.js";
+import { isLocalEditor } from "../../state/robot.js";
 import { t } from "../../texts/text.js";
 import { PicoCard } from "./pico.js";
 import { RobotList, useActions, VIRTUAL } from "./robots.js";
@@ -12,7 +12,7 @@ import { RobotList, useActions, VIRTUAL } from "./robots.js";
 /** @param {{ link: import("../../link/link.js").Link }} props */
 export function StartScreen({ link }) {
   const { actions, problem } = useActions(link, async () => {});
-  if (welcome.value?.role !== "edit")
+  if (!isLocalEditor.value)
     return html`<div class="empty"><${Icon} name="board" /><h1>${t("start.none")}</h1><p>${t("start.wait")}</p></div>`;
   return html`<div class="start">
     <header><h1>${t("start.title")}</h1><p class="mut">${t("start.nothing_moves")}</p></header>

@@ -6,7 +6,7 @@ import { saveBytes } from "../../parts/save-bytes.js";
 import { blocksForFile, takeBlocks } from "../../state/blocks.js";
 import { ownFigure, saveFigure } from "../../state/figure.js";
 import { draft, edit } from "../../state/project.js";
-import { welcome } from "../../state/robot.js";
+import { isLocalEditor, welcome } from "../../state/robot.js";
 import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
 
@@ -38,12 +38,12 @@ export async function openFile(link, file) {
 }
 
 /**
- * Take the figure of a file, unless the robot has another one: then the person is asked.
+ * Take the figure of a file, unless the robot has another one: then the person is asked. Links leave the figure.
  * @param {Link} link
  * @param {import("../../state/figure.js").FigureData} figure
  */
 async function takeFigure(link, figure) {
-  if (JSON.stringify(figure) === JSON.stringify(ownFigure.value)) return;
+  if (!isLocalEditor.value || JSON.stringify(figure) === JSON.stringify(ownFigure.value)) return;
   const take = () => saveFigure(link, figure).catch((error) => toast({ kind: "bad", title: messageOf(error) }));
   if (ownFigure.value === null) return take();
   toast({

@@ -5,7 +5,7 @@ import { NumberField } from "../../parts/number-field.js";
 import { safeText } from "../../parts/safe-text.js";
 import { RequestError } from "../../link/link.js";
 import { limitsOf } from "../../state/figure.js";
-import { isFresh, welcome } from "../../state/robot.js";
+import { isFresh, isLocalEditor } from "../../state/robot.js";
 import { endSetup, keepLimits, measure, measured, profileLimits } from "../../state/servo-setup.js";
 import { toast } from "../../state/toasts.js";
 import { degrees, t } from "../../texts/text.js";
@@ -34,24 +34,25 @@ export function LimitsCard({ id, link }) {
     }
   };
   const [low, high] = kept ?? limitsOf(id);
-  const mayEdit = welcome.value?.role === "edit";
+  const mayKeep = isLocalEditor.value;
   return html`<section class="card" aria-labelledby="limits-title">
     <header><h2 id="limits-title">${t("servos.limits")}</h2>
       <span class=${kept ? "chip ok num" : "chip"}>${kept ? `${degrees(low)} … ${degrees(high)}` : t("servos.no_limits")}</span>
     </header>
     <div class="pad0 stack">
-      <p class="mut">${t("servos.limits_hint")}</p>
+      ${mayKeep && html`<p class="mut">${t("servos.limits_hint")}</p>`}
       ${
-        range === null
-          ? html`<div><button class="btn s" disabled=${!isFresh.value || !mayEdit} onClick=${() => measure(id)}>${t("servos.measure")}</button></div>`
+        mayKeep &&
+        (range === null
+          ? html`<div><button class="btn s" disabled=${!isFresh.value} onClick=${() => measure(id)}>${t("servos.measure")}</button></div>`
           : html`<p class="num" role="status"><b>${degrees(range[0])} … ${degrees(range[1])}</b> <span class="mut">${t("servos.measuring")}</span></p>
             <div class="row wrap">
               <button class="btn s pri" disabled=${range[0] === range[1]} onClick=${() => keep(range)}>${t("servos.keep_limits")}</button>
               <button class="btn s" onClick=${endSetup}>${t("figure.cancel")}</button>
-            </div>`
+            </div>`)
       }
       ${
-        mayEdit &&
+        mayKeep &&
         html`<div class="angles">
           <label class="field"><span>${t("figure.low")}</span>
             <${NumberField} label=${t("figure.low")} value=${low} format=${degrees} low=${-WIDEST} high=${high} onChange=${(/** @type {number} */ angle) => keep([angle, high])} /></label>
@@ -59,7 +60,7 @@ export function LimitsCard({ id, link }) {
             <${NumberField} label=${t("figure.high")} value=${high} format=${degrees} low=${low} high=${WIDEST} onChange=${(/** @type {number} */ angle) => keep([low, angle])} /></label>
         </div>`
       }
-      ${kept && mayEdit && html`<div><button class="btn s" onClick=${() => keep(null)}>${t("servos.drop_limits")}</button></div>`}
+      ${kept && mayKeep && html`<div><button class="btn s" onClick=${() => keep(null)}>${t("servos.drop_limits")}</button></div>`}
     </div>
   </section>`;
 }

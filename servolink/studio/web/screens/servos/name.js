@@ -7,7 +7,7 @@ import { safeText } from "../../parts/safe-text.js";
 import { NameField } from "../../parts/typing.js";
 import { figure, limbOf, saveFigure } from "../../state/figure.js";
 import { changed } from "../../state/fitting.js";
-import { captions, isLive, isOthers, mayMove, servoIds, welcome } from "../../state/robot.js";
+import { captions, isLive, isLocalEditor, isOthers, mayMove, servoIds } from "../../state/robot.js";
 import { nameServo, parameterOf } from "../../state/servo-setup.js";
 import { toast } from "../../state/toasts.js";
 import { t } from "../../texts/text.js";
@@ -55,7 +55,7 @@ export function Hands({ id, link }) {
 /** @param {{ id: number, link: import("../../link/link.js").Link }} props */
 function Direction({ id, link }) {
   const joint = figure.value?.byServo.get(id);
-  if (!joint || figure.value === null || welcome.value?.role !== "edit") return null;
+  if (!joint || figure.value === null || !isLocalEditor.value) return null;
   const data = figure.value.data;
   const turn = () =>
     saveFigure(link, changed({ data, parts: [] }, joint.id, { sign: joint.sign === -1 ? 1 : -1 }).data).then(
